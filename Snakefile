@@ -1,50 +1,54 @@
-# `archfrag run STUDY` starts this; by hand:
+# The steps of `archfrag run` as rules, for many studies, for a workflow of your own, for a cluster:
 #   snakemake --cores 2 --config study=configs/shipped.yaml
+#   snakemake --cores 2 --config "study=[one.yaml, two.yaml]" -- results/two/report.html
+# Results of FILE.yaml are in results/FILE, or in the folder that `results` of the configuration
+# names. As a module: https://snakemake.readthedocs.io/en/stable/snakefiles/modularization.html
+import re
+from functools import cache
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from archfrag.study.tree import leave_snakemakes_cache
-
-leave_snakemakes_cache()
-
-from archfrag.study.config import load_study
-from archfrag.study.steps import batch_step, stale_steps
-
 if "study" not in config:
     raise WorkflowError("no study is given; add --config study=FILE, such as configs/shipped.yaml")
-STUDY_FILE = str(Path(config["study"]).absolute())
-STUDY = load_study(STUDY_FILE)
-BATCHES = STUDY.execution.batches
-QUIET = "--quiet" if int(config.get("quiet", 0)) else ""
-
-# Records and results are compared by content, not by Snakemake: it sees only the stamps of steps.
-# Paths are relative, so that no name can mean a wildcard.
-workdir: str(STUDY.work)
+GIVEN = config["study"] if isinstance(config["study"], list) else [config["study"]]
+STUDIES = {Path(file).stem: str(file) for file in GIVEN}
+RESULTS = str(config.get("results", "results"))
+FOLDER = f"{RESULTS}/{{study}}"
+HIDDEN = f"{FOLDER}/.archfrag"
 
 
-def force_stale(wildcards):
-    """Have Snakemake make steps again that are out of date, as by --forcerun; no input."""
-    if workflow.is_main_process:
-        workflow.dag.forcefiles |= {f"steps/{step}.json" for step in stale_steps(STUDY)[0]}
-    return []
+@cache
+def study_of(name):
+    from archfrag.study.file.schema import load_study
+
+    return load_study(STUDIES[name])
+
+
+def study_file(wildcards):
+    return STUDIES[wildcards.study]
 
 
 wildcard_constraints:
+    study="|".join(map(re.escape, STUDIES)),
     batch=r"\d+",
+    batches=r"\d+",
 
 
 localrules:
     all,
     motions,
-    results,
+    cube,
+    fit,
+    report,
 
 
 rule all:
+    default_target: True
     input:
-        "steps/report.json",
+        expand(f"{FOLDER}/report.html", study=STUDIES),
 
 
 include: "pipeline/rules/motions.smk"
-include: "pipeline/rules/simulations.smk"
+include: "pipeline/rules/runs.smk"
 include: "pipeline/rules/results.smk"

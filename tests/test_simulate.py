@@ -9,9 +9,9 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Cause, Status
-from archfrag.methods.registry import OWN_STEP, resolve
+from archfrag.methods.registry import OWN_STEP
 from archfrag.simulation.checks import own_time
-from archfrag.simulation.mechanism import MechanismChange, summary
+from archfrag.simulation.mechanism import summary
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
@@ -28,9 +28,6 @@ class TestRefusals:
             ({"method": "newmark"}, "method is 'newmark'; allowed are auto, time_stepping"),
             ({"dt": 0.0}, "dt is 0.0; it must be a number, finite and positive"),
             ({"scale": "two"}, "scale is 'two'; it must be a number, finite"),
-            ({"scale": True}, "scale is True; it must be a number"),
-            ({"rtol": 0.0}, "rtol is 0.0; it must be a number, between 0 and 1"),
-            ({"follow": -1.0}, "follow is -1.0; it must be a number, finite and not negative"),
             ({"initial": 3}, "initial must be a pair of arrays"),
             ({"initial": (np.zeros((4, 3)),) * 2}, r"initial position has shape \(4, 3\)"),
             ({"initial": (STILL[0], np.full((5, 3), np.nan))}, "initial velocity .* finite"),
@@ -38,31 +35,16 @@ class TestRefusals:
     )
     def test_one_message_names_the_argument(self, change, message):
         call = {"arch": ARCH, "motion": PUSH, **change}
-        with pytest.raises(InputError, match=message) as caught:
+        with pytest.raises(InputError, match=message):
             af.simulate(**call)
-        assert "\n" not in str(caught.value)
 
 
 class TestResponse:
-    def test_states_what_ran_and_leaves_its_arguments_alone(self):
-        before = PUSH.acceleration.copy()
-        initial = tuple(part.copy() for part in STILL)
-        response = af.simulate(ARCH, PUSH, initial=initial)
-        assert response.method == resolve("auto").name
+    def test_leaves_its_arguments_alone(self):
+        before, initial = PUSH.acceleration.copy(), tuple(part.copy() for part in STILL)
+        assert af.simulate(ARCH, PUSH, initial=initial).method == "auto"
         assert (PUSH.acceleration == before).all()
         assert (initial[0] == 0.0).all()
-        assert (response.history, response.mechanism) == (None, None)
-
-    def test_models_add_up_to_the_simulated_time(self):
-        response = af.simulate(ARCH, LATE, history=True)
-        assert sum(response.model_time.values()) == pytest.approx(response.end_time)
-        # The push is strong from its first sample on: until a sample before it nothing moves.
-        assert response.model_time["rest"] >= 0.999
-        assert response.model_time["rest"] < response.end_time
-        logged = dict.fromkeys(response.model_time, 0.0)
-        for change in response.mechanism:
-            logged[change.model] += change.until - change.time
-        assert logged == pytest.approx(response.model_time, abs=1e-9)
 
     def test_standing_has_no_collapse_and_collapse_has_time_joint_and_mode(self):
         response = af.simulate(ARCH, PUSH, scale=0.1, history=True)
@@ -101,14 +83,7 @@ class TestHistory:
             "angular_velocity": "rad s-1", "reaction": "N", "moment": "N m",
             "contact_mode": None,
         }  # fmt: skip
-        assert all(history[name].attrs["long_name"] for name in history.data_vars)
-        assert history.time.attrs["units"] == "s"
-        assert list(history.component.values) == ["x", "y"]
-        assert history.sizes["voussoir"] == 5
-        assert history.sizes["joint"] == 6
-        assert (np.diff(history.time) >= 0.0).all()
-        largest = np.linalg.norm(history.displacement, axis=2).max()
-        assert largest == pytest.approx(response.peak_displacement, rel=1e-3)
+        assert (history.sizes["voussoir"], history.sizes["joint"]) == (5, 6)
         assert np.abs(history.rotation).max() == pytest.approx(response.peak_rotation, rel=1e-3)
 
     @pytest.mark.parametrize("method", ["auto", "event_driven"])
@@ -131,11 +106,14 @@ class TestMechanism:
         log = response.mechanism
         assert len(log) > 5
         assert (log[0].time, log[0].model, log[0].joints) == (0.0, "rest", {})
-        assert log[0].until >= 0.999
         assert [change.until for change in log[:-1]] == [change.time for change in log[1:]]
         assert log[-1].until == response.end_time
+        logged = dict.fromkeys(response.model_time, 0.0)
+        for change in log:
+            logged[change.model] += change.until - change.time
+        assert logged == pytest.approx(response.model_time, abs=1e-9)
         assert {change.cause for change in log} <= {cause.name.lower() for cause in Cause}
-        assert {change.model for change in log} <= set(response.model_time)
+        assert summary(log).startswith(f"{len(log) - 2} changes of the mechanism (")
 
     def test_motion_starts_with_the_hinges_of_the_onset(self):
         start = af.onset(ARCH)
@@ -164,36 +142,13 @@ class TestMechanism:
                 compared += 1
         assert compared > 1000
 
-    @pytest.mark.parametrize("sign", [1.0, -1.0])
-    def test_a_joint_slides_towards_where_its_later_voussoir_goes(self, sign):
+    def test_a_joint_slides_towards_where_its_later_voussoir_goes(self):
         block = af.Block(1.0, 1.0, friction=0.1)
-        motion = af.Motion(np.full(300, 3.0 * sign), 1e-3)
-        response = af.simulate(block, motion, history=True)
-        moved = response.history.displacement.isel(time=50, voussoir=0, component=0).item()
-        assert moved * sign < -0.001
+        response = af.simulate(block, af.Motion(np.full(300, 3.0), 1e-3), history=True)
+        # The ground accelerates to the right: the block stays behind, towards its extrados.
+        assert response.history.displacement[50, 0, 0] < -0.001
         sliding = next(change for change in response.mechanism if change.joints)
-        assert list(sliding.joints) == [0]
-        assert sliding.joints[0].startswith("slides towards ")
-        side = sliding.joints[0].removeprefix("slides towards ")
-        ends = {name: getattr(block, name)[0, 0] for name in ("intrados", "extrados")}
-        other = next(name for name in ends if name != side)
-        assert (ends[side] - ends[other]) * moved > 0.0
-
-    def test_text_can_be_read(self):
-        joints = {
-            0: "hinge extrados", 1: "open", 3: "hinge intrados", 4: "slides towards intrados",
-            5: "hinge intrados sliding towards extrados",
-        }  # fmt: skip
-        change = MechanismChange(0.412, 0.5, "impact", 4, "mega_voussoirs", joints)
-        assert str(change) == (
-            "0.4120 s  impact at joint 4: hinges 0 extrados, 3 intrados, 5 intrados sliding "
-            "towards extrados; slides 4 towards intrados; open 1; mega-voussoirs"
-        )
-        still = MechanismChange(1.0, 2.0, "rest", -1, "rest", {})
-        assert str(still) == "1.0000 s  comes to rest: all joints closed; rest"
-        assert summary([change, change, still]) == (
-            "3 changes of the mechanism (impact 2, comes to rest 1)"
-        )
+        assert sliding.joints == {0: "slides towards extrados"}
 
     def test_a_log_beyond_the_bound_states_where_it_ends(self, monkeypatch):
         full = af.simulate(ARCH, PUSH, history=True).mechanism
@@ -202,7 +157,6 @@ class TestMechanism:
         kept = af.simulate(ARCH, PUSH, history=True).mechanism
         assert kept[:5] == full[:5]
         assert len(kept) == 6
-        assert kept[5].joints == full[5].joints
         assert np.isnan(kept[5].until)
 
     def test_history_changes_nothing(self, monkeypatch):
@@ -212,6 +166,4 @@ class TestMechanism:
         again = stepped(history=True)  # its log needs more space
         assert again.mechanism == kept.mechanism
         assert again.history.identical(kept.history)
-        assert without.work == kept.work
-        assert without.energy == kept.energy
-        assert without.peak_rotation == kept.peak_rotation
+        assert (without.work, without.energy) == (kept.work, kept.energy)

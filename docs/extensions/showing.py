@@ -13,8 +13,7 @@ import pandas as pd
 from IPython.display import HTML
 
 import archfrag as af
-from archfrag.report.arch_figure import arch_at_onset
-from archfrag.report.picture import standalone
+from archfrag.report.arch import arch_at_onset
 
 WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone
 
@@ -64,7 +63,7 @@ def _written(value: object) -> str:
 def arch(shape: af.Arch, caption: str = "") -> HTML:
     """The arch with hinges and thrust line at onset, the ground accelerating to either side."""
     drawn = arch_at_onset(shape, af.onset(shape), "arch")
-    return picture(standalone(drawn), caption, standalone(replace(drawn, svg=drawn.narrow)))
+    return picture(drawn.file, caption, replace(drawn, svg=drawn.narrow).file)
 
 
 def from_report(report: Path | str, caption: str) -> HTML:
@@ -92,6 +91,9 @@ def finished_study() -> None:
         if not (folder / "results").exists():
             for path in (Path(os.environ["ARCHFRAG_DOCS"]) / "howto" / "study").iterdir():
                 shutil.copy(path, folder)
+            made = "--events 8 --records-per-event 2 --magnitude 6:7.5 --distance-km 5:40"
+            make = ["archfrag", "records", "make", *made.split(), "--out", "motions"]
+            subprocess.run(make, cwd=folder, check=True)
             subprocess.run(["archfrag", "run", "ring.yaml", "--quiet"], cwd=folder, check=True)
     shutil.copytree(folder, Path.cwd(), dirs_exist_ok=True)
 

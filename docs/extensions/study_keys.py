@@ -93,7 +93,7 @@ def write_tables(app: Sphinx, page: str, source: list[str]) -> None:
     """Replace the marks of a page; a mark that names no definition is an error."""
     if not MARK.search(source[0]):
         return
-    from archfrag.study.config import study_schema
+    from archfrag.study.file.schema import study_schema
 
     schema = json.loads(study_schema())
     named = {name for marked in MARK.findall(source[0]) for name in marked.split()}

@@ -19,6 +19,8 @@ SOURCES = ("study.yaml", "bridge.dxf", "hazard.csv")
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv")
 KEPT = ("*-fragility-continuous.xml", "*-pelicun.csv", "*-pelicun.json", "*-arches.csv",
         "*-parameters.csv", "*-in-core-ring.json")  # fmt: skip
+MOTIONS = """--events 20 --records-per-event 2 --magnitude 6.5:7.5 --distance-km 3:20 --vs30 760
+--vertical --seed 16"""
 CORES = 2
 
 
@@ -30,11 +32,12 @@ def archfrag(*words: str | Path) -> None:
 
 def main() -> None:
     """Run, export, integrate the hazard; keep what is small."""
-    from archfrag.study.config import load_study
+    from archfrag.study.file.schema import load_study
 
     out = load_study(STUDY).folder
     shutil.rmtree(out, ignore_errors=True)  # so that the time is that of all of it
     start = time.perf_counter()
+    archfrag("records", "make", "--out", out / "motions", *MOTIONS.split())
     archfrag("run", STUDY, "--cores", CORES)
     wall_time = time.perf_counter() - start
     archfrag("export", STUDY, *(f"--format={name}" for name in FORMATS))

@@ -10,7 +10,8 @@ from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
 from archfrag.errors import FitError
-from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.quoted import quoted_band, quoted_runs
 
 Array = NDArray[np.float64]
 
@@ -61,12 +62,14 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
     held = np.zeros(P.size + 2)
     for _ in range(studies):
         verdict, intensity, groups = _study(sampling, quantile, size, generator)
-        design = "scattered" if sampling == SINGLE else "stripes"
         try:
-            known = quoted_band(design, verdict, intensity, im, groups=groups)
+            if sampling == SINGLE:
+                known = quoted_runs(intensity, verdict, im)
+            else:
+                known = quoted_band(find_brackets(verdict, intensity), im, groups=groups)
         except FitError:
             continue
-        held[:-2] += (known.band.lower <= P) & (known.band.upper >= P)
+        held[:-2] += (known.lower <= P) & (known.upper >= P)
         held[-2] += known.theta[0] <= im[2] <= known.theta[1]
         held[-1] += known.beta[0] <= BETA <= known.beta[1]
     if family != "lognormal":

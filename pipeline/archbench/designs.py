@@ -1,8 +1,7 @@
 """Designs of a study: runs that each needs, and how theta and beta scatter between repeats.
 
 Each repeat is the shipped study as `archfrag run` makes it, with levels larger by a multiple of
-1e-5; single runs need a motion each, so that other synthetic motions are drawn for them and for
-the stripes that they are compared with.
+1e-5, or the same with other synthetic motions.
 """
 
 import json
@@ -18,18 +17,17 @@ import yaml
 from archbench.runner import Bench, Row
 from archbench.scene import STANDARD_GRAVITY
 from archfrag.errors import ArchfragError
+from archfrag.motions.synthetic import Plan, make_suite, plan_motions
 
 REPEATS = {True: 2, False: 8}
 DISTURBANCE = 1e-5
 LIMIT = 600.0
-SYNTHETIC = {"magnitude": [5.5, 6.0, 6.5, 7.0, 7.5], "distance_km": [5.0, 10.0, 20.0, 35.0, 70.0]}
+MAGNITUDES, DISTANCES = [5.5, 6.0, 6.5, 7.0, 7.5], [5.0, 10.0, 20.0, 35.0, 70.0]  # [km]
 # Design, and how many synthetic motions it draws anew; 0: the shipped ones.
 DESIGNS: dict[str, tuple[Row, int]] = {
     "stripes": ({"kind": "stripes"}, 0),
     "ida": ({"kind": "ida"}, 0),
-    "two_stage": ({"kind": "two_stage"}, 0),
     "stripes, other motions": ({"kind": "stripes"}, 30),
-    "scattered, other motions": ({"kind": "scattered", "runs": 150}, 150),
 }
 QUICK = ("stripes", "ida")
 
@@ -39,14 +37,15 @@ def run_design(name: str, repeat: int, records: Path) -> Row:
     design, events = DESIGNS[name]
     study = yaml.safe_load((records.parent / "configs" / "shipped.yaml").read_text("utf-8"))
     seed = {} if design["kind"] == "stripes" else {"seed": repeat}
-    synthetic = {"synthetic": {"events": events, **SYNTHETIC, "seed": repeat}}
     study["design"] = {**design, **seed}
-    study["motions"] = synthetic if events else {"index": str(records / "index.csv")}
+    study["motions"] = {"index": "index.csv" if events else str(records / "index.csv")}
     levels = study["intensity"]["levels"]
     for end in ("start", "stop"):
         levels[end] *= 1.0 + DISTURBANCE * repeat
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "study.yaml"
+        if events:
+            make_suite(folder, plan_motions(Plan(events, 1, MAGNITUDES, DISTANCES, seed=repeat)))
         path.write_text(yaml.safe_dump({**study, "output": "out"}), encoding="utf-8")
         program = str(Path(sys.executable).with_name("archfrag"))
         command = [program, "run", str(path), "--cores", "1", "--quiet"]

@@ -1,4 +1,4 @@
-"""`archfrag evidence`: measure the parts asked for, keep their tables, write one page of them."""
+"""`python -m archbench`: measure the parts asked for, keep their tables, write one page."""
 
 import io
 import re

@@ -129,7 +129,7 @@ def in_processes(
         from pebble import ProcessExpired, ProcessPool
     except ModuleNotFoundError:
         raise InputError(
-            "archfrag evidence needs the package pebble: pip install pebble"
+            "archbench needs the package pebble: pip install pebble"
         ) from None
 
     pool = ProcessPool(workers, 0, _prepare_process, (compiled,), get_context("spawn"))

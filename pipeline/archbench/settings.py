@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from archfrag.methods.registry import METHODS
+from archfrag.methods.registry import known_methods, resolve
 from archfrag.simulation.checks import available_methods, default_of
 
 OTHERS = "other solvers"
@@ -29,7 +29,7 @@ class Setting:
     @property
     def ours(self) -> bool:
         """Whether it is a method of archfrag."""
-        return self.method in METHODS
+        return resolve(self.method) is not None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -67,6 +67,6 @@ def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]
 
 def default_setting(method: str) -> Setting:
     """A method of ours as it is without any setting."""
-    info = METHODS[method]
+    info = known_methods()[method]
     parameter = "rtol" if any(each.name == "rtol" for each in info.parameters) else "dt"
     return Setting(method, parameter, default_of(info, parameter))

@@ -18,7 +18,7 @@ from archbench.scene import Scene, load_scene, scene_names
 from archbench.settings import COLUMNS, Setting, ladders
 from archbench.solve import Solution, collapses, nearest_change, solve, solve_many, with_samples
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import AUTO, METHODS
+from archfrag.methods.registry import AUTO, known_methods
 
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5
@@ -148,7 +148,7 @@ def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
         again = 0 if spent > 1.0 else 1 if quick else 3
         return float(np.median([spent, *(solve(scene, setting).seconds for _ in range(again))]))
     enough = 3 if quick or spent > LONGEST[0] else 5
-    factors = STUDY if METHODS[setting.method].load_many else STUDY[:1]
+    factors = STUDY if known_methods()[setting.method].load_many else STUDY[:1]
     times: list[float] = []
     while len(times) < enough or (len(factors) * sum(times) < SHORT and len(times) < MOST):
         times.append(float(np.mean([run.seconds for run in solve_many(scene, setting, factors)])))

@@ -18,7 +18,7 @@ from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
 from archbench.settings import Setting
 from archbench.solve import Frames, arch_of, solve
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import METHODS
+from archfrag.methods.registry import known_methods, resolve
 from archfrag.simulation.checks import available_methods, default_of
 
 # Kinds of failure from the worst to the mildest.
@@ -76,9 +76,9 @@ def cases(quick: bool) -> list[Case]:
 
 def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
     """A method at all steps, at all tolerances if it controls its error, or parts of its step."""
-    if method not in METHODS:
+    info = resolve(method)
+    if info is None:
         return [Setting(method, "dt", step) for step in OTHER_STEPS]
-    info = METHODS[method]
     names = {parameter.name for parameter in info.parameters}
     if "rtol" in names:
         return [Setting(method, "rtol", value, own) for value in TOLERANCES[quick]]
@@ -104,7 +104,7 @@ def elastic(scene: Scene, setting: Setting, frames: Frames) -> tuple[float, floa
     springs of a joint together hold at least T² / (4 r k) for a ratio r of stiffnesses. So much
     follows from the stiffness; what is beyond is made by the method. Both 0 for rigid joints.
     """
-    own = {each.name: each.default for each in METHODS[setting.method].parameters}
+    own = {each.name: each.default for each in known_methods()[setting.method].parameters}
     if "stiffness" not in own:
         return 0.0, 0.0
     own |= setting.options["settings"]
@@ -202,7 +202,7 @@ def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
             yield from ((case.value, each) for each in settings_of(method, quick))
         return
     for method in available_methods():
-        for own in METHODS[method].parameters:
+        for own in known_methods()[method].parameters:
             for part in plane[SET[quick]] if own.name == case.parameter else ():
                 if own.least <= part * own.default <= own.most:
                     given = {case.parameter: part * own.default}

@@ -1,7 +1,8 @@
-"""Errors that a person reads: one message with the place, the value and what is allowed."""
+"""Errors for people: one message with the place, the value and what is allowed."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from importlib import import_module
+from typing import Any, TypeVar
 
 from archfrag.mechanics.status import Status
 
@@ -18,6 +19,17 @@ class InputError(ArchfragError):
     """Something the user gave cannot be used: a file, a key, a value, a geometry."""
 
     exit_code = 2
+
+
+def from_extra(module: str, extra: str) -> Any:
+    """Import a package that comes with an extra of archfrag, or say how to install it."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"this needs the package {module.partition('.')[0]}, which is not installed; install "
+            f'it with: pip install "archfrag[{extra}]"'
+        ) from error
 
 
 class RecordError(InputError):
@@ -38,11 +50,11 @@ class StudyError(InputError):
 
 
 class GeometryError(InputError):
-    """An arch or chain that cannot exist; names the parameter and its value."""
+    """An arch that cannot exist; names the parameter and its value."""
 
 
 class StabilityError(ArchfragError):
-    """A chain that does not stand under its own weight."""
+    """An arch that does not stand under its own weight."""
 
     exit_code = 3
 
@@ -78,10 +90,10 @@ class FitError(ArchfragError):
 
 
 def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
-    """Make one part of a report, or give the reason why not, so that the others are made still.
+    """Make one part of a report, or return the reason why not, so that the others are still made.
 
-    `worded` gives the text of a `FitError`. An error that archfrag did not foresee is named too: a
-    report without one part is worth more than none after all simulations.
+    `worded` gives the text of a `FitError`. Unforeseen errors are returned as well: after all
+    simulations a report without one part is better than none.
     """
     try:
         return make()
@@ -101,29 +113,27 @@ class ServiceError(ArchfragError):
 
 
 STATUS_MESSAGE = {
-    Status.STANDING: "the chain came to rest with contact kept or regained at every joint",
+    Status.STANDING: "the arch came to rest with contact kept or regained at every joint",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
     Status.UNFINISHED: (
-        "the chain was still moving when the follow-on limit was reached; raise `follow`"
+        "the arch was still moving at the end of the follow-on time; raise `follow`"
     ),
     Status.NO_CONTACT_SOLUTION: (
         "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
         "report the case"
     ),
     Status.DOES_NOT_STAND: (
-        "the chain does not stand under its own weight; make it thicker or raise the friction"
+        "the arch does not stand under its own weight; make it thicker or raise the friction"
     ),
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
     Status.WORK_BOUND: (
-        "the number of steps allowed for the length of the run was used up; try a larger `rtol`, "
-        "or another `method`"
+        "the run needed more steps than its length allows; try a larger `rtol` or another `method`"
     ),
     Status.NOT_APPLICABLE: (
-        "the method has no model for this motion (its mechanism is none of the method's, or the "
-        "initial state is not); use `auto`"
+        "the method has no model for this mechanism or this initial state; use `auto`"
     ),
     Status.INACCURATE: (
-        "energy balance or overlap missed what the tolerance asks; try a smaller `rtol`, and "
-        "please report the case"
+        "energy balance or overlap missed the tolerance; try a smaller `rtol`, and please report "
+        "the case"
     ),
 }

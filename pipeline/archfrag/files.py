@@ -132,17 +132,25 @@ def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
 
 def sweep(folder: Path) -> None:
     """Remove temporary files and folders of killed processes, by their names, below a folder."""
-    import psutil
-
     for entry in entries(folder):
         found = _TEMPORARY.fullmatch(entry.name)
         if found is None or entry.is_symlink():
             continue
         with contextlib.suppress(OSError):
-            gone = found["host"] == _HOST and not psutil.pid_exists(int(found["pid"]))
+            gone = found["host"] == _HOST and not _is_there(int(found["pid"]))
             if gone or time.time() - entry.stat().st_mtime > _SURELY_LEFT:
                 path = Path(entry.path)
                 shutil.rmtree(path) if entry.is_dir() else path.unlink()
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
 
 
 def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:

@@ -1,13 +1,13 @@
 """Where compiled kernels are kept: one private folder for each state of the kernels' source.
 
-The folder's name is a hash of all of `mechanics` and `methods` and of the versions of Python,
-numba and llvmlite, so that an edited helper never leaves old machine code in use, and every clone
-and environment of a machine uses the same compiled code (`archfrag.mechanics.compile`).
+The folder's name is a hash of `mechanics`, `methods` and the versions of Python, numba and
+llvmlite. An edited helper therefore never leaves old machine code in use, and all clones and
+environments of a machine share the compiled code (`archfrag.mechanics.compile`).
 
-What is loaded from the folder runs as machine code. It is therefore used only if nobody else can
-write to it: it is ours, private, and no directory above it lets others replace it. Where the
-user's cache does not fulfil that, or cannot be written, a private folder in the system's
-temporary directory takes its place, and where that is not safe either, nothing is kept.
+Files of the folder run as machine code, so archfrag uses it only if nobody else can write to it:
+the folder is ours and private, and no directory above it lets others replace it. If the user's
+cache does not fulfil that or cannot be written, a temporary folder takes its place; if that is
+not safe either, nothing is kept.
 """
 
 import atexit
@@ -58,100 +58,67 @@ def kernel_hash() -> str:
 def use_kernel_cache() -> Path | None:
     """Choose and make the folder for the compiled kernels as they are now, once a process.
 
-    The first of these that can be made, is ours and can be written by nobody else:
-    ``NUMBA_CACHE_DIR`` if that is set, else the user's cache directory; ``archfrag-UID`` in the
-    temporary directory; a new temporary folder, which is removed when the process ends.
+    It is in ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory; if that is
+    not safe, in a temporary folder for this process and those that it starts.
 
     Returns
     -------
     Path or None
         None if there is no safe place: kernels are then compiled again in every process.
     """
-    name = f"k-{kernel_hash()}"
-    places = [(_base(), False)]
+    chosen = os.environ.get(INHERITED) or os.environ.get("NUMBA_CACHE_DIR")
     with contextlib.suppress(OSError):
-        places.append((Path(tempfile.gettempdir()) / f"archfrag-{os.getuid()}", True))
-    if INHERITED in os.environ:
-        places.insert(0, (Path(os.environ[INHERITED]), True))
-    for base, ours in places:
-        with contextlib.suppress(OSError):
-            return _prepared(base, name, ours)
+        return _prepared(Path(chosen).absolute() if chosen else _users_folder())
     with contextlib.suppress(OSError):
         base = Path(tempfile.mkdtemp(prefix="archfrag-"))
         atexit.register(_remove, base, os.getpid())
-        found = _prepared(base, name, True)
+        folder = _prepared(base)
         os.environ[INHERITED] = str(base)
-        return found
+        return folder
     return None
 
 
-def _base() -> Path:
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    if chosen:
-        return Path(chosen).absolute()
+def _users_folder() -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("archfrag") / "kernels"
 
 
-def _prepared(base: Path, name: str, ours: bool) -> Path:
-    """Folder `name` in `base`, private; `ours` if `base` is to be too; `OSError` if it cannot."""
-    if ours:
-        _kept_from_others(base.parent)
-        _make_private(base)
+def _prepared(base: Path) -> Path:
+    """Private folder of the kernels in `base`, or `OSError` if there can be none."""
     base = _kept_from_others(base)
-    _make_folders(base)
-    _make_private(base / name)
-    tempfile.TemporaryFile(dir=base / name).close()
-    os.utime(base / name)
+    folder = base / f"k-{kernel_hash()}"
+    for place in (*reversed(folder.parents), folder):
+        with contextlib.suppress(FileExistsError):
+            place.mkdir(mode=0o700)
+    state = os.lstat(folder)
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        raise PermissionError(f"{folder} is not a private directory of our own")
+    tempfile.TemporaryFile(dir=folder).close()
+    os.utime(folder)
     _forget_old(base)
-    return base / name
+    return folder
 
 
 def _kept_from_others(path: Path) -> Path:
     """A path without symbolic links, if nobody else can replace it (else `PermissionError`).
 
     Only root and we may own its directories and links. Others may write to a directory above it
-    if it has the sticky bit, as the temporary directory has. Members of a group that may
-    write are trusted: where each user has a group of their own, this is the usual umask.
+    if it has the sticky bit, as the temporary directory has. Members of a group that may write
+    are trusted: if each user has a group of their own, this is the usual umask.
     """
     resolved = Path(os.path.realpath(path))
     for place in (path, *path.parents, resolved, *resolved.parents):
         try:
-            found = os.lstat(place)
+            state = os.lstat(place)
         except FileNotFoundError:
             continue
-        if found.st_uid not in (0, os.getuid()):
+        if state.st_uid not in (0, os.getuid()):
             raise PermissionError(f"{place} belongs to another user")
-        if stat.S_ISLNK(found.st_mode):
-            continue
-        if found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+        open_to_all = state.st_mode & stat.S_IWOTH and not state.st_mode & stat.S_ISVTX
+        if open_to_all and not stat.S_ISLNK(state.st_mode):
             raise PermissionError(f"{place} can be written by every user")
     return resolved
-
-
-def _make_folders(path: Path) -> None:
-    """Make a folder and what is missing above it, private whatever the umask."""
-    for place in (*reversed(path.parents), path):
-        with contextlib.suppress(FileExistsError):
-            place.mkdir(mode=0o700)
-
-
-def _make_private(folder: Path) -> None:
-    """Make a folder that only we can enter; one that exists has to be ours with all in it."""
-    _make_folders(folder)
-    found = os.lstat(folder)
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
-        raise PermissionError(f"{folder} is not a directory of our own")
-    if not found.st_mode & 0o077:
-        return
-    # Others had access: keep them off first, then see that they left nothing.
-    folder.chmod(0o700)
-    for place, folders, files in os.walk(folder):
-        for entry in (*folders, *files):
-            inside = os.lstat(os.path.join(place, entry))
-            if inside.st_uid != os.getuid() or stat.S_ISLNK(inside.st_mode):
-                raise PermissionError(f"{folder} holds what is not ours: {entry}")
 
 
 def _forget_old(base: Path) -> None:

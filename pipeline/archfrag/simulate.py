@@ -1,9 +1,10 @@
-"""One case: an arch, a ground motion, an answer. Checks and user units live here."""
+"""Simulate arches under ground motions, and compile the kernels for it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,13 +13,14 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
+from archfrag.mechanics.ground import Grounds, grounds_of
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options, Outcome
+from archfrag.mechanics.types import Frames, MechanismLog, Options, Results
 from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks, warm
 from archfrag.simulation.history import empty_frames, history_of
-from archfrag.simulation.many import LOSS_LIMIT, at_rest, checked_call, ground_of, simulate_runs
+from archfrag.simulation.many import LOSS_LIMIT, at_rest, checked_call, simulate_runs
 from archfrag.simulation.mechanism import (
     FIRST_LOG,
     LARGEST_LOG,
@@ -37,13 +39,10 @@ __all__ = [
     "simulate_many", "warmup",
 ]  # fmt: skip
 
-_NAMES = (
-    "status", "collapsed", "collapse_time", "collapse_joint", "collapse_mode",
-    "lost_contact_time", "lost_contact_joint", "lost_contact_mode", "widest_gap",
-    "peak_rotation", "peak_displacement", "residual_rotation",
-    "residual_displacement", "energy_error", "end_time", "residual", "overlap",
-    "steps",
-)  # fmt: skip
+# Fields of a response that a data set of many runs does not have.
+_LEFT_OUT = {
+    "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
+}  # fmt: skip
 _UNITS = {
     "collapse_time": "s", "lost_contact_time": "s", "peak_rotation": "rad",
     "peak_displacement": "m", "residual_rotation": "rad",
@@ -64,7 +63,7 @@ def simulate(
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
 ) -> Response:
-    """Move one arch by one ground motion, until it rests or collapses.
+    """Simulate one arch under one ground motion, until it rests or collapses.
 
     Parameters
     ----------
@@ -76,29 +75,29 @@ def simulate(
     method : str
         "auto" or a name in `archfrag.methods.registry.METHODS`.
     rtol : float, optional
-        Relative error allowed by methods with step control: auto, time_stepping, event_driven;
-        the method's default if not given.
+        Relative error allowed by methods with step control: auto, time_stepping, event_driven.
+        The method's default if not given.
     dt : float, optional
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
         the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
-        up to 4 ms between them for joints of 1.5 m at the default rtol. event_driven takes it
-        where it switches to time stepping; other methods take their own default.
+        up to 4 ms between them for joints of 1.5 m at the default rtol. event_driven uses it
+        when it switches to time stepping; other methods have their own default.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
-        ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open; bodies that
-        overlap by more than rounding are refused.
+        ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open, but bodies
+        must not overlap by more than rounding.
     follow : float
-        How long to go on past the end of the motion while the arch still moves [s].
+        Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
-        The method's own parameters that differ from their defaults in the registry, for example
-        a joint stiffness; none for the methods that need none.
+        Parameters of the method, if they differ from their defaults in the registry, for
+        example a joint stiffness.
     loss_limit : float
         Gap at both corners of a joint, over its length, beyond which its contact cannot be
-        regained, which ends the run as a collapse. So does a joint that has slid past its end or
-        rotated by 90 degrees, or one without contact where `follow` ends.
+        regained: the run ends as a collapse. It also does if a joint has slid past its end or
+        rotated by 90 degrees, or has no contact when `follow` ends.
 
     Returns
     -------
@@ -129,19 +128,20 @@ def simulate(
     else:
         shift, velocity = checks.check_initial(initial, arch)
         position += shift
-    ground = ground_of(motion, scale, info)
+    grounds = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
     span = motion.duration + follow
     n_frame = int(span / options.frame_interval) + 64 if history else 0
     run, from_rest = partial(info.load(), **own), initial is None
     started = time.perf_counter()
-    outcome, frames, log = _run(arch, run, ground, position, velocity, from_rest, options, n_frame)
+    start = position, velocity, from_rest
+    results, frames, log = _run(arch, run, (grounds, float(scale)), start, options, n_frame)
     wall_time = time.perf_counter() - started
     if not history:
-        return response_of(outcome, info.name, wall_time, None, None)
-    count = outcome.diagnostics.count
-    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), outcome.end_time, from_rest)
+        return response_of(results, 0, info.name, wall_time)
+    count, end_time = results.count[0], float(results.end_time[0])
+    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, from_rest)
     frames_written = history_of(arch, frames, int(count[Count.FRAMES]))
-    return response_of(outcome, info.name, wall_time, changes, frames_written)
+    return response_of(results, 0, info.name, wall_time, changes, frames_written)
 
 
 def simulate_many(
@@ -155,9 +155,9 @@ def simulate_many(
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
 ) -> xarray.Dataset:
-    """Move one arch by many scaled ground motions, four runs at a time.
+    """Simulate one arch under many scaled ground motions, four runs at a time.
 
-    Each run has the results, to the last bit, that `simulate` gives it alone without a history.
+    Each run has the same results, to the last bit, as `simulate` without a history.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def simulate_many(
     Returns
     -------
     xarray.Dataset
-        Dimension run; what a `Response` holds of each, and the factors.
+        Dimension run; the numbers of a `Response` for each, and the factors.
 
     Raises
     ------
@@ -203,7 +203,8 @@ def simulate_many(
         arch, each, scales.tolist(), method=method, rtol=rtol, dt=dt, follow=follow,
         settings=settings, loss_limit=loss_limit,
     )  # fmt: skip
-    columns = {name: [getattr(response, name) for response in responses] for name in _NAMES}
+    names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
+    columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {
         name: ("run", np.array(values), {"units": _UNITS.get(name, "1")})
@@ -220,10 +221,10 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
     Parameters
     ----------
     method : str, optional
-        The one whose kernels are wanted; all methods that are installed if not given.
+        Method to compile for; all installed methods if not given.
     progress : callable, optional
         Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
-        about 80 s", at once and while it compiles about every second, from another thread.
+        about 80 s", first at once, then about every second from another thread.
 
     Returns
     -------
@@ -269,7 +270,7 @@ def kernels_are_compiled(method: str | None = None) -> bool:
     return warm.are_compiled(_methods_of(method))
 
 
-def compile_beside(methods: Sequence[str]) -> None:
+def compile_in_second_process(methods: Sequence[str]) -> None:
     """What the second process of a warm-up compiles: what the first, in its order, needs late."""
     warm.end_with_parent()
     check_stands(_smallest_arch())
@@ -283,7 +284,7 @@ def compile_beside(methods: Sequence[str]) -> None:
 
 
 def _methods_of(method: str | None) -> tuple[str, ...]:
-    return checks.available_methods() if method is None else (checks.check_method(method).name,)
+    return checks.method_names() if method is None else (checks.check_method(method).name,)
 
 
 def _smallest_arch() -> Arch:
@@ -304,27 +305,26 @@ def _move_once(method: str) -> None:
 
 def _run(
     arch: Arch,
-    run: Callable[..., Outcome],
-    ground: GroundMotion,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
+    run: Callable[..., Results],
+    moved_by: tuple[Grounds, float],
+    start: tuple[np.ndarray, np.ndarray, bool],
     options: Options,
     n_frame: int,
-) -> tuple[Outcome, Frames, MechanismLog]:
+) -> tuple[Results, Frames, MechanismLog]:
     """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
     n_entry = FIRST_LOG if n_frame else 0
     while True:
         frames = empty_frames(n_frame, arch.n_voussoir, arch.n_joint)
         log = empty_log(n_entry, arch.n_joint)
-        outcome = run(
-            arch.chain, ground, position.copy(), velocity.copy(), from_rest, options, frames, log
+        position, velocity, from_rest = start[0].copy(), start[1].copy(), start[2]
+        results = run(
+            arch.chain, *moved_by, position, velocity, from_rest, options, frames, log
         )
-        count = outcome.diagnostics.count
+        count = results.count[0]
         frames_fit = n_frame == 0 or count[Count.FRAMES] < n_frame
         log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_LOG)
         if frames_fit and log_fits:
-            return outcome, frames, log
+            return results, frames, log
         if not frames_fit:
             n_frame *= 2
         if not log_fits:

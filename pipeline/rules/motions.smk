@@ -1,7 +1,17 @@
+def record_files(wildcards):
+    from archfrag.study.file.records import find_sources
+
+    return [str(source.path) for source in find_sources(study_of(wildcards.study))]
+
+
 rule motions:
-    message: "Read and scale the records of {STUDY.id}"
-    input: force_stale,
-    output: "steps/motions.json",
-    log: "logs/motions.log",
-    benchmark: "benchmarks/motions.tsv"
-    shell: "archfrag motions {STUDY_FILE:q} --log {log:q} 2>&1"
+    message: "Read and scale the records of {wildcards.study}"
+    input:
+        study=study_file,
+        records=record_files,
+    output: f"{HIDDEN}/motions.json",
+    params:
+        folder=lambda wildcards, output: Path(output[0]).parents[1],
+    log: f"{HIDDEN}/logs/motions.log",
+    benchmark: f"{HIDDEN}/benchmarks/motions.tsv"
+    shell: "archfrag motions {input.study:q} --set output={params.folder:q} 2> {log:q}"

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from archfrag.arch import STANDARD_GRAVITY, Arch, Block
 
@@ -71,19 +72,6 @@ class TestChainIsConsistent:
             wanted = ends if named[0] == "intrados" else ends[::-1]
             np.testing.assert_allclose(after, wanted, rtol=0, atol=1e-12)
 
-    def test_normals_point_along_the_chain(self, arch):
-        """The tangent is the normal rotated by +90 degrees, the normal from j - 1 into j."""
-        chain, n = arch.chain, arch.n_voussoir
-        for joint in range(arch.n_joint):
-            # A body's centroid, its own origin, lies behind the face on its own side.
-            for face, sense, is_there in (
-                (chain.face_after[joint], 1.0, joint < n),
-                (chain.face_before[joint], -1.0, joint > 0),
-            ):
-                along = face[1] - face[0]
-                normal = np.array([along[1], -along[0]])
-                assert not is_there or sense * float(normal @ -face.mean(axis=0)) > 0.0
-
     def test_arrays_are_what_kernels_take(self, arch):
         n, joints = arch.n_voussoir, arch.n_joint
         assert joints == n + (0 if arch.free_end else 1)
@@ -93,14 +81,6 @@ class TestChainIsConsistent:
             assert (array.shape, array.dtype) == (shape, np.float64)
             assert all(array.flags[f] for f in ("C_CONTIGUOUS", "WRITEABLE", "OWNDATA"))
         assert arch.chain.gravity == STANDARD_GRAVITY == 9.80665
-
-    def test_outlines_enclose_the_masses(self, arch):
-        for outline, mass in zip(arch.outlines, arch.chain.mass):
-            x, y = outline.T
-            area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-            density = arch.parameters["density"]
-            assert mass == pytest.approx(density * area, rel=1e-3)
-
 
 @pytest.mark.parametrize(("name", "n"), RINGS)
 class TestSymmetry:
@@ -122,25 +102,13 @@ class TestSymmetry:
         assert arch.corner_name(0) == "intrados"
 
 
-class TestCircular:
-    @pytest.mark.parametrize("n", [2, 7, 40])
-    def test_mass_and_moment_about_the_centre_do_not_depend_on_the_cuts(self, n):
-        chain = Arch.circular(10.0, 1.5, 157.5, n, 0.7, density=2300.0, depth=0.8).chain
-        solid = 2300.0 * 0.8 * math.radians(157.5)
-        assert chain.mass.sum() == pytest.approx(solid * (10.75**2 - 9.25**2) / 2, rel=1e-14)
-        about = (chain.inertia + chain.mass * (chain.centroid**2).sum(axis=1)).sum()
-        assert about == pytest.approx(solid * (10.75**4 - 9.25**4) / 4, rel=1e-13)
-
-    def test_given_joints(self):
-        joints = [0.0, 30.0, 67.5, 100.0, 157.5]
-        arch = Arch.circular(10.0, 1.5, 157.5, 4, 0.7, joints=joints)
-        from_left = np.degrees(np.arctan2(*arch.intrados.T)) + 78.75
-        np.testing.assert_allclose(from_left, joints, atol=1e-12)
-        np.testing.assert_allclose(
-            arch.chain.mass / arch.chain.mass.sum(), np.diff(joints) / 157.5
-        )
-        equal = Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joints=22.5 * np.arange(8))
-        np.testing.assert_allclose(equal.chain.centroid, MAKERS["sector"](7).chain.centroid)
+def test_joints_and_friction_of_each():
+    joints, friction = [0.0, 30.0, 67.5, 100.0, 157.5], [0.5, math.inf, 0.7, 0.8, 0.9]
+    arch = Arch.circular(10.0, 1.5, 157.5, 4, friction, joints=joints)
+    np.testing.assert_array_equal(arch.chain.friction, friction)
+    assert arch.parameters["friction"] == [0.5, "inf", 0.7, 0.8, 0.9]
+    from_left = np.degrees(np.arctan2(*arch.intrados.T)) + 78.75
+    np.testing.assert_allclose(from_left, joints, atol=1e-12)
 
 
 @pytest.mark.parametrize("sector", [True, False])
@@ -155,37 +123,18 @@ def test_segmental_is_the_circular_arch_of_the_same_circle(sector):
     np.testing.assert_allclose(ours.chain.inertia, circle.chain.inertia, rtol=1e-10)
 
 
-class TestPointed:
-    def test_equilateral(self):
-        """Rise sqrt(3)/2 of the span: each arc has its centre at the other springing."""
-        span, thickness = 8.0, 0.6
-        arch = Arch.pointed(span, span * math.sqrt(0.75), thickness, 8, 0.7)
-        left, right = [-0.5 * span, 0.0], [0.5 * span, 0.0]
-        for points, offset in ((arch.intrados, -0.5), (arch.extrados, 0.5)):
-            radius = span + offset * thickness
-            np.testing.assert_allclose(np.hypot(*(points[:5] - right).T), radius, rtol=1e-13)
-            np.testing.assert_allclose(np.hypot(*(points[4:] - left).T), radius, rtol=1e-13)
-        np.testing.assert_allclose([arch.intrados[4, 0], arch.extrados[4, 0]], 0.0, atol=1e-14)
-        assert arch.extrados[4, 1] - arch.intrados[4, 1] > thickness
-
-    def test_keystone_keeps_its_point(self):
-        arch = Arch.pointed(8.0, 7.0, 0.5, 7, 0.6)
-        keystone = arch.outlines[3]
-        assert len(keystone) == 6
-        np.testing.assert_allclose(keystone[[1, 4], 0], 0.0, atol=1e-14)
-        assert keystone[4, 1] > arch.extrados[:, 1].max()
-        reach, radius = 33.0 / 8.0, 33.0 / 8.0 + 4.0
-        assert keystone[4, 1] == pytest.approx(math.sqrt((radius + 0.25) ** 2 - reach**2))
+def test_equilateral_pointed_arch():
+    """Rise sqrt(3)/2 of the span: each arc has its centre at the other springing."""
+    arch = Arch.pointed(8.0, 8.0 * math.sqrt(0.75), 0.6, 8, 0.7)
+    for points, radius in ((arch.intrados, 7.7), (arch.extrados, 8.3)):
+        np.testing.assert_allclose(np.hypot(*(points[:5] - [4.0, 0.0]).T), radius, rtol=1e-13)
+        np.testing.assert_allclose(np.hypot(*(points[4:] - [-4.0, 0.0]).T), radius, rtol=1e-13)
 
 
 def curve_of(name):
     """Height and slope of the centre lines, written down apart from the code under test."""
     if name == "catenary":
-        # y = 7 - c (cosh(x/c) - 1) through (5, 0), c by bisection.
-        low, high = 1e-1, 1e3
-        for _ in range(200):
-            c = 0.5 * (low + high)
-            low, high = (c, high) if 5.0 / c > 700 or c * (math.cosh(5 / c) - 1) > 7 else (low, c)
+        c = brentq(lambda c: c * (math.cosh(5.0 / c) - 1) - 7, 0.1, 1e3)
         return lambda x: 7 - c * (math.cosh(x / c) - 1), lambda x: -math.sinh(x / c)
     a, b = (5.0, 3.0) if name == "elliptic" else (3.0, 5.0)
 
@@ -217,19 +166,6 @@ class TestCurvedCentreLines:
         np.testing.assert_allclose(length, length[0], rtol=1e-9)
 
 
-class TestCentreLineLimits:
-    def test_ellipse_with_equal_axes_is_a_circle(self):
-        ours = Arch.elliptic(20.0, 10.0, 1.5, 9, 0.7)
-        circle = Arch.circular(10.0, 1.5, 180.0, 9, 0.7, sector=False)
-        np.testing.assert_allclose(ours.intrados, circle.intrados, atol=1e-12)
-        np.testing.assert_allclose(ours.chain.inertia, circle.chain.inertia, rtol=1e-11)
-
-    def test_given_joints_are_parts_of_the_length(self):
-        arch = Arch.catenary(10.0, 7.0, 0.5, 3, 0.6, joints=[0.0, 0.25, 0.5, 1.0])
-        quarters = Arch.catenary(10.0, 7.0, 0.5, 4, 0.6)
-        np.testing.assert_allclose(arch.intrados, quarters.intrados[[0, 1, 2, 4]], atol=1e-12)
-
-
 class TestFromJoints:
     def test_rebuilds_a_straight_arch_bit_for_bit(self):
         arch = MAKERS["straight"](7)
@@ -244,11 +180,7 @@ class TestFromJoints:
         assert flipped.flipped
         assert (flipped.corner_name(0), flipped.corner_name(1)) == ("extrados", "intrados")
         order = -1 if other is reversed_order else 1
-        np.testing.assert_allclose(flipped.chain.mass, arch.chain.mass[::order], rtol=1e-14)
         np.testing.assert_allclose(flipped.chain.inertia, arch.chain.inertia[::order], rtol=1e-13)
-        np.testing.assert_allclose(
-            flipped.chain.centroid, arch.chain.centroid[::order], atol=1e-13
-        )
 
 
 def test_mass_and_inertia_of_a_block():
@@ -257,15 +189,7 @@ def test_mass_and_inertia_of_a_block():
     assert (block.n_voussoir, block.n_joint, block.free_end) == (1, 1, True)
     assert block.chain.mass[0] == pytest.approx(mass, rel=1e-15)
     assert block.chain.inertia[0] == pytest.approx(mass * (0.04 + 1.0) / 12.0, rel=1e-14)
-    np.testing.assert_allclose(block.chain.centroid, [[0.0, 0.5]], atol=1e-16)
-    np.testing.assert_allclose(block.chain.face_before, [[[0.1, 0.0], [-0.1, 0.0]]])
     np.testing.assert_allclose(block.chain.face_after, [[[0.1, -0.5], [-0.1, -0.5]]])
-
-
-def test_friction_of_each_joint():
-    arch = Arch.circular(10, 1.5, 120, 3, [0.5, math.inf, 0.7, 0.8])
-    np.testing.assert_array_equal(arch.chain.friction, [0.5, math.inf, 0.7, 0.8])
-    assert arch.parameters["friction"] == [0.5, "inf", 0.7, 0.8]
 
 
 @pytest.mark.parametrize("maker", ["sector", "straight", "pointed"])

@@ -63,18 +63,3 @@ class TestPolygon:
                 np.testing.assert_allclose(ours.centroid, middle @ tilt + away, atol=1e-11)
                 polar = width * height * (width**2 + height**2) / 12.0
                 assert ours.polar == pytest.approx(polar, rel=1e-11)
-
-    def test_is_the_sum_of_its_parts(self):
-        """Steiner's theorem over a concave L-shape put together from two rectangles."""
-        ell = polygon_section(np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 4], [0, 4]], float))
-        foot = polygon_section(np.array([[0, 0], [3, 0], [3, 1], [0, 1]], float))
-        stem = polygon_section(np.array([[0, 1], [1, 1], [1, 4], [0, 4]], float))
-        area = foot.area + stem.area
-        centroid = (foot.area * foot.centroid + stem.area * stem.centroid) / area
-        polar = sum(
-            part.polar + part.area * ((part.centroid - centroid) ** 2).sum()
-            for part in (foot, stem)
-        )
-        assert ell.area == pytest.approx(area, rel=1e-14)
-        np.testing.assert_allclose(ell.centroid, centroid, rtol=1e-14)
-        assert ell.polar == pytest.approx(polar, rel=1e-14)

@@ -12,28 +12,23 @@ def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest()
     arch = af.Arch.circular(10.0, 1.5, 157.5, 12, friction=0.7)
     start = af.onset(arch)
     corner = {"intrados": arch.intrados, "extrados": arch.extrados}
-    a, b, c, d = (corner[side][joint] for joint, side in start.hinges)
-    joints = [joint for joint, _ in start.hinges]
-
-    def rotate(vector, angle):
-        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ vector
+    a, b, c, d = (corner[side][joint] @ [1, 1j] for joint, side in start.hinges)
+    joints, centroid = [joint for joint, _ in start.hinges], arch.chain.centroid @ [1, 1j]
 
     def angles(first):
         def closing(two):
-            ends = rotate(b - a, first) + rotate(c - b, two[0]) + rotate(d - c, two[1])
-            return ends - (d - a)
+            bars = np.exp(1j * np.array([first, *two])) @ [b - a, c - b, d - c]
+            return [(bars - d + a).real, (bars - d + a).imag]
 
         # The hinges of this arch rotate its middle bar in the opposite sense.
         return np.array([first, *fsolve(closing, [-first, first])])
 
     def energy(first):
-        rotation = angles(first)
-        knees = [a, a + rotate(b - a, rotation[0]), d - rotate(d - c, rotation[2])]
+        turn = np.exp(1j * angles(first))
+        knees = [a, a + turn[0] * (b - a), d - turn[2] * (d - c)]
         return sum(
-            arch.chain.mass[i] * (knee + rotate(arch.chain.centroid[i] - pivot, angle))[1]
-            for knee, pivot, angle, low, high in zip(
-                knees, (a, b, c), rotation, joints, joints[1:]
-            )
+            arch.chain.mass[i] * (knee + factor * (centroid[i] - pivot)).imag
+            for knee, pivot, factor, low, high in zip(knees, (a, b, c), turn, joints, joints[1:])
             for i in range(low, high)
         )
 

@@ -15,7 +15,7 @@ from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_
 from archbench.runner import Bench
 from archbench.settings import Setting
 from archfrag.errors import ArchfragError
-from archfrag.study.config import load_study
+from archfrag.study.file.schema import load_study
 
 LEVELS = np.linspace(0.2, 3.0, 15)
 ROOT = Path(__file__).parents[2]
@@ -121,5 +121,6 @@ def test_compiling_is_timed_from_an_empty_cache_and_then_from_what_it_left(monke
     run = subprocess.run
     monkeypatch.setattr(compiling.subprocess, "run", command)
     row = compiling.compile_method("four_link")
-    assert found == [(["warmup", "--method", "four_link"], each) for each in ([], ["kernel"])]
+    assert [each for _, each in found] == [[], ["kernel"]]
+    assert "four_link" in found[0][0][-1]
     assert row["empty_cpu_seconds"] > 1.5 * row["full_cpu_seconds"] > 0.0

@@ -22,7 +22,7 @@ from archbench.solve import (
 )
 from archbench.speed import POINTS, kept_errors, levels_table, lost_table, points_of
 from archfrag.errors import InputError
-from archfrag.methods.registry import METHODS
+from archfrag.methods.registry import resolve
 
 
 def made_up(*rows):
@@ -34,7 +34,8 @@ def made_up(*rows):
 @pytest.mark.parametrize("column", ["values", "quick", "fragility", "fragility_quick", "offered"])
 def test_settings_of_ladders_are_known_to_the_registry(column):
     for method, settings in ladders(column, ["siconos"]).items():
-        own = {each.name for each in METHODS[method].parameters} if method in METHODS else {"dt"}
+        info = resolve(method)
+        own = {each.name for each in info.parameters} if info else {"dt"}
         assert {setting.parameter for setting in settings} <= own
 
 

@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.export import command
 from archfrag.export.command import export_study
-from archfrag.study.config import load_study
-from archfrag.study.fits import load_answers
+from archfrag.study.answer.fits import load_answers
+from archfrag.study.file.schema import load_study
 from tests.export.made import fragility
 from tests.report import synthetic
 from tests.study.small import small_study
@@ -77,13 +77,6 @@ def test_no_curve_at_all(study):
         export_study(study, ["csv", "pelicun"])
     assert not (study.folder / "export").exists()
     assert len(export_study(study, ["csv"]).files) == 6
-
-
-def test_a_measure_without_a_name_is_refused_before_anything_is_written(study):
-    measure = study.intensity.model_copy(update={"measure": "HI", "unit": "m"})
-    with pytest.raises(InputError, match=r"OpenQuake has no name for .* HI"):
-        export_study(study.model_copy(update={"intensity": measure}), ["csv", ALL[0]])
-    assert not (study.folder / "export").exists()
 
 
 def test_messages_and_json(study, tmp_path):

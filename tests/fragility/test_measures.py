@@ -1,32 +1,35 @@
 """Measures compared on simulated studies in which the best one and its dispersion are known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.measure_rows import fit_verdicts
-from archfrag.fragility.measures import Motions, compare_measures
+from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.measures import compare_measures
 
 LEVELS = np.geomspace(0.2, 16.0, 18)
 THETA, BETA = 0.2, 0.25
-NAMES = ("PGA", "PGV", "IA")
 
 
-def study(seed, n=44, *, magnitude_effect=-0.3, levels=LEVELS):
-    """Collapse by PGV alone; PGA depends on magnitude too, IA is the square of a noisy PGV."""
+def study(seed, n=44, *, own="PGA", levels=LEVELS, top=None):
+    """Collapse by PGV alone; PGA depends on magnitude too, IA is the square of a noisy PGV.
+
+    Arguments of `compare_measures` for levels of PGA; with `own`, levels are in that measure.
+    """
     generator = np.random.default_rng(seed)
     magnitude, distance = generator.uniform(5.5, 7.5, n), generator.uniform(5.0, 60.0, n)
     pgv = np.exp(generator.normal(-2.0, 0.5, n))
-    tilt = magnitude_effect * (magnitude - 6.5)
+    tilt = -0.3 * (magnitude - 6.5)
     pga = 8.0 * pgv * np.exp(tilt + generator.normal(0.0, 0.35, n))
     arias = (pgv * np.exp(generator.normal(0.0, 0.3, n))) ** 2
-    value = np.stack([pga, pgv, arias], axis=1)
+    values = {"PGA": pga, "PGV": pgv, "IA": arias}
     capacity = THETA * np.exp(generator.normal(0.0, BETA, n))
-    factor = levels / pga[:, None]
-    verdict = (factor * pgv[:, None] >= capacity[:, None]).astype(int)
-    return verdict, factor, Motions(NAMES, value, [1.0, 1.0, 2.0], magnitude, distance)
+    factor = (levels / pga[:, None])[:, :top]
+    collapsed = factor * pgv[:, None] >= capacity[:, None]
+    found = find_brackets(collapsed, factor * values[own][:, None])
+    exponent = {"PGA": 1.0, "PGV": 1.0, "IA": 2.0}
+    known = {"values": values, "exponent": exponent, "own": own}
+    return {"found": found, **known, "magnitude": magnitude, "distance": distance}
 
 
 def seventeen(seed, events, ratio):
@@ -36,15 +39,16 @@ def seventeen(seed, events, ratio):
     alike = generator.standard_normal((events, 17))[event]
     scatter = np.sqrt(0.5) * (alike + generator.standard_normal(alike.shape))
     value = np.exp(0.4 * scatter * np.append(np.ones(16), ratio))
-    factor = np.geomspace(0.01, 100.0, 300) / value[:, :1]
-    motions = Motions(
-        tuple(f"m{i}" for i in range(17)), value, np.ones(17), event=event.astype(str)
-    )
-    return compare_measures((factor > 1.0).astype(int), factor, motions, "m0")
+    levels = np.geomspace(0.01, 100.0, 300)
+    names = [f"m{i}" for i in range(17)]
+    return compare_measures(
+        find_brackets(levels > value[:, :1], levels), dict(zip(names, value.T)),
+        dict.fromkeys(names, 1.0), "m0", event=event.astype(str),
+    )  # fmt: skip
 
 
 def rows_of(table):
-    return {row.measure: row for row in table.rows}
+    return {row["measure"]: row for row in table["rows"]}
 
 
 class TestGrid:
@@ -56,57 +60,55 @@ class TestGrid:
         records that never collapse at low levels are bounds: left out they would lower both.
         """
         studies = (study(seed, levels=levels) for seed in range(40))
-        found = [rows_of(compare_measures(*each, "PGA"))["PGV"] for each in studies]
-        theta, beta = np.array([[np.log(row.theta), row.beta] for row in found]).T
+        found = [rows_of(compare_measures(**each))["PGV"] for each in studies]
+        theta, beta = np.array([[np.log(row["theta"]), row["beta"]] for row in found]).T
         assert np.mean(theta) == pytest.approx(np.log(THETA), abs=0.02)
         assert np.sqrt(np.mean(beta**2)) == pytest.approx(BETA, rel=0.06)
-        assert (found[0].n_bracketed < found[0].n_records) == (levels.size == 10)
+        assert (found[0]["n_bracketed"] < found[0]["n_records"]) == (levels.size == 10)
 
     def test_best_measure_and_its_advantage(self):
-        table = compare_measures(*study(1), "PGA")
+        table = compare_measures(**study(1))
         rows = rows_of(table)
-        assert table.best == "PGV"
-        assert table.p_value < 0.05
-        assert table.ratio == pytest.approx(rows["PGV"].beta / rows["PGA"].beta)
-        assert "PGV is the most efficient" in table.message
-        own = compare_measures(*study(1), "PGV")
-        assert (own.best, own.p_value, own.ratio) == ("PGV", 1.0, 1.0)
-        assert "scaled by" in own.message
+        assert table["best"] == "PGV"
+        assert table["p_value"] < 0.05
+        assert table["ratio"] == pytest.approx(rows["PGV"]["beta"] / rows["PGA"]["beta"])
+        assert "PGV is the most efficient" in table["message"]
+        own = compare_measures(**study(1, own="PGV"))
+        assert rows_of(own)["IA"]["beta"] == pytest.approx(rows["IA"]["beta"])
+        assert (own["best"], own["p_value"], own["ratio"]) == ("PGV", 1.0, 1.0)
+        assert "scaled by" in own["message"]
 
     @pytest.mark.parametrize("events", [30, 8])
     def test_advantage_is_claimed_where_there_is_one(self, events):
         """Of 17 measures of equal scatter the best is called better in 5 % of studies at most."""
         by_chance, better = 0, 0
         for seed in range(200):
-            by_chance += seventeen(seed, events, 1.0).p_value < 0.05
+            by_chance += seventeen(seed, events, 1.0)["p_value"] < 0.05
             if seed < 40:
                 table = seventeen(seed, events, 0.3)
-                better += table.best == "m16" and table.p_value < 0.05
+                better += table["best"] == "m16" and table["p_value"] < 0.05
         assert by_chance <= 18
         assert better >= 36
 
     def test_power_of_a_measure_changes_nothing_but_beta(self):
-        verdict, factor, motions = study(2)
-        value = motions.value[:, [0, 1, 1]] ** [1.0, 1.0, 3.0]
-        names = ("PGA", "PGV", "PGV^3")
-        other = Motions(names, value, [1.0, 1.0, 3.0], motions.magnitude)
-        _, one, cube = compare_measures(verdict, factor, other, "PGA").rows
-        assert cube.theta == pytest.approx(one.theta**3)
-        assert cube.beta == pytest.approx(3.0 * one.beta)
-        assert cube.efficiency == pytest.approx(one.efficiency)
-        assert cube.p_magnitude == pytest.approx(one.p_magnitude)
+        given = study(2)
+        cubed = {**given["values"], "IA": given["values"]["PGV"] ** 3}
+        exponent = {**given["exponent"], "IA": 3.0}
+        _, one, cube = compare_measures(**given | {"values": cubed, "exponent": exponent})["rows"]
+        assert cube["theta"] == pytest.approx(one["theta"] ** 3)
+        assert cube["beta"] == pytest.approx(3.0 * one["beta"])
+        assert cube["efficiency"] == pytest.approx(one["efficiency"])
+        assert cube["p_magnitude"] == pytest.approx(one["p_magnitude"])
 
     @pytest.mark.parametrize("top", [18, 9])
     def test_sufficiency(self, top):
         """PGA capacity depends on magnitude by -0.3; with 9 levels a third is known as a bound."""
         slopes, insufficient, sufficient = [], 0, 0
         for seed in range(40):
-            verdict, factor, motions = study(seed)
-            table = compare_measures(verdict[:, :top], factor[:, :top], motions, "PGA")
-            rows = rows_of(table)
-            slopes.append(rows["PGA"].slope_magnitude)
-            insufficient += rows["PGA"].p_magnitude < 0.05
-            sufficient += bool(rows["PGV"].sufficient)
+            rows = rows_of(compare_measures(**study(seed, top=top)))
+            slopes.append(rows["PGA"]["slope_magnitude"])
+            insufficient += rows["PGA"]["p_magnitude"] < 0.05
+            sufficient += bool(rows["PGV"]["sufficient"])
         assert np.mean(slopes) == pytest.approx(-0.3, abs=0.06)
         assert insufficient >= 20
         assert sufficient >= 31
@@ -122,69 +124,63 @@ class TestGrid:
             generator = np.random.default_rng(seed)
             alike = generator.standard_normal(events)[event]
             own = generator.standard_normal(event.size)
-            factor = np.tile(np.geomspace(0.2, 5.0, 40)[:top], (event.size, 1))
-            fell = np.log(factor) > 0.4 * np.sqrt(0.5) * (alike + own)[:, None]
+            levels = np.geomspace(0.2, 5.0, 40)[:top]
+            fell = np.log(levels) > 0.4 * np.sqrt(0.5) * (alike + own)[:, None]
             magnitude = generator.uniform(5.5, 7.5, events)[event]
-            known = np.ones((event.size, 1)), [1.0], magnitude, None, event.astype(str)
-            table = compare_measures(fell.astype(int), factor, Motions(("PGA",), *known), "PGA")
-            rejected += table.rows[0].p_magnitude < 0.05
-            assert table.n_test == 1
+            table = compare_measures(
+                find_brackets(fell, levels), {"PGA": np.ones(event.size)}, {"PGA": 1.0}, "PGA",
+                magnitude=magnitude, event=event.astype(str),
+            )  # fmt: skip
+            rejected += table["rows"][0]["p_magnitude"] < 0.05
+            assert table["n_test"] == 1
         assert 0.025 <= rejected / count <= 0.085
 
 
-class TestScattered:
-    def scattered(self, seed, n=450):
+class TestSingleRuns:
+    def single(self, seed, n=450):
         levels = np.random.default_rng(seed + 1000).uniform(0.4, 6.0, n)
         return study(seed, n, levels=levels[:, None])
 
     def test_known_curve_and_best_measure(self):
-        verdict, factor, motions = self.scattered(1)
-        table = compare_measures(verdict, factor, motions, "PGA")
+        table = compare_measures(**self.single(1))
         rows = rows_of(table)
-        assert rows["PGV"].theta == pytest.approx(THETA, rel=0.06)
-        assert rows["PGV"].beta == pytest.approx(BETA, rel=0.2)
-        assert rows["PGA"].sufficient is False
-        assert table.best == "PGV"
-        assert table.p_value < 0.05
-
-    def test_slope_on_magnitude(self):
-        """40 studies: slope of ln capacity on magnitude -0.3."""
-        tables = [compare_measures(*self.scattered(i, 300), "PGA") for i in range(40)]
-        slopes = [rows_of(table)["PGA"].slope_magnitude for table in tables]
-        assert np.mean(slopes) == pytest.approx(-0.3, abs=0.05)
+        assert rows["PGV"]["theta"] == pytest.approx(THETA, rel=0.06)
+        assert rows["PGV"]["beta"] == pytest.approx(BETA, rel=0.2)
+        assert rows["PGA"]["sufficient"] is False
+        assert table["best"] == "PGV"
+        assert table["p_value"] < 0.05
 
     def test_score_test_where_the_covariate_goes_with_the_measure(self):
         """Strong earthquakes have strong motions: the line takes its part of the information."""
         generator = np.random.default_rng(4)
         p_values = []
         for _ in range(200):
-            x = generator.normal(0.0, 0.6, 200)
-            fell = (x > generator.normal(0.0, 0.4, 200)).astype(float)
-            covariate = x + generator.normal(0.0, 0.3, 200)
-            p_values.append(
-                fit_verdicts(x[None], fell, covariate[None], np.arange(200)).p_values[0, 0]
+            x = generator.normal(0.0, 0.6, (200, 1))
+            found = find_brackets(x > generator.normal(0.0, 0.4, (200, 1)), np.exp(x))
+            magnitude = x[:, 0] + generator.normal(0.0, 0.3, 200)
+            table = compare_measures(
+                found, {"PGA": np.ones(200)}, {"PGA": 1.0}, "PGA", magnitude=magnitude
             )
+            p_values.append(table["rows"][0]["p_magnitude"])
         assert np.mean(np.array(p_values) < 0.5) == pytest.approx(0.5, abs=0.11)
         assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
 
 
 def test_no_measure_has_a_curve():
-    verdict, factor, motions = study(4)
+    standing = find_brackets(np.zeros((44, LEVELS.size), int), LEVELS)
     with pytest.raises(FitError, match="no measure"):
-        compare_measures(np.zeros_like(verdict), factor, motions, "PGA")
+        compare_measures(**study(4) | {"found": standing})
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({}, "own is 'PGD'"),
-        ({"exponent": [1.0, 1.0, 0.0]}, "exponent holds 0"),
+        ({"own": "PGD"}, "own is 'PGD'"),
+        ({"exponent": {"PGA": 1.0, "PGV": 1.0, "IA": 0.0}}, "exponent holds 0"),
         ({"magnitude": [6.0]}, "magnitude"),
-        ({"value": [[-1.0]]}, "-1"),
+        ({"values": {"PGA": [-1.0]}}, "-1"),
     ],
 )
 def test_bad_input_is_refused(change, message):
-    verdict, factor, motions = study(1)
-    own = "PGA" if change else "PGD"
     with pytest.raises(InputError, match=message):
-        compare_measures(verdict, factor, replace(motions, **change), own)
+        compare_measures(**study(1) | change)

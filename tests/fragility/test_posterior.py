@@ -5,7 +5,8 @@ import pytest
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, norm, t
 
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
+from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 
 INF = np.inf
@@ -41,8 +42,7 @@ class BruteForce:
         assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
         for im in intensities:
             p = self.quantiles(ndtr(self.a + self.b * np.log(im)))
-            band = known.band(im)
-            assert [float(band.lower), float(band.upper)] == pytest.approx(p[[0, 2]], abs=1e-3)
+            assert known.band(im) == pytest.approx(p[[0, 2]], abs=1e-3)
 
 
 def run_weight(x, k, n):
@@ -76,10 +76,10 @@ class TestRuns:
     def test_always_a_band(self, k):
         known = fit_posterior(self.IM, k, 1)
         im = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 60), [INF]])
-        band = known.band(im)
-        assert np.all((band.lower >= 0.0) & (band.upper <= 1.0))
-        assert np.all(band.lower <= band.upper)
-        for end in (band.lower, band.upper):
+        lower, upper = known.band(im)
+        assert np.all((lower >= 0.0) & (upper <= 1.0))
+        assert np.all(lower <= upper)
+        for end in (lower, upper):
             assert np.all(np.diff(end) >= -1e-9)
             assert (end[0], end[-1]) == (0.0, 1.0)
         low, high = known.beta_interval()
@@ -88,13 +88,17 @@ class TestRuns:
 
 
 class TestCapacities:
-    LOWER = np.array([0.0, 0.2, 0.3, 0.3, 0.4, 0.4, 0.5, 0.7])
-    UPPER = np.array([0.2, 0.3, 0.4, 0.4, 0.5, 0.5, 0.7, INF])
+    LEVELS = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
+    BELOW = np.array([0, 1, 2, 2, 3, 3, 4, 5])  # levels that each record survived
 
     def test_brute_force(self):
-        known = fit_capacity_posterior(self.LOWER, self.UPPER)
+        known = fit_capacity_posterior(
+            find_brackets(np.arange(5) >= self.BELOW[:, None], self.LEVELS)
+        )
+        low = np.append(0.0, self.LEVELS)[self.BELOW]
+        high = np.append(self.LEVELS, INF)[self.BELOW]
         with np.errstate(divide="ignore"):
-            low, high = np.log(self.LOWER), np.log(self.UPPER)
+            low, high = np.log(low), np.log(high)
         width, span = np.median((high - low)[1:-1]), np.log(0.7 / 0.2)
 
         def log_weight(a, b):
@@ -110,7 +114,8 @@ class TestCapacities:
     def test_narrow_brackets_are_a_normal_sample(self):
         """Student's t and chi-square, but for the effect of the finite span of levels."""
         logs = np.random.default_rng(3).normal(0.0, 0.35, 40)
-        known = fit_capacity_posterior(np.exp(logs - 1e-3), np.exp(logs + 1e-3))
+        levels = np.exp(logs[:, None] + [-1e-3, 1e-3])
+        known = fit_capacity_posterior(find_brackets([[0, 1]] * 40, levels))
         mean, deviation = logs.mean(), logs.std(ddof=1)
         reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
         ends = [mean - reach, mean + reach]
@@ -119,23 +124,22 @@ class TestCapacities:
         assert known.beta_interval() == pytest.approx(betas, rel=1e-2)
 
     def test_one_capacity_that_agrees_with_all_still_gives_a_curve(self):
-        known = fit_capacity_posterior([0.3] * 6, [0.4] * 6)
+        known = fit_capacity_posterior(find_brackets([[0, 1]] * 6, [0.3, 0.4]))
         low, high = known.theta_interval()
         assert 0.28 < low < 0.35 < high < 0.43
         assert known.beta_interval()[1] < np.log(0.4 / 0.3)
 
 
 @pytest.mark.parametrize(
-    ("make", "arguments", "kind", "key"),
+    ("verdict", "levels", "key"),
     [
-        (fit_posterior, ([0.5, 0.5], [0, 1], 1), FitError, "at 1 level"),
-        (fit_capacity_posterior, ([0.3, 0.4], [INF, INF]), FitError, "add levels above 0.4"),
-        (fit_capacity_posterior, ([0.0, 0.0], [0.2, 0.3]), FitError, "add levels below 0.2"),
-        (fit_capacity_posterior, ([0.2, 0.0], [INF, 0.2]), FitError, "at 1 level"),
-        (fit_capacity_posterior, ([0.2, 0.3], [0.2, 0.4]), InputError, "0.2 is exact"),
-        (fit_capacity_posterior, ([0.2], [0.1]), InputError, "from 0.2 to 0.1 cannot be"),
+        ([[0, 0], [0, 4]], [0.3, 0.4], "add levels above 0.4"),
+        ([[1, 1], [4, 1]], [0.2, 0.3], "add levels below 0.2"),
+        ([[0], [1]], [0.2], "at 1 level"),
     ],
 )
-def test_what_cannot_be_bounded(make, arguments, kind, key):
-    with pytest.raises(kind, match=key):
-        make(*arguments)
+def test_what_cannot_be_bounded(verdict, levels, key):
+    with pytest.raises(FitError, match=key):
+        fit_capacity_posterior(find_brackets(verdict, levels))
+    with pytest.raises(FitError, match="at 1 level"):
+        fit_posterior([0.5, 0.5], [0, 1], 1)

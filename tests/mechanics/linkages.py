@@ -1,11 +1,11 @@
-"""Arches in motion on four hinges: their configurations, and their equations of motion, dense."""
+"""Arches in motion on four hinges: their configurations."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from archbench.paper.arch import cross, mechanism_of, rotated
 from tests.mechanics.adapters import CLOSED, Mode
-from tests.mechanics.oracles import cross, rotated
 
 
 class Hinged(NamedTuple):
@@ -22,43 +22,6 @@ class Hinged(NamedTuple):
 def rotate(vector, angle):
     c, s = np.cos(angle), np.sin(angle)
     return c * vector + s * rotated(vector)
-
-
-def hinge_matrix(centroid, hinge):
-    """J of the relative velocities J w of three bodies at their four hinges, (8, 9)."""
-    matrix = np.zeros((4, 2, 3, 3))
-    for j in range(4):
-        for body, sign in ((j, 1.0), (j - 1, -1.0)):
-            if 0 <= body < 3:
-                matrix[j, :, body, :2] = sign * np.eye(2)
-                matrix[j, :, body, 2] = sign * rotated(hinge[j] - centroid[body])
-    return matrix.reshape(8, 9)
-
-
-def mechanism_of(centroid, hinge):
-    """The motion that the hinges allow, (3, 3); the first body rotates at 1 rad/s."""
-    free = np.linalg.svd(hinge_matrix(centroid, hinge))[2][-1]
-    return (free / free[2]).reshape(3, 3)
-
-
-def hinged_motion(mass, inertia, centroid, hinge, spin, free):
-    """Accelerations of three hinged bodies (3, 3), and forces on the later bodies (4, 2).
-
-    The balance of the three bodies, nine equations for eight forces and one acceleration.
-    """
-    matrix = hinge_matrix(centroid, hinge)
-    square = np.zeros((4, 2))
-    for j in range(4):
-        for body, sign in ((j, 1.0), (j - 1, -1.0)):
-            if 0 <= body < 3:
-                square[j] -= sign * spin[body] ** 2 * (hinge[j] - centroid[body])
-    centripetal = np.linalg.lstsq(matrix, -square.ravel(), rcond=None)[0]
-    along = mechanism_of(centroid, hinge).ravel()
-    masses = np.stack([mass, mass, inertia], axis=1).ravel()
-    system = np.column_stack([-matrix.T, masses * along])
-    unknown = np.linalg.solve(system, masses * (free.ravel() - centripetal))
-    acceleration = centripetal + unknown[8] * along
-    return acceleration.reshape(3, 3), unknown[:8].reshape(4, 2)
 
 
 def joined(chain, voussoirs, position):

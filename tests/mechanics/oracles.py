@@ -8,16 +8,9 @@ import itertools
 
 import numpy as np
 
+from archbench.paper import block
+from archbench.paper.arch import cross, full_motion, rotated
 from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, framed
-
-
-def cross(a, b):
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def rotated(a):
-    """Vectors rotated by +90 degrees."""
-    return np.stack([-a[..., 1], a[..., 0]], axis=-1)
 
 
 def motion_matrix(problem):
@@ -79,14 +72,13 @@ def coulomb(normal, shear, rate, friction, sliding):
         return abs(shear - sliding * friction * normal)
     if np.isinf(friction):
         return min(abs(rate), max(abs(normal), rate * shear))
-    bound = friction * max(normal, 0.0)
-    return abs(shear - np.clip(shear - rate, -bound, bound))
+    return block.coulomb(rate, shear, normal, friction)
 
 
 def closed_violation(problem, j, rates, forces):
     """Violation at a joint whose faces are parallel: Eq 5 at either corner, Eq 6 between them."""
     n, t = problem.normal[j], rotated(problem.normal[j])
-    signorini = np.abs(np.minimum(rates @ n, forces[:2])).max()
+    signorini = block.signorini(rates @ n, forces[:2]).max()
     # Where only one corner bears, the slip is that of this corner.
     weight = np.maximum(forces[:2], 0.0) + 1e-30
     rate = weight @ (rates @ t) / weight.sum()
@@ -233,11 +225,8 @@ class Dense:
         that are not unique.
         """
         row, column, bias, unit = self.rows_of(modes)
-        free, inverse = self.problem.free, self.inverse
-        operator = row * inverse @ column.T
-        operator += ease * np.diag(np.einsum("ak,k,ak->a", row, inverse, row))
-        unknown = np.linalg.solve(operator, -(row @ free.ravel() + bias))
-        velocity = free.ravel() + inverse * (column.T @ unknown)
+        free = self.problem.free
+        velocity, unknown = full_motion(self.inverse, row, column, bias, free.ravel(), ease)
         counts = [len(self._rows_of(j, mode)[0]) for j, mode in enumerate(modes)]
         wrench = np.zeros((len(counts), 3))
         np.add.at(wrench, np.repeat(np.arange(len(counts)), counts), unknown[:, None] * unit)

@@ -1,39 +1,79 @@
-"""Ground motion between its samples: where it is linear, and what of it a chain at rest bears."""
+"""Ground motion: its exact impulse, where it is linear, and what of it a chain at rest bears."""
 
 import numpy as np
 import pytest
 
-from archfrag.mechanics.ground import find_breaks, rest_margin, segment_at
-from archfrag.mechanics.types import GroundMotion
+import archfrag as af
+from archfrag.mechanics.ground import (
+    end_rest,
+    grounds_of,
+    kick_between,
+    one_of,
+    rest_margin,
+    segment_at,
+)
+from archfrag.mechanics.model import N_CLOCK, Clock, model_of
+
+DT = 0.02
+SAMPLES = np.random.default_rng(2).normal(size=(3, 50))
+# The second of two motions, and the first without a vertical component.
+GROUNDS = grounds_of([(SAMPLES[0], None, 2.0 * DT), (SAMPLES[1], SAMPLES[2], DT)])
+MODEL = model_of(af.Block(0.4, 1.0, friction=0.6).chain)._replace(gravity=10.0)
+
+
+def clock_at(time, motion=0, factor=1.0):
+    clock = np.zeros(N_CLOCK)
+    clock[Clock.TIME], clock[Clock.MOTION], clock[Clock.FACTOR] = time, motion, factor
+    return clock
+
+
+def test_impulse_is_the_exact_integral_of_either_component():
+    knots, rng = np.arange(50) * DT, np.random.default_rng(3)
+    for start, end in rng.uniform(-0.1, 1.1, (50, 2)):
+        given = kick_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
+        grid = np.union1d(knots, [start, end])
+        grid = grid[(grid >= min(start, end)) & (grid <= max(start, end))]
+        inside = (grid[:-1] >= 0.0) & (grid[1:] <= knots[-1] + 1e-12)
+        for found, samples in zip(given, SAMPLES[1:]):
+            values = np.interp(grid, knots, samples, left=0.0, right=0.0)
+            pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(grid)
+            expected = -1.5 * pieces[inside].sum() * np.sign(end - start)
+            assert found == pytest.approx(expected, abs=1e-13)
+    alone = kick_between(GROUNDS, clock_at(0.0), 0.1, 0.5)
+    assert abs(alone.x) > 1e-3
+    assert alone.y == 0.0
 
 
 class TestSegments:
     """Pieces over which the acceleration is linear in time."""
 
-    across = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
-    upward = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
-    ground = GroundMotion(across, upward, 0.5)
+    x = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
+    y = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
+    grounds = grounds_of([(x, y, 0.5)])
 
     def test_breaks_are_where_either_component_bends(self):
-        assert list(find_breaks(self.ground)) == [2, 2, 3, 5, 5, 6, 6]
+        assert list(self.grounds.next_break) == [2, 2, 3, 5, 5, 6, 6]
+        both = grounds_of([(SAMPLES[0], None, 1.0), (self.x, self.y, 0.5)])
+        assert list(both.next_break[50:]) == [2, 2, 3, 5, 5, 6, 6]
+        alone = one_of(both, 1, 2.0)
+        assert list(alone.next_break) == [2, 2, 3, 5, 5, 6, 6]
+        assert list(alone.horizontal) == list(2.0 * self.x)
 
     def test_acceleration_is_the_line_between_the_samples_up_to_the_next_break(self):
-        breaks, knots = find_breaks(self.ground), 0.5 * np.arange(7)
+        knots = 0.5 * np.arange(7)
         for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
-            end, x, rate_x, y, rate_y = segment_at(time, self.ground, breaks)
-            assert end >= time
-            for later in np.linspace(time, end, 5):
+            now = segment_at(time, self.grounds)
+            assert now.end >= time
+            for later in np.linspace(time, now.end, 5):
                 ahead = later - time
-                assert x + rate_x * ahead == pytest.approx(np.interp(later, knots, self.across))
-                assert y + rate_y * ahead == pytest.approx(np.interp(later, knots, self.upward))
-
-    def test_nothing_moves_the_ground_after_the_record(self):
-        breaks = find_breaks(self.ground)
-        assert segment_at(3.0, self.ground, breaks) == (np.inf, 0.0, 0.0, 0.0, 0.0)
+                expected = [np.interp(later, knots, wave) for wave in (self.x, self.y)]
+                found = [now.x + now.slope_x * ahead, now.y + now.slope_y * ahead]
+                assert found == pytest.approx(expected)
+        assert segment_at(3.0, self.grounds) == (np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("across", "upward", "plus", "minus", "expected"),
+    ("x", "y", "plus", "minus", "expected"),
     [
         (1.0, 0.0, 0.35, 0.2, 2.5),  # what is left to the nearer limit
         (-1.0, 0.0, 0.35, 0.2, 1.0),
@@ -44,5 +84,26 @@ class TestSegments:
         (0.0, -11.0, np.inf, np.inf, -1.0),
     ],
 )
-def test_margin_of_rest(across, upward, plus, minus, expected):
-    assert rest_margin(across, upward, 10.0, plus, minus) == pytest.approx(expected)
+def test_margin_of_rest(x, y, plus, minus, expected):
+    assert rest_margin(x, y, 10.0, plus, minus) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "limits", "given", "expected"),
+    [
+        ([0, 1, 3, 0], None, (0.2, 0.2), {}, (0.75, False)),  # between two samples
+        ([0, 1, 3, 0], None, (0.2, 0.2), {"factor": 4.0}, (0.25, False)),
+        ([0, 1, 3, 0], None, (0.2, 0.05), {"factor": -1.0}, (0.25, False)),
+        ([0, 1, 3, 0], None, (0.2, 0.2), {"time": 0.8}, (0.8, False)),
+        ([0, 1, 3, 0], None, (0.35, 0.2), {}, (1.5, True)),
+        ([1, 1, 1], None, (0.2, -0.05), {}, (1.0, False)),  # only the ground holds it up
+        ([0, 2.5, 2.5], [0, 5, 5], (0.2, 0.2), {}, (1.0, True)),  # upward: a wider range
+        ([0, 1.5, 1.5], [0, -5, -5], (0.2, 0.2), {}, (0.4, False)),
+    ],
+)
+def test_rest_ends_where_the_load_leaves_its_range(x, y, limits, given, expected):
+    grounds = grounds_of([(x, y, 0.5)])
+    clock = clock_at(given.get("time", 0.0), 0, given.get("factor", 1.0))
+    leave, for_good = end_rest(MODEL, grounds, clock, *limits)
+    assert for_good is expected[1]
+    assert leave == pytest.approx(expected[0])

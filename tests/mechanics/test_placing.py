@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archbench.paper.arch import gaps
+from archbench.paper.arch import relative_velocity as velocity_there
 from archfrag.mechanics.contact.placing import (
     clearance,
     corner_offset,
@@ -11,6 +13,7 @@ from archfrag.mechanics.contact.placing import (
     later_vertex_meets,
     move_faces,
     place_contacts,
+    relative_velocity,
 )
 from archfrag.mechanics.model import model_of, new_work
 
@@ -92,3 +95,23 @@ class TestContacts:
         assert work.normal[0] == pytest.approx(middle / np.linalg.norm(middle))
         # From the ground into the first voussoir: upwards at the left springing.
         assert work.normal[0, 1] > 0.0
+
+
+def test_gaps_and_relative_velocities_are_those_of_the_paper():
+    """Eqs 22 and 23: at a corner that has not slipped the larger gap counts, else one of them."""
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        position = at_rest()
+        position[1:-1] += 0.03 * rng.normal(size=(ARCH.n_voussoir, 3))
+        velocity = np.zeros_like(position)
+        velocity[1:-1] = rng.normal(size=(ARCH.n_voussoir, 3))
+        work = placed(position)
+        place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
+        relative_velocity(position, velocity, work.pivot, work.relative)
+        for j in range(ARCH.n_joint):
+            bodies = [(position[i, :2], velocity[i]) for i in (j, j + 1)]
+            assert work.relative[j, :2] == pytest.approx(velocity_there(work.pivot[j], *bodies))
+            for corner in (0, 1):
+                measured = gaps(*work.face[j], corner)
+                found = clearance(j, corner, work.face, work.tangent)
+                assert np.abs(measured - found).min() < 1e-12

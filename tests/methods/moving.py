@@ -6,6 +6,7 @@ Names and layouts of the package stand here only.
 import numpy as np
 
 from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.ground import Segment, grounds_of
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     gather_state,
@@ -15,14 +16,12 @@ from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import GAP_0, GAP_1, SLIP_END
 from archfrag.mechanics.model import model_of
 from archfrag.mechanics.status import Count, Energy
-from archfrag.mechanics.types import GroundMotion, Options
+from archfrag.mechanics.types import Options
 from archfrag.methods.event_driven.events import (
     THRESHOLD,
-    Motion,
-    Scales,
     find_margins,
     keep_margins,
-    new_laws,
+    new_motion,
 )
 from archfrag.methods.event_driven.front import new_run
 from archfrag.methods.event_driven.integrate import check_laws
@@ -30,12 +29,10 @@ from archfrag.methods.event_driven.runge_kutta import (
     BY_FRICTION,
     BY_GROUND,
     FIFTH_ORDER,
-    GroundSegment,
     blend,
     dense_state,
     keep_stage,
     make_dense,
-    new_stages,
     take_step,
 )
 from archfrag.methods.event_driven.transitions import (
@@ -51,20 +48,15 @@ class Moving:
 
     def __init__(self, chain, position, velocity, modes, ground, scheme=FIFTH_ORDER):
         model = model_of(chain)
-        n_row, n_joint = model.mass.size, model.friction.size
+        n_joint = model.friction.size
         touch, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
         set_modes(modes, touch, slide)
-        self.ground, mega = GroundSegment(*ground), new_mega_voussoirs(model)
+        self.ground, mega = Segment(np.inf, *ground), new_mega_voussoirs(model)
         assemble(model, touch, slide, np.zeros(n_joint), mega)
         gather_state(model, framed(position), framed(velocity), mega)
         self.mega = views_of(mega)
         self.resolved = 1e-3 * model.gravity
-        scales = Scales(
-            length=model.length[0], speed=np.sqrt(model.gravity * model.length[0]),
-            acceleration=self.resolved, tolerance=1.0,
-            per_weight=1.0 / (model.gravity * model.mass.sum()),
-        )  # fmt: skip
-        self.motion = Motion(model, new_stages(n_row), scheme, new_laws(n_joint), scales)
+        self.motion = new_motion(model, scheme, 1.0)._replace(acceleration=self.resolved)
         self._begin()
 
     def _begin(self):
@@ -72,7 +64,7 @@ class Moving:
         assert solve_first_level(mega, mega.position, mega.velocity, x, y, self.resolved)
         keep_stage(mega, self.motion.stages, 0, mega.position, mega.velocity, x, y)
         find_margins(self.motion, mega, mega.position, mega.velocity, x, y)
-        keep_margins(mega, self.motion.laws)
+        keep_margins(mega, self.motion)
 
     @property
     def state(self):
@@ -102,8 +94,8 @@ class Moving:
 
     def go_on(self, size):
         """Take the end of the last step as the beginning of the next one."""
-        x, slope_x, y, slope_y = self.ground
-        self.ground = GroundSegment(x + slope_x * size, slope_x, y + slope_y * size, slope_y)
+        end, x, slope_x, y, slope_y = self.ground
+        self.ground = Segment(end, x + slope_x * size, slope_x, y + slope_y * size, slope_y)
         self.mega.position[:], self.mega.velocity[:] = (
             self.mega.next_position,
             self.mega.next_velocity,
@@ -131,7 +123,7 @@ class Moving:
     def _used(self):
         between = set(self.mega.joint[: self.mega.count[1]].tolist())
         kinds = {GAP_0: "gap", GAP_1: "gap", SLIP_END: "slip"}
-        gone = np.argwhere(np.abs(self.motion.laws.value) < 10 * THRESHOLD)
+        gone = np.argwhere(np.abs(self.motion.value) < 10 * THRESHOLD)
         return {
             (kinds.get(int(law), "law") if int(j) in between else "inside", int(j))
             for j, law in gone
@@ -145,8 +137,8 @@ class Impact:
     """What an impact of a chain does: the problem that it is, its solution and its record."""
 
     def __init__(self, chain, position, velocity, modes, closes=(-1, -1)):
-        still = GroundMotion(np.zeros(2), np.zeros(2), 1.0)
-        run = new_run(chain, still, OPTIONS, (np.nan, np.nan))
+        still = grounds_of([(np.zeros(2), None, 1.0)])
+        run = new_run(model_of(chain), still, OPTIONS, (np.nan, np.nan))
         state, work = run.state, run.work
         state.position[1:-1], state.velocity[1:-1] = position, velocity
         set_modes(modes, state.touch, state.slide)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.arch import STANDARD_GRAVITY
+from archfrag.mechanics.ground import grounds_of
 from archfrag.mechanics.status import Status
 from archfrag.methods import auto
 from archfrag.methods.auto import count_breaks, goes_by_events
-from archfrag.methods.event_driven import front
 from archfrag.methods.registry import steps_of_tolerance
 from archfrag.simulation.checks import own_time
 
@@ -85,25 +84,6 @@ def test_a_history_under_a_pulse_goes_by_events_and_a_verdict_by_steps():
     assert alone.peak_rotation == pytest.approx(shown.peak_rotation, rel=0.05)
 
 
-def test_a_run_that_only_rests_takes_neither_steps_nor_events(monkeypatch):
-    pulse = af.Motion(
-        np.where(TIME < 0.3, 1.0, 0.0), vertical=np.where(TIME < 0.3, -0.2, 0.0), dt=0.001
-    )
-    plus = af.onset(ARCH).plus
-    limit = plus * STANDARD_GRAVITY / (1.0 + 0.2 * plus)
-    factors = [0.5 * limit, 0.999 * limit, 1.4 * limit]
-    used = []
-    run_many = front.run_many
-    monkeypatch.setattr(front, "run_many", lambda *a: used.append(len(a[2])) or run_many(*a))
-    many = af.simulate_many(ARCH, pulse, factors, rtol=1e-4)
-    assert used == [1]
-    assert many.steps.values[:2].tolist() == [0, 0]
-    assert many.steps.values[2] > 0
-    for row, factor in enumerate(factors):
-        alone = af.simulate(ARCH, pulse, scale=factor, rtol=1e-4)
-        assert alone.end_time == many.end_time.values[row]
-
-
 def test_many_runs_by_events_are_those_made_alone():
     many = af.simulate_many(ARCH, MOTION, [0.8, 1.0], method="event_driven", rtol=1e-3)
     for row, factor in enumerate([0.8, 1.0]):
@@ -128,6 +108,6 @@ def test_events_are_rare_for_blocks_and_for_pulses_on_short_chains():
 
 def test_breaks_are_counted_in_both_components():
     ramp = np.minimum(np.arange(50.0), 20.0)
-    assert count_breaks(ramp) == 1
-    assert count_breaks(ramp, np.sin(np.arange(50.0))) == 48
-    assert count_breaks(np.zeros(50), np.zeros(50)) == 0
+    for y, expected in ((None, 1), (np.sin(np.arange(50.0)), 48)):
+        assert count_breaks(grounds_of([(ramp, y, 0.01)])) == expected
+    assert count_breaks(grounds_of([(np.zeros(50), None, 0.01)])) == 0

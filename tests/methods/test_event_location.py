@@ -7,10 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 import archfrag as af
-from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode
-from tests.mechanics.linkages import rotate
+from tests.mechanics.adapters import MINUS, OPEN, PLUS, Mode
 from tests.methods.moving import Moving
-from tests.methods.rocking import Rocking
 
 g = 9.80665
 STILL = (0.0, 0.0, 0.0, 0.0)
@@ -98,79 +96,3 @@ class TestSliding:
             time, used = sliding(0.2, (0.0, 0.0, 0.0, rate)).first_event(0.12)
             assert time == pytest.approx(expected, abs=1e-9)
             assert used == {(kind, 0)}
-
-
-class TestRocking:
-    """A block that rotates about its right edge (corner 0), clockwise rotations being negative."""
-
-    pivot = (0.5 * WIDTH, 0.0)
-
-    def scene(self, friction, ground, tilt, rate):
-        chain = block(friction)
-        oracle = Rocking(chain, self.pivot, ground)
-        position, velocity = oracle.state(tilt, rate)
-        return oracle, Moving(chain, position, velocity, [Mode((0,))], ground)
-
-    def test_landing(self):
-        oracle, moving = self.scene(5.0, (1.0, 20.0, 0.0, 0.0), -0.01, 0.1)
-        expected, _ = oracle.move(1.0, -0.01, 0.1, lambda t, y: y[0])
-        assert 0.01 < expected < 0.09
-        time, used = moving.first_event(0.01, 9)
-        assert time == pytest.approx(expected, rel=1e-7)
-        assert ("gap", 0) in used
-
-    @pytest.mark.parametrize("rate", [60.0, -60.0])
-    def test_slide_of_the_edge(self, rate):
-        """It sticks while the reaction is in the cone of the ground and in that of its face."""
-        friction, ground = 0.3, (0.0, rate, 0.0, 0.0)
-        oracle, moving = self.scene(friction, ground, -0.1, 0.0)
-
-        def left(time, state):
-            force, _ = oracle.above(time, state, 0, self.pivot)
-            along, across = rotate(force, -state[0])
-            return min(friction * force[1] - abs(force[0]), friction * across - abs(along))
-
-        assert left(0.0, [-0.1, 0.0]) > 0.0
-        expected, _ = oracle.move(1.0, -0.1, 0.0, left)
-        time, used = moving.first_event(0.1 * expected, 15)
-        assert 0.005 < expected < 0.3
-        assert time == pytest.approx(expected, rel=1e-7)
-        assert used == {("law", 0)}
-
-    def test_loss_of_the_edge_without_a_friction_limit(self):
-        ground = (0.0, 0.0, 0.0, -300.0)
-        oracle, moving = self.scene(np.inf, ground, -0.05, -0.5)
-
-        def press(time, state):
-            # It sticks while it compresses on both faces.
-            force, _ = oracle.above(time, state, 0, self.pivot)
-            tilt = state[0]
-            return min(force[1], force[1] * math.cos(tilt) - force[0] * math.sin(tilt))
-
-        expected, _ = oracle.move(1.0, -0.05, -0.5, press)
-        time, used = moving.first_event(0.1 * expected, 15)
-        assert 0.01 < expected < 0.05
-        assert time == pytest.approx(expected, rel=1e-7)
-        assert used == {("law", 0)}
-
-    def test_a_joint_inside_that_becomes_a_hinge(self):
-        """The upper of two blocks that rotate as one is left behind by ground that speeds up."""
-        side = np.array([[0.5, 0.0], [0.5, 1.0], [0.5, 4.0]])
-        chain = af.Arch.from_joints(side, side - [[1.0, 0.0]], 2.0, free_end=True).chain
-        ground = (0.0, 100.0, 0.0, 0.0)
-        oracle = Rocking(chain, self.pivot, ground)
-        start = -0.02, -0.2
-
-        def pressing(time, state):
-            return min(
-                sense * oracle.above(time, state, 1, (x, 1.0))[1]
-                for sense, x in ((1.0, -0.5), (-1.0, 0.5))
-            )
-
-        moving = Moving(chain, *oracle.state(*start), [Mode((0,)), CLOSED], ground)
-        assert pressing(0.0, start) > 0.0
-        expected, _ = oracle.move(1.0, *start, pressing)
-        assert 0.005 < expected < 0.2
-        time, used = moving.first_event(0.1 * expected, 15)
-        assert time == pytest.approx(expected, rel=1e-7)
-        assert used == {("inside", 1)}

@@ -5,25 +5,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
+from archbench.paper.arch import hinged_motion
 from tests.mechanics.adapters import PLUS, Mode
-from tests.mechanics.linkages import hinged_arch, hinged_motion
+from tests.mechanics.linkages import hinged_arch
 from tests.methods.moving import Moving
-from tests.methods.rocking import Rocking
 
 GROUND = (1.0, 5.0, -0.5, 3.0)
 SPAN = 0.4
-
-
-def rocking_block():
-    """A block on its right edge on shaken ground; its motion integrated apart."""
-    chain = af.Block(1.0, 4.0, friction=5.0).chain
-    oracle, start = Rocking(chain, (0.5, 0.0), GROUND), (-0.12, 0.1)
-    moving = Moving(chain, *oracle.state(*start), [Mode((0,))], GROUND)
-
-    def exact(time):
-        return np.concatenate(oracle.state(*oracle.move(time, *start)[1]))
-
-    return moving, exact
 
 
 def linkage():
@@ -68,13 +56,12 @@ def order(errors):
     return 0.5 * np.log2(errors[0] / errors[-1])
 
 
-@pytest.mark.parametrize("scene", [rocking_block, linkage])
 class TestOrder:
-    def test_of_motion_over_a_span_is_five(self, scene):
-        _, exact = scene()
+    def test_of_motion_over_a_span_is_five(self):
+        _, exact = linkage()
         expected, errors = exact(SPAN), []
         for number in (8, 16, 32):
-            moving, _ = scene()
+            moving, _ = linkage()
             for _ in range(number):
                 moving.step(SPAN / number)
                 moving.go_on(SPAN / number)
@@ -82,9 +69,9 @@ class TestOrder:
             errors.append(np.abs(end - expected).max())
         assert 4.7 < order(errors) < 6.3
 
-    def test_of_the_dense_output_is_four(self, scene):
+    def test_of_the_dense_output_is_four(self):
         """Inside a step its error is of the fifth power of the step, at its ends of the sixth."""
-        moving, exact = scene()
+        moving, exact = linkage()
         for part, power in ((0.3, 5.0), (0.5, 5.0), (0.8, 5.0), (1.0, 6.0)):
             errors = []
             for size in SIZES:
@@ -93,8 +80,8 @@ class TestOrder:
                 errors.append(np.abs(found - exact(part * size)).max())
             assert order(errors) > power - 0.4
 
-    def test_of_the_error_that_a_step_estimates_is_that_of_the_embedded_formula(self, scene):
-        moving, exact = scene()
+    def test_of_the_error_that_a_step_estimates_is_that_of_the_embedded_formula(self):
+        moving, exact = linkage()
         estimates = []
         for size in SIZES:
             *state, estimate = moving.step(size)

@@ -143,14 +143,6 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
-def dripping(handler):
-    """An answer of which a byte comes now and then, so that no single wait is long."""
-    handler.send(200, b"", announced=10**6)
-    for _ in range(600):
-        handler.wfile.write(b"x")
-        time.sleep(0.05)
-
-
 def silent(handler):
     """No answer at all for a while."""
     time.sleep(5.0)
@@ -159,39 +151,6 @@ def silent(handler):
 def broken_off(handler):
     """An answer that ends before the length it announced."""
     handler.send(200, b"abc", announced=1003)
-
-
-def redirected(handler):
-    handler.send_response(302)
-    handler.send_header("Location", "file:///etc/hostname")
-    handler.end_headers()
-
-
-def elsewhere(handler):
-    handler.send_response(302)
-    handler.send_header("Location", "http://localhost:1/fdsnws/event/1/query")
-    handler.end_headers()
-
-
-def slow_headers(handler):
-    """Headers that come one by one, so that no single wait is long."""
-    handler.send_response(200)
-    for number in range(50):
-        handler.send_header(f"X-{number}", "x")
-        handler.flush_headers()
-        time.sleep(0.1)
-
-
-def length_of_words(handler):
-    handler.send(200, b"abc", announced="zzz")
-
-
-def endless(handler):
-    """Bytes without end and without a length."""
-    handler.send_response(200)
-    handler.end_headers()
-    while True:
-        handler.wfile.write(b"\0" * 2**16)
 
 
 class _Server(ThreadingHTTPServer):

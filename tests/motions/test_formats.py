@@ -11,7 +11,7 @@ from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 from archfrag.errors import RecordError
 from archfrag.motions.formats.keyed import read_knet
 from archfrag.motions.formats.text import numbers, on_even_steps
-from archfrag.motions.formats.waveform import OWN, _function, recognise
+from archfrag.motions.formats.waveform import OWN, plug_in, recognise
 from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
@@ -101,7 +101,7 @@ class TestEachFormat:
         for word in ("NaN", "1_0", "******"):
             path = put(tmp_path, "\n".join([*lines[:place], f"   {word}", *lines[place + 1 :]]))
             with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number"):
-                _function(form, "read", "")(path)
+                plug_in(form, "read", "")(path)
 
     @every_text
     def test_cut_anywhere(self, tmp_path, form, text):
@@ -175,20 +175,12 @@ HEADERS = {
              "date": "2001-02-03", "magnitude": 5.1, "depth_km": 8.5, "event_latitude": 41.5,
              "event_longitude": -13.25, "station_longitude": -13.3, "vs30_mps": 420.0,
              "epicentral_km": 12.3, "azimuth": 90.0, "start_time": "2001-02-03T04:05:10.250000Z"}),
-    "itaca": (dyna_text(SAMPLES, "itaca"), {"component": "WE", "azimuth": 90.0, "level": "raw",
-              "magnitude": 5.2, "vs30_mps": 610.0, "date": "1999-04-05"}),
-    "afad": (dyna_text(SAMPLES, event_date_yyyymmdd="2001/02/03", low_cut_frequency_hz="",
-             date_time_first_sample_yyyymmdd_hhmmss="03/02/2001 04:05:10.300",
-             high_cut_frequency_hz=""), {"date": "2001-02-03", "level": None,
-             "start_time": "2001-02-03T04:05:10.300000Z"}),
     "geonet": (geonet_text({"S16W": SAMPLES, "Up": SAMPLES}), {"level": "raw",
                "azimuth": 196.0, "event": "10 km east of Nowhere", "date": "2001-02-03",
                "magnitude": 6.25, "depth_km": 9.0, "event_latitude": -41.6, "component": "S16W",
                "event_longitude": -172.5, "station": "ABCD", "station_latitude": -41.5,
                "station_longitude": 172.25, "epicentral_km": 21.0, "vertical_component": "Up",
                "start_time": "2001-02-03T04:04:57.250000Z"}),
-    "geonet, a month that no calendar has": (geonet_text(ONE).replace(
-               "       3       4\n", "       3 9999999\n", 1), {"start_time": None}),
     "resorce": (resorce_text(EAST), {"level": "processed", "component": "NS", "azimuth": 0.0,
                 "date": "2001-02-03", "station": "Some - Where, Nowhere"}),
 }  # fmt: skip
@@ -305,26 +297,18 @@ class TestFaults:
         ("\n".join(at2_text(EAST).splitlines()[:4]), ["ends after 4 line(s)"]),
         (at2_text(EAST, unit="FURLONGS"), ["line 3", "'FURLONGS'", "m/s2, cm/s2, gal, mm/s2"]),
         (at2_text(EAST).replace("ACCELERATION", "VELOCITY"), ["line 3", "acceleration"]),
-        (at2_text(EAST, dt=0.0), ["line 4", "time step 0 s"]),
-        (at2_text(EAST, count=0), ["line 4", "'0' samples"]),
         (at2_text(EAST).replace("NPTS", "N"), ["line 4", "NPTS"]),
         (smc(kind="3 VELOCITY"), ["line 1", "an accelerogram (type 1 or 2)"]),
         (cosmos().replace("1       1       2     120", "1       2       2     120"),
          ["none of the channels"]),
         (cosmos(0, 50, factor=5e6), ["does not state the unit"]),
-        (cosmos(r33=-999.0, r61=-999.0), ["no time step"]),
         (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
-        (dmg_v1().replace("100 pts/sec", "0 pts/sec"), ["time step 0 s"]),
         (dmg_v1().replace("at 100 pts/sec", ""), ["no time step"]),
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
-        (dyna_text(SAMPLES, units=None), ["gives no UNITS"]),
-        (dyna_text(SAMPLES, sampling_interval_s="nan"), ["line 19", "time step nan s"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
-        (dyna_text(SAMPLES, count=500), ["announces 500 samples of channel HNE", "only 400"]),
         (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
         ("\n".join(geonet_text(ONE).splitlines()[:20]), ["26 header lines"]),
-        (geonet_text(ONE, count=500), ["announces 500 samples of channel N00E"]),
         ("\n".join(line for i, line in enumerate(
             geonet_text(ONE, raw=False).splitlines()) if i != 40),
          ["channel N00E must hold 400 accelerations", "1190 numbers"]),

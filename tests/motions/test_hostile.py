@@ -14,20 +14,19 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 from click.testing import CliRunner
 from obspy import Stream, Trace
 
 from archfrag.cli import main
 from archfrag.errors import RecordError
-from archfrag.motions.formats.waveform import Unreadable
-from archfrag.motions.isolated import Reader
+from archfrag.motions import isolated
+from archfrag.motions.isolated import read_apart
 from archfrag.motions.read import read_motion
 from tests.study.small import TEXT, small_study
 
-from .fuzz import MEMORY, SECONDS_A_FILE
-from .helpers import at2_text, wave
+from .fuzz import MEMORY
+from .helpers import wave
 
 FORMATS = ("SLIST", "MSEED", "SAC", "GSE2")
 
@@ -145,95 +144,36 @@ def test_a_device_or_a_pipe_is_no_record(tmp_path):
         read_motion(circle)
 
 
-@pytest.fixture
-def reader():
-    made = Reader()
-    yield made
-    made.stop()
-
-
 def put(path, content):
     path.write_bytes(content)
     return str(path)
 
 
-class TestReader:
-    def test_one_process_for_all_files_and_a_new_one_after_a_crash(self, tmp_path, reader):
-        for form in FORMATS:  # it reads what obspy reads
-            good = put(tmp_path / form, record(form))
-            (trace,) = reader.read(good, FORMATS).traces
+class TestApart:
+    def test_it_reads_what_obspy_reads(self, tmp_path):
+        for form in FORMATS:
+            (trace,) = read_apart(put(tmp_path / form, record(form)), FORMATS)
             assert np.array_equal(trace.data, np.round(4000.0 * wave()))
             found = trace.stats.delta, trace.stats.channel, trace.stats.npts
             assert found == (0.01, "HNE", 400)
-        first = reader.pid
-        assert reader.read(put(tmp_path / "prose", b"no record"), FORMATS) is None
-        with pytest.raises(Unreadable, match=r"cut: the file is damaged"):
-            reader.read(put(tmp_path / "cut", record("SAC")[:701]), FORMATS)
-        assert reader.pid == first
-        with pytest.raises(Unreadable, match=r"crash\.gse2: reading it as GSE2 ended in a crash"):
-            reader.read(put(tmp_path / "crash.gse2", crash()), FORMATS)
-        assert not psutil.pid_exists(first)
-        assert reader.read(good, FORMATS).held == [400]
-        assert reader.pid != first
+        assert read_apart(put(tmp_path / "prose", b"no record"), FORMATS) == []
 
-    def test_computing_time_is_limited(self, tmp_path):
-        path = put(tmp_path / "long.slist", record("SLIST") + b"1 2 3\n" * 1_000_000)
-        reader = Reader(computing_time=0.1)
-        with pytest.raises(Unreadable, match=r"long\.slist: .* took more than the 0\.1 s of comp"):
-            reader.read(path, FORMATS)
-        assert reader.pid is None
+    def test_a_crash_is_told(self, tmp_path):
+        with pytest.raises(RecordError, match=r"cut: the file is damaged"):
+            read_apart(put(tmp_path / "cut", record("SAC")[:701]), FORMATS)
+        with pytest.raises(RecordError, match=r"crash\.gse2: reading it as GSE2 ended in a crash"):
+            read_apart(put(tmp_path / "crash.gse2", crash()), FORMATS)
 
-    def test_memory_is_limited(self, tmp_path):
+    def test_computing_time_and_memory_are_limited(self, tmp_path, monkeypatch):
         gse2 = record("GSE2").replace(b"CM6      400", b"CM6 99999999")
-        path = put(tmp_path / "large.gse2", gse2)
-        with pytest.raises(Unreadable, match=r"as GSE2 takes more memory than allowed$"):
-            Reader(memory=400 * 2**20).read(path, FORMATS)
-
-    def test_a_large_text_is_read_within_the_limits(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("archfrag.motions.channels._LARGE", 100)
-        (tmp_path / "a.AT2").write_text(at2_text(wave()))
-        motion = read_motion(tmp_path / "a.AT2")
-        assert motion.metadata["station"] == "El Centro Array #9"
-        (tmp_path / "a.AT2").write_text(at2_text(wave()).replace("ACCELERATION", "VELOCITY"))
-        with pytest.raises(RecordError, match=r"a\.AT2, line 3: an acceleration is needed"):
-            read_motion(tmp_path / "a.AT2")
-
-    def test_without_an_interpreter(self, tmp_path, reader, monkeypatch):
-        monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
-        with pytest.raises(Exception, match="the process that reads record files does not start"):
-            reader.read(put(tmp_path / "a", record("SAC")), FORMATS)
-
-
-# Reads without a guard, in a fork too, and waits.
-SCRIPT = """
-import os, sys
-from archfrag.motions.isolated import Reader
-reader = Reader()
-def count():
-    return len(reader.read({path!r}, ("SAC",)).traces[0].data)
-first = count()
-fork = os.fork()
-if fork == 0:
-    os._exit(count() != first)
-print(first, os.waitpid(fork, 0)[1], count(), reader.pid, flush=True)
-sys.stdin.read()
-"""
-
-
-def test_scripts_need_no_guard_and_no_process_is_left_behind(tmp_path):
-    script = SCRIPT.format(path=put(tmp_path / "a.sac", record("SAC")))
-    (tmp_path / "script.py").write_text(script)
-    with subprocess.Popen(
-        [sys.executable, str(tmp_path / "script.py")],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    ) as parent:  # fmt: skip
-        *counts, pid = map(int, parent.stdout.readline().split())
-        assert counts == [400, 0, 400]
-        child = psutil.Process(pid)
-        assert child.is_running()
-        parent.kill()
-    child.wait(timeout=5.0)
-    assert not child.is_running()
+        monkeypatch.setattr(isolated, "MEMORY", 200 * 2**20)
+        with pytest.raises(RecordError, match=r"as GSE2 takes more memory than allowed$"):
+            read_apart(put(tmp_path / "large.gse2", gse2), FORMATS)
+        monkeypatch.setattr(isolated, "MEMORY", 2**30)
+        monkeypatch.setattr(isolated, "COMPUTING_TIME", 0.05)
+        path = put(tmp_path / "long.slist", record("SLIST") + b"1 2 3\n" * 1_000_000)
+        with pytest.raises(RecordError, match=r"long\.slist: .* took more than the 0\.05 s of"):
+            read_apart(path, FORMATS)
 
 
 @pytest.mark.slow
@@ -249,4 +189,3 @@ def test_spoiled_files_of_every_text_format():
     assert sum(summary["counts"].values()) == count
     assert min(summary["counts"].get(kind, 0) for kind in ("motion", "refusal")) > count / 20
     assert summary["memory"] < MEMORY
-    assert summary["slowest"] < SECONDS_A_FILE

@@ -7,7 +7,7 @@ from scipy.signal import detrend
 from archfrag.errors import RecordError
 from archfrag.motions import process
 from archfrag.motions.motion import Motion
-from archfrag.motions.rotate import azimuth_of_code, rotate
+from archfrag.motions.process import azimuth_of_code, rotate
 
 from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
@@ -120,10 +120,7 @@ ALONE = Motion(wave(), 0.01, id="m")
     ("call", "parts"),
     [
         (lambda m: process.bandpass(m, 5.0, 1.0), ["m: ", "5.0 and 1.0 Hz", "50 Hz"]),
-        (lambda m: process.bandpass(m, 1.0, 50.0), ["0 < lowest < highest < 50 Hz"]),
-        (lambda m: process.bandpass(m, None, None), ["None and None Hz"]),
         (lambda m: process.cut(m, -0.1, 0.5), ["m: ", "-0.1 s to 0.5 s", "3.99 s"]),
-        (lambda m: process.cut(m, 5.0, 6.0), ["at least two samples"]),
         (lambda m: process.resample(m, 0.00314159265), ["0.01 s to 0.00314159 s", "1000"]),
         (lambda m: process.trim_by_threshold(m, 9.0), ["no sample reaches", "9 m/s2"]),
         (lambda m: rotate(m), ["one of azimuth and angle"]),
@@ -139,8 +136,8 @@ def test_refusals(call, parts):
 
 @needs_real_records
 def test_a_response_is_flat_where_an_accelerometer_is(tmp_path):
+    from archfrag.motions.calibrate import remove_response
     from archfrag.motions.read import read_motion
-    from archfrag.motions.response import remove_response
 
     folder = REAL_RECORDS / "mseed"
     path, table = folder / "CI.CLC..HNE.mseed", folder / "CI.CLC.xml"

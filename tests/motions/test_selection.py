@@ -1,12 +1,9 @@
 """Records selected to a target: models, targets, and the algorithm."""
 
-import time
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.errors import OutputError, RecordError
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -18,7 +15,6 @@ from archfrag.motions.selection import (
     correlation,
     predict,
     read_target,
-    screen,
     select_records,
     spectrum_target,
 )  # fmt: skip
@@ -67,10 +63,6 @@ class TestTargets:
         assert found.ln_mean == pytest.approx(made.ln_mean)
         assert found.covariance == pytest.approx(made.covariance, abs=1e-9)
 
-    def test_scatter_without_conditioning(self):
-        found = spectrum_target([0.5, 1.0], [0.4, 0.2], [0.6, 0.7])
-        assert found.covariance[0, 1] == pytest.approx(0.6 * 0.7 * correlation(0.5, 1.0))
-
 
 PERIODS = np.sort(np.append(np.geomspace(0.05, 5.0, 19), 1.0))
 TARGET = conditional_spectrum(Rupture(7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
@@ -101,9 +93,7 @@ class TestRecovery:
     def test_conditional_spectrum(self, thousand):
         free, found = TARGET.sd > 0.0, []
         for seed in (1, 2, 3):
-            started = time.perf_counter()
             chosen = select_records(thousand, TARGET, 30, seed)
-            assert time.perf_counter() - started < 10.0
             mean, sd = chosen.errors
             assert np.abs(mean).max() <= 0.05
             assert np.nanmax(np.abs(sd)) <= 0.10
@@ -114,13 +104,6 @@ class TestRecovery:
         sd = TARGET.sd[free]
         expected = TARGET.covariance[np.ix_(free, free)] / np.outer(sd, sd)
         assert np.sqrt(((np.mean(found, axis=0) - expected) ** 2).mean()) < 0.15
-
-    def test_spectrum_with_scatter_and_no_conditioning(self, thousand):
-        median, sd, _ = predict(Rupture(6.5, 20.0, 500.0), "CY14", PERIODS)
-        target = spectrum_target(PERIODS, np.exp(median), sd)
-        mean, scatter = select_records(thousand, target, 30, 1).errors
-        assert np.abs(mean).max() <= 0.05
-        assert np.abs(scatter).max() <= 0.10
 
     def test_mean_only_takes_records_close_to_it(self, thousand):
         found = select_records(thousand, spectrum_target(PERIODS, TARGET.median), 11, 1)
@@ -150,7 +133,7 @@ class TestLimits:
 
     def test_cautions(self, thousand):
         (column,) = (c for c in thousand if c.startswith("T1.0000"))
-        weak = screen(thousand, distance_km=(40.0, None), magnitude=(None, 6.3))
+        weak = thousand.query("distance_km >= 40 and magnitude <= 6.3")
         for table, part in (
             (thousand.drop(columns=column), "Sa(1) of the records is interpolated"),
             (weak, "scaled by more than 4 or less than 1/4"),
@@ -158,17 +141,6 @@ class TestLimits:
         ):
             found = select_records(table, TARGET, 20, 1, max_scale=100.0)
             assert any(part in caution for caution in found.cautions)
-
-    def test_screen(self, thousand):
-        kept = screen(
-            thousand, magnitude=(6.0, 7.0), distance_km=(None, 40.0), vs30_mps=(360.0, None),
-            pulse=False,
-        )  # fmt: skip
-        expected = thousand.query(
-            "6 <= magnitude <= 7 and distance_km <= 40 and vs30_mps >= 360 and not pulse"
-        )
-        assert 0 < len(kept) < 1000
-        pd.testing.assert_frame_equal(kept, expected)
 
 
 class TestOutput:
@@ -195,15 +167,6 @@ class TestOutput:
             needed = scale_factor(motion, "Sa(0.5)", 0.15 * STANDARD_GRAVITY)
             assert needed == pytest.approx(factor, rel=1e-5)
 
-    def test_nothing_half_written(self, thousand, tmp_path):
-        found = select_records(thousand, TARGET, 5, 1)
-        with pytest.raises(OutputError, match=r"cannot be written"):
-            found.write(tmp_path / "none" / "selected.csv")
-        del found.table["file"]
-        with pytest.raises(RecordError, match=r"column 'file' is missing$"):
-            found.write(tmp_path / "selected.csv")
-        assert list(tmp_path.iterdir()) == []
-
     def test_same_seed_same_set_however_rows_are_ordered(self, thousand):
         before = thousand.copy()
         one = select_records(thousand, TARGET, 20, 7)
@@ -212,10 +175,6 @@ class TestOutput:
         pd.testing.assert_frame_equal(before, thousand)
         another = select_records(thousand, TARGET, 20, 8).table["record"]
         assert set(another) != set(one.table["record"])
-
-
-SMALL = pd.DataFrame({"record": ["a"], "magnitude": [6.0], "distance_km": ["far"]})
-SMALL.attrs["source"] = "nga.csv"
 
 
 def chosen(change=lambda table: table, **options):
@@ -246,36 +205,22 @@ def in_csv(text):
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
         (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
-        (predicted({"mechanism": "XX"}), ["mechanism 'XX'", "SS, RS, NS"]),
         (predicted({"vs30_mps": 0.0}), ["vs30_mps = 0.0"]),
         (given(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
-        (given(NEAR, 0.3, -1.0), ["conditioning period -1.0 s"]),
         (given(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),
-        (in_csv("period_s,Sa_g\n"), ["no rows"]),
         (in_csv("period_s,Sa_g\n1,x\n"), ["target.csv", "Sa_g = 'x' is not a number"]),
         (in_csv("period_s,Sa_g\n1\n"), ["target.csv", "Sa [nan]", "finite"]),
-        (in_csv("period_s,Sa_g\n1,-2\n"), ["median Sa -2 g"]),
-        (in_csv("period_s,Sa_g,sd\n1,2,-1\n"), ["sd -1"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
-        (in_csv("period_s,Sa_g\n0,2\n"), ["periods [0.0]"]),
-        (lambda *_: screen(SMALL, magnitude=(7.0, 6.0)), ["magnitude from 7 to 6"]),
-        (lambda *_: screen(SMALL, vs30_mps=(1.0, 2.0)), ["nga.csv", "'vs30_mps' is missing"]),
-        (lambda *_: screen(SMALL, distance_km=(0, 9)), ["distance_km = 'far'"]),
-        (lambda *_: screen(SMALL, magnitude=(8.0, None)), ["magnitude from 8 to inf leaves 0"]),
         (chosen(lambda t: t[["record"]]), ["no column of Sa, such as T0.100S"]),
         (chosen(lambda t: t.drop(columns="T0.050000S")), ["asks for 0.05 s"]),
         (chosen(lambda t: t.drop(columns=[c for c in t if c.startswith(("T0.8", "T1.", "T0.7"))])),
          ["no Sa between 0.6", "0.8"]),
         (chosen(lambda t: t.assign(record="x")), ["'x' is there twice"]),
-        (chosen(lambda t: t.iloc[:0]), ["no record"]),
         (chosen(lambda t: t.assign(**{"T0.050000S": -999.0})), ["of 50 candidates 0 have Sa"]),
-        (chosen(lambda t: t.assign(**{"T0.050000S": "x"})), ["T0.050000S = 'x'"]),
         (chosen(max_scale=1.001), ["20 records are wanted", "of 50 candidates"]),
-        (chosen(max_scale=0.5), ["max_scale = 0.5"]),
         (chosen(per_event=0), ["per_event = 0"]),
         (chosen(lambda t: t.assign(event=["A", "B"] * 25), per_event=2), ["4 with at most 2"]),
-        (chosen(lambda t: t.drop(columns="event"), per_event=2), ["'event' is missing"]),
     ],
 )  # fmt: skip
 def test_refusals(thousand, tmp_path, call, parts):

@@ -9,7 +9,6 @@ import pytest
 from archfrag.errors import InputError, RecordError
 from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
-from archfrag.motions.integrals import pgv
 from archfrag.motions.measures import pga, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
@@ -66,10 +65,6 @@ class TestModel:
         found = (*ours, source.ground_motion_duration(magnitude, reach))
         assert found == pytest.approx(AUTHORS[scenario], rel=1e-3)
 
-    def test_path_duration_beyond_the_table(self):
-        far = [source.ground_motion_duration(6.0, r) for r in (280.0, 290.0)]
-        assert far[1] - far[0] == pytest.approx(0.156 * 10.0, rel=1e-9)
-
     def test_mean_amplitude_of_many_motions_is_the_target(self):
         # Above the low cut and away from the baseline, the mean square over seeds.
         made = (make_motion(6.0, 20.0, seed, PLAIN) for seed in range(200))
@@ -86,8 +81,6 @@ class TestModel:
         [
             ((2.0, 20.0, 1), r"magnitude = 2.0 is outside 3 to 8"),
             ((6.0, -1.0, 1), r"distance .km. = -1.0 is outside 0 to 300"),
-            ((float("nan"), 20.0, 1), r"magnitude = nan is outside"),
-            ((6.0, 20.0, 1, Options(dt=0.0)), r"time step 0.0 s must be above 0"),
             ((6.0, 20.0, 1, Options(vs30=300.0)), r"vs30 .m/s. = 300.0 is outside 450 to 1000"),
             ((6.0, 20.0, -1), r"seed -1 must be from 0 to 2\^63 - 1"),
         ],
@@ -116,16 +109,6 @@ class TestModel:
 
 
 class TestSuite:
-    def test_every_shipped_file_is_listed(self):
-        entries = load_index(SHIPPED)
-        files = {path.resolve() for path in (SHIPPED / "synthetic").iterdir()}
-        assert {entry.path.resolve() for entry in entries} == files
-        assert [entry.metadata["seed"] for entry in entries] == list(range(20250101, 20250131))
-        events = [entry.metadata["event_seed"] for entry in entries]
-        assert {event: events.count(event) for event in events} == dict.fromkeys(
-            range(20250101, 20250116), 2
-        )
-
     def test_the_ground_is_at_rest_before_and_after(self):
         """That making them again gives the same bytes is in workflow/test_cli_records.py."""
         for recipe in synthetic.shipped_recipes()[::4]:
@@ -136,15 +119,14 @@ class TestSuite:
             assert abs(speed[-1]) < 1e-4 * np.abs(speed).max()
             assert abs(place[-1]) < 5e-3 * np.abs(place).max()
 
-    @pytest.mark.parametrize("model", ["CY14", "ASK14"])
-    def test_the_shipped_suite_is_the_models_but_for_what_its_seeds_drew(self, model):
+    def test_the_shipped_suite_is_the_models_but_for_what_its_seeds_drew(self):
         """The 15 events and 30 sites of the suite happen to be strong: their terms are known."""
         seeds, ratios = [], []
         for entry in load_index(SHIPPED):
             about = entry.metadata
             seeds.append([about[key] for key in ("event_seed", "site_seed", "seed")])
             facts = (about[key] for key in ("Mw", "distance_km", "Vs30_mps"))
-            median = predict(Rupture(*facts, region="california"), model, PERIODS).ln_median
+            median = predict(Rupture(*facts, region="california"), "CY14", PERIODS).ln_median
             spectrum = spectral_acceleration(load_motion(entry), PERIODS) / STANDARD_GRAVITY
             ratios.append(np.log(spectrum) - median)
         found = np.exp(np.mean(ratios, axis=0) - mean_term(seeds))
@@ -227,11 +209,6 @@ class TestVariation:
         left = (varied - plain).mean(axis=0) - mean_term([(s, s, s) for s in range(300)])
         assert np.exp(left) == pytest.approx(1.0, abs=0.07)
 
-    def test_scaled_to_pga_velocities_still_vary(self):
-        plan = Plan(60, 1, [5.5, 6.0, 6.5, 7.0, 7.5], [10.0, 30.0, 100.0])
-        motions = [recipe.make() for recipe in plan_motions(plan)]
-        assert np.std([np.log(pgv(m) / pga(m)) for m in motions], ddof=1) > 0.45
-
 
 class TestVertical:
     def test_ratio_is_the_models(self):
@@ -251,13 +228,6 @@ class TestVertical:
 
 
 class TestPulse:
-    def test_wavelet_is_the_derivative_of_its_velocity(self):
-        time = np.linspace(-3.0, 3.0, 6001)
-        velocity = np.cumsum(pulses.wavelet(time, 2.0, 0.7)) * 1e-3
-        form = 0.5 * (1.0 + np.cos(np.pi * time / 2.0)) * np.cos(np.pi * time + 0.7)
-        form[np.abs(time) > 2.0] = 0.0
-        assert velocity == pytest.approx(form, abs=5e-3)
-
     def test_amplification_is_shahi_and_bakers_near_the_period(self):
         gains = []
         for seed in range(80):

@@ -103,9 +103,7 @@ def test_citation_has_the_package_version():
     assert f"## {archfrag.__version__}" in (ROOT / "CHANGELOG.md").read_text()
 
 
-CONDA_NAMES = {
-    "dask": "dask-core", "matplotlib": "matplotlib-base", "snakemake": "snakemake-minimal",
-}  # fmt: skip
+CONDA_NAMES = {"matplotlib": "matplotlib-base", "snakemake": "snakemake-minimal"}
 
 
 def test_conda_recipe_has_the_dependencies_of_the_package():

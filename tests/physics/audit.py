@@ -64,29 +64,3 @@ def impulse(samples, dt, start, end):
         return total[i] + part * (samples[i] + 0.5 * part * slope)
 
     return until(end) - until(start)
-
-
-def work_of_contacts(arch, motion, history, dt):
-    """Work of all joints between frames that a step of time stepping separates.
-
-    Returns
-    -------
-    work : ndarray, (n_frame - 1,) [J]
-        Gain of kinetic energy less the work of gravity and of the ground's inertia forces.
-    kinetic : ndarray, (n_frame - 1,) [J]
-        After each of these steps.
-    regular : ndarray, (n_frame - 1,)
-        Whether the step has the nominal size.
-    """
-    chain, time = arch.chain, history.time.values
-    speed, spin = history.velocity.values, history.angular_velocity.values
-    kinetic = 0.5 * ((speed**2).sum(2) @ chain.mass + spin**2 @ chain.inertia)
-    start, end = time[:-1], time[1:]
-    upward = np.zeros_like(motion.acceleration) if motion.vertical is None else motion.vertical
-    kick_x = impulse(motion.acceleration, motion.dt, start, end)
-    kick_y = impulse(upward, motion.dt, start, end)
-    mean = 0.5 * (speed[1:] + speed[:-1])
-    given = -(kick_x * (mean[:, :, 0] @ chain.mass) + kick_y * (mean[:, :, 1] @ chain.mass))
-    given -= g * (np.diff(history.displacement.values[:, :, 1], axis=0) @ chain.mass)
-    regular = np.abs(np.diff(time) - dt) < 1e-6 * dt
-    return np.diff(kinetic) - given, kinetic[1:], regular

@@ -6,13 +6,10 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Status
-from archfrag.methods.registry import METHODS
-from archfrag.simulation.checks import is_available
 
 G = 9.80665
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 STEPPED = ("time_stepping", "auto", "event_driven")
-CHAINS = (*STEPPED, "gauss_seidel", "quadratic_programme")
 
 
 def hop():
@@ -22,15 +19,9 @@ def hop():
     return af.Motion(0.0 * time, 1e-3, vertical=G * fall)
 
 
-def skip_if_missing(method):
-    if not is_available(METHODS[method]):
-        pytest.skip(f"{method} needs {METHODS[method].needs}")
-
-
 class TestHopping:
-    @pytest.mark.parametrize("method", CHAINS)
+    @pytest.mark.parametrize("method", STEPPED)
     def test_an_arch_that_hops_and_lands_stands(self, method):
-        skip_if_missing(method)
         response = af.simulate(ARCH, hop(), method=method, follow=5.0)
         assert response.status == Status.STANDING
         assert not response.collapsed
@@ -40,12 +31,6 @@ class TestHopping:
         assert response.lost_contact_mode == "lift_off"
         assert response.widest_gap == pytest.approx(0.1150, rel=0.02)
 
-    def test_on_springs_it_lands_and_rings(self):
-        response = af.simulate(ARCH, hop(), method="penalty", follow=0.5)
-        assert response.collapsed is not True
-        assert response.widest_gap == pytest.approx(0.1150, rel=0.05)
-        assert response.lost_contact_time == pytest.approx(0.1, abs=0.005)
-
     @pytest.mark.parametrize("method", STEPPED)
     def test_a_limit_below_its_hop_calls_the_same_a_collapse(self, method):
         response = af.simulate(ARCH, hop(), method=method, loss_limit=0.05)
@@ -53,15 +38,6 @@ class TestHopping:
         assert response.collapse_mode == "lift_off"
         assert response.collapse_time == response.lost_contact_time
         assert response.end_time > response.collapse_time
-
-    @pytest.mark.parametrize("method", STEPPED)
-    def test_a_run_that_ends_in_the_air_is_a_collapse(self, method):
-        time = np.arange(0.0, 0.25, 1e-3)
-        fall = af.Motion(0.0 * time, 1e-3, vertical=np.where(time < 0.1, 0.0, -3.0 * G))
-        response = af.simulate(ARCH, fall, method=method, follow=0.0)
-        assert response.collapsed
-        assert response.end_time == pytest.approx(0.249, abs=1e-3)
-        assert response.collapse_time == pytest.approx(0.1, abs=0.005)
 
     @pytest.mark.parametrize("method", STEPPED)
     def test_without_a_loss_nothing_is_noted(self, method):
@@ -105,9 +81,8 @@ class TestInitialStates:
         shift[:, 1] = height
         return shift, np.zeros((7, 3))
 
-    @pytest.mark.parametrize("method", CHAINS)
+    @pytest.mark.parametrize("method", STEPPED)
     def test_an_arch_in_flight_falls_and_lands(self, method):
-        skip_if_missing(method)
         response = af.simulate(
             ARCH, self.still, method=method, initial=self.lifted(0.2), history=True
         )
@@ -122,14 +97,6 @@ class TestInitialStates:
         np.testing.assert_allclose(
             early.velocity.values[:, 3, 1], -G * early.time.values, atol=2e-2
         )
-
-    @pytest.mark.parametrize("method", STEPPED)
-    def test_a_verdict_has_its_time(self, method):
-        response = af.simulate(
-            ARCH, self.still, method=method, initial=self.lifted(1.0), loss_limit=0.5
-        )
-        assert response.collapsed
-        assert response.collapse_time == 0.0
 
     def test_bodies_that_overlap_are_refused(self):
         shift, velocity = self.lifted(0.0)

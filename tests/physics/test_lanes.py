@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import archbench  # noqa: F401  registers the baselines
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.motions.index import load_index

@@ -1,8 +1,5 @@
 """Mega-voussoirs: assembled and split without loss, and their reactions by the two levels."""
 
-import functools
-from collections import Counter
-
 import numpy as np
 import pytest
 
@@ -11,7 +8,6 @@ from archfrag.mechanics.contact.placing import (
     clearance,
     corner_slip,
     move_faces,
-    relative_velocity,
 )
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
@@ -20,9 +16,7 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
     split_state,
 )
 from archfrag.mechanics.model import model_of, new_work
-from tests.mechanics.adapters import CLOSED, Posed, decode_all, set_modes, views_of
-from tests.mechanics.oracles import Dense, law_violation
-from tests.physics.audit import g, sampled
+from tests.mechanics.adapters import CLOSED, decode_all, set_modes, views_of
 
 PATTERNS = {
     "four hinges": {0: 4, 2: 1, 4: 4, 7: 1},
@@ -81,7 +75,7 @@ class TestGrouping:
 
     def test_as_many_bodies_as_move(self, pattern, free_end):
         *_, mega = self.build(pattern, free_end)
-        assert mega.count[1] == mega.slip.size == len(pattern)
+        assert mega.count[1] == mega.work.slip.size == len(pattern)
         assert mega.count[0] == mega.position.shape[0] - 2 == len(pattern) - (not free_end)
         assert list(mega.joint[: len(pattern)]) == sorted(pattern)
 
@@ -117,97 +111,3 @@ class TestGrouping:
                 apart = work.face[j, 1, k] - work.face[j, 0, k]
                 found = corner_slip(j, *apart, k == 0, work.tangent)
                 assert found == pytest.approx(slip[j], abs=1e-13)
-
-
-@functools.cache
-def moving_states(voussoirs, friction):
-    """An arch, and states of its run under 1.5 times its onset: every joint inside a
-    mega-voussoir exactly closed."""
-    arch = af.Arch.circular(10.0, 2.0, 140.0, voussoirs, friction)
-    amplitude, span = 1.5 * af.onset(arch).plus, 0.8
-    push = sampled(lambda t: amplitude * np.where(t < 0.4 * span, 1.0, -0.6), span, 0.005)
-    run = af.simulate(arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.5)
-    history = run.history
-    place = history.displacement.values + arch.chain.centroid
-    position = np.concatenate([place, history.rotation.values[..., None]], axis=-1)
-    speed = history.velocity.values, history.angular_velocity.values[..., None]
-    velocity = np.concatenate(speed, axis=-1)
-    acceleration = np.interp(history.time.values, push.time, push.acceleration, right=0.0)
-    modes = [decode_all(numbers) for numbers in history.contact_mode.values]
-    return arch, list(zip(position, velocity, modes, acceleration))
-
-
-def slips_of(arch, position):
-    """Slips of all joints at their nearer corners [m]."""
-    model = model_of(arch.chain)
-    work, slips = new_work(model), np.zeros(model.friction.size)
-    move_faces(model, np.pad(position, ((1, 1), (0, 0))), work.rotated, work.face, work.tangent)
-    for j in range(slips.size):
-        k = int(np.argmin([clearance(j, k, work.face, work.tangent) for k in range(2)]))
-        apart = work.face[j, 1, k] - work.face[j, 0, k]
-        slip = corner_slip(j, *apart, k == 0, work.tangent)
-        slips[j] = slip if abs(slip) > 1e-11 else 0.0
-    return slips
-
-
-def is_rigid(posed, modes):
-    """Whether voussoirs of a mega-voussoir move as one: not while all are stepped."""
-    work = posed.work
-    relative_velocity(posed.position, posed.velocity, work.pivot, work.relative)
-    inside = work.relative[[mode == CLOSED for mode in modes]]
-    return np.abs(inside).max(initial=0.0) < 1e-12 * np.abs(posed.velocity).max()
-
-
-# Least part of the states in which every mega-voussoir is rigid, by the number of voussoirs.
-LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.35, 81: 0.35}
-
-
-CASES = [
-    (n, mu) for n in LEAST_COMPARED for mu in (0.36, 0.5, 0.7, np.inf) if n < 81 or mu == 0.36
-]
-
-
-@pytest.mark.parametrize(("voussoirs", "friction"), CASES)
-class TestLevels:
-    """Equal to the contact problem, in motion and reactions, in states of real runs.
-
-    Frames written while all voussoirs are stepped are left out: no mega-voussoir is rigid there.
-    """
-
-    def compare(self, voussoirs, friction, pushes):
-        """Counts of states by what came out; asserts that both levels are the contact problem."""
-        arch, states = moving_states(voussoirs, friction)
-        count = Counter(states=len(states))
-        for (position, velocity, modes, _), push in zip(states, pushes):
-            posed = Posed(
-                arch.chain, position, velocity, modes, push, slip=slips_of(arch, position)
-            )
-            if np.abs(velocity).max() < 1e-6 or not is_rigid(posed, modes):
-                continue
-            count["compared"] += 1
-            theirs = posed.by_contact_problem()
-            assert theirs.solved
-            count["changed"] += theirs.modes != modes
-            ours = posed.with_modes(theirs.modes).by_levels()
-            if not ours.solved or Dense(posed.problem()).lacking_rank(theirs.modes) > 0:
-                count["not unique"] += 1
-                continue
-            scale = np.abs(theirs.velocity).max() + g
-            assert np.abs(ours.velocity - theirs.velocity).max() < 1e-9 * scale
-            force = np.abs(theirs.wrench).max()
-            assert np.abs(ours.wrench - theirs.wrench).max() < 1e-9 * force
-            assert law_violation(posed.problem(), ours) < 1e-8
-        assert count["compared"] >= LEAST_COMPARED[voussoirs] * count["states"]
-        assert count["not unique"] <= 0.01 * count["compared"]
-        return count
-
-    def test_along_the_run_whose_modes_are_those_of_the_contact_problem(self, voussoirs, friction):
-        _, states = moving_states(voussoirs, friction)
-        count = self.compare(voussoirs, friction, [push for *_, push in states])
-        assert count["changed"] <= 0.05 * count["compared"]
-
-    def test_in_the_modes_that_another_push_brings(self, voussoirs, friction):
-        _, states = moving_states(voussoirs, friction)
-        pushes = np.random.default_rng(1).uniform(-3.0, 3.0, len(states)) * g
-        count = self.compare(voussoirs, friction, pushes)
-        assert count["changed"] > 0.3 * count["compared"]

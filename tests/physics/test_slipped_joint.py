@@ -49,46 +49,6 @@ def moved(friction, shift, tilt, duration, dt):
     return simulate(block, still, dt=dt, initial=start, history=True, follow=0.0).history
 
 
-def swing(arm, rotation, spin, until):
-    """Rotation about a fixed point, `arm` from it to the upright block's centre.
-
-    Returns
-    -------
-    scipy.integrate.OdeResult
-        Up to where ``until(state)`` vanishes; states are rotation and angular velocity.
-    """
-
-    def tilting(_, state):
-        return [state[1], -g * rotated(state[0], arm)[0] / (GYRATION + arm @ arm)]
-
-    def ends(_, state):
-        return until(state)
-
-    ends.terminal = True
-    return solve_ivp(tilting, (0.0, 5.0), [rotation, spin], events=ends, dense_output=True, **FINE)
-
-
-class TestSticking:
-    """Without slip the block rotates about one fixed point, then about the other."""
-
-    @pytest.mark.parametrize("shift", SHIFTS)
-    def test_rotates_about_the_vertex_that_bears_and_lands_on_the_other(self, shift):
-        tilt = 0.15
-        right, left = (np.array([shift - pivot, UP]) for pivot in pivots(shift))
-        fall = swing(right, -tilt, 0.0, lambda state: state[0])
-        # Moment of momentum about the point on which it lands.
-        spin = fall.y[1, -1] * (GYRATION + right @ left) / (GYRATION + left @ left)
-        rise = swing(left, 0.0, spin, lambda state: state[1])
-        history = moved(8.0, shift, tilt, fall.t[-1] + rise.t[-1] + 0.02, 2.5e-5)
-        rotation, time = history.rotation.values[:, 0], history.time.values
-        collapsing = time < fall.t[-1] - 1e-3
-        assert rotation[collapsing] == pytest.approx(
-            fall.sol(time[collapsing])[0], abs=1e-6 * tilt
-        )
-        assert time[rotation > 1e-6][0] == pytest.approx(fall.t[-1], abs=1e-3)
-        assert rotation.max() == pytest.approx(rise.y[0, -1], rel=2e-3)
-
-
 def slide(friction, shift, tilt, duration):
     """Motion of a leaning block whose contact slides, (n, 3) at so many equal times.
 

@@ -42,18 +42,6 @@ class TestEnergy:
         given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
         assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
 
-    def test_what_no_law_explains_is_small_and_of_second_order_before_impacts(self):
-        arch = oppenheim()
-        time = np.arange(0.0, 0.4, 1e-4)
-        push = af.Motion(np.where(time < 0.2, 0.6 * g, 0.0), 1e-4)
-        errors = [
-            af.simulate(arch, push, method="time_stepping", dt=dt, follow=0.0).energy_error
-            for dt in (2e-3, 1e-3, 5e-4)
-        ]
-        assert errors[-1] < 1e-5
-        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.25)
-        assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.25)
-
     def test_no_run_gains_energy(self):
         rng = np.random.default_rng(11)
         for _ in range(30):

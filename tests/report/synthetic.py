@@ -10,7 +10,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.inputs import ReportInputs
 from archfrag.simulate import Onset
-from archfrag.study.curves import Answer, answer, runs_of_cube
+from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
 MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
@@ -110,7 +110,10 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "distance": ("record", generator.uniform(5.0, 60.0, len(records))),
         },
         coords={"arch": list(names), "record": records, "model": list(MODELS)},
-        attrs={"archfrag_design_kind": "stripes", "Conventions": "CF-1.11", "loss_limit": "0.5"},
+        attrs={
+            "archfrag_design": '{"kind": "stripes"}', "archfrag_design_kind": "stripes",
+            "Conventions": "CF-1.11", "loss_limit": "0.5",
+        },
     )
 
 

@@ -2,33 +2,24 @@
 
 import re
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
-from archfrag.report import (
-    animation,
-    arch_figure,
-    class_section,
-    curve_figures,
-    figures,
-    motion_figures,
-    picture,
-    timeline,
-)
-from archfrag.report.example import Example, choose, near_miss, repeat
-from archfrag.report.picture import NARROW, WIDE
-from archfrag.report.plot import Panel, Sheet
-from archfrag.report.summary import arch_results, reading_scale
+from archfrag.report import arch as arches
+from archfrag.report import curves, drawing, example, motions, runs
+from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
+from archfrag.report.results import arch_results, reading_scale
 from archfrag.simulation.mechanism import MechanismChange
-from archfrag.study.config import Method
+from archfrag.study.file.schema import Method
 from tests.report import synthetic
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+TEXT = r'<text x="([^"]+)" y="([^"]+)"(?: class="([^"]+)")?( transform)?[^>]*>([^<]*)</text>'
 
 
 def results(**options):
@@ -36,17 +27,31 @@ def results(**options):
     return arch_results(data, "ring", reading_scale(data, "PGA"))
 
 
+def texts(sheet):
+    """Words of a sheet, with the left, top, right and bottom of what they cover."""
+    for x, y, kind, turned, found in re.findall(TEXT, "".join(sheet.parts)):
+        words, kinds, x, y = unescape(found), kind.split(), float(x), float(y)
+        size = SMALL if "s" in kinds else SIZE
+        width = text_width(words, size)
+        left = x - width * (0.5 if "m" in kinds else 1.0 if "e" in kinds else 0.0)
+        if turned:
+            yield words, x - 0.8 * size, y - 0.5 * width, x, y + 0.5 * width
+        else:
+            yield words, left, y - 0.75 * size, left + width, y + 0.2 * size
+
+
 def overlaps(sheet):
     """Pairs of texts of a sheet that cover each other, and texts that leave it."""
+    boxes = list(texts(sheet))
     covered = [
         (a[0], b[0])
-        for i, a in enumerate(sheet.boxes)
-        for b in sheet.boxes[i + 1 :]
+        for i, a in enumerate(boxes)
+        for b in boxes[i + 1 :]
         if min(a[3], b[3]) - max(a[1], b[1]) > 0.5 and min(a[4], b[4]) - max(a[2], b[2]) > 0.5
     ]
     outside = [
         word
-        for word, left, top, right, bottom in sheet.boxes
+        for word, left, top, right, bottom in boxes
         if left < -2.0 or top < -2.0 or right > sheet.width + 2.0 or bottom > sheet.height + 2.0
     ]
     return covered + outside
@@ -70,9 +75,9 @@ class TestLabelsKeepClear:
     @pytest.mark.parametrize("n_level", [2, 9, 40])
     def test_figures_over_levels(self, n_level, drawn):
         data = results(n_level=n_level)
-        figures.verdict_map(data)
-        curve_figures.curve(data, synthetic.none("no run collapsed"))
-        figures.fractions(figures.groupings(data, 0.9), data)
+        runs.verdict_map(data)
+        curves.curve(data, synthetic.none("no run collapsed"))
+        runs.fractions(runs.groupings(data, 0.9), data)
         assert [sheet.width for sheet in drawn] == 3 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
 
@@ -80,44 +85,44 @@ class TestLabelsKeepClear:
     def test_records(self, n_record, drawn):
         items = synthetic.motions(n_record)
         names = [f"拼音{i}" for i in range(max(n_record, 6))]
-        shown = figures.verdict_map(
+        shown = runs.verdict_map(
             replace(results(items=items if n_record > 1 else None), records=names)
         )
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
-        assert motion_figures.thumbnails(items).svg.count("<svg") == n_record
+        assert motions.thumbnails(items).svg.count("<svg") == n_record
 
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
         answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
-        shown = curve_figures.all_curves(answers, {}, {}, results().scale, (0.8, 0.3))
+        shown = curves.all_curves(answers, {}, {}, results().scale, 0.8, 0.3)
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
-        named = count if count <= curve_figures.MOST_NAMED else 0
-        assert sum(box[0].startswith("arch-") for box in drawn[0].boxes) == named
+        named = count if count <= curves.MOST_NAMED else 0
+        assert sum(words.startswith("arch-") for words, *_ in texts(drawn[0])) == named
         assert shown.svg.count("stroke-linejoin") >= count
         one = dict(list(answers.items())[:1])
-        assert curve_figures.all_curves(one, {}, {}, results().scale, (1.0, None)) is None
+        assert curves.all_curves(one, {}, {}, results().scale, 1.0) is None
 
-    def test_classes(self, drawn):
+    def test_classes_parameters_and_measures(self, drawn):
         members = [synthetic.answer_of(2.0 + 0.1 * i) for i in range(20)]
         answers = {f"a{i}": a for i, a in enumerate(members)} | {"alone": synthetic.answer_of(6.0)}
         made, scale = {"thin": synthetic.answer_of(3.0)}, results().scale
         of_class = {f"a{i}": "thin" for i in range(20)}
-        curve_figures.all_curves(answers, made, of_class, scale, (0.8, None))
-        words = {box[0] for box in drawn[0].boxes}
+        curves.all_curves(answers, made, of_class, scale, 0.8)
+        words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
         values = {
             "a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20),
             "material": np.array([f"a long name of a stone {i % 9}" for i in range(20)]),
         }
-        class_section.theta_panels(members, values, "ring", scale)
+        runs.theta_panels(members, values, "ring", scale)
         rows = [
             {"measure": f"Sa({i / 10:g})", "efficiency": 0.2 + 0.01 * i, "sufficient": None}
             for i in range(25)
         ]
         answer = replace(synthetic.none(""), more={"measures": {"rows": rows, "best": "Sa(0)"}})
-        curve_figures.measures(answer, "ring")
+        runs.measures(answer, "ring")
         assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
         # A point for each arch in each panel.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 40
@@ -133,21 +138,9 @@ class TestLabelsKeepClear:
             change(3.0, 7.0, {0: "slides towards intrados"}, "all_voussoirs"),
         )
         shown = replace(fallen.response, mechanism=log, end_time=7.0, collapse_time=6.5)
-        timeline.timeline(replace(fallen, arch=arch, response=shown))
+        example.timeline(replace(fallen, arch=arch, response=shown))
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert drawn[0].panels[2].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
-
-    def test_the_check_finds_an_overlap(self):
-        sheet = Sheet(100.0)
-        sheet.height = 60.0
-        Panel(sheet, (10.0, 0.0, 90.0, 20.0), (0.0, 1.0), (0.0, 1.0)).axis_x(np.linspace(0, 1, 30))
-        assert 2 <= len(sheet.boxes) < 10
-        assert not overlaps(sheet)
-        sheet.text(12.0, 36.0, "covers labels")
-        sheet.text(90.0, 55.0, "leaves")
-        assert "leaves" in overlaps(sheet)
-        assert len(overlaps(sheet)) >= 2
-
 
 def dots_of(sheet):
     """Centres of the hinges that are drawn on a sheet [px]."""
@@ -161,13 +154,13 @@ class TestArchFigure:
     def test_hinges_are_drawn_at_their_corners(self, voussoirs, drawn):
         """Pixels of the hinges lie as the corners do, but for a scale and shift a direction."""
         arch, start = synthetic.arch_and_onset(voussoirs)
-        shown = arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring")
+        shown = arches.arch_at_onset(arch, replace(start, sliding=[7]), "ring")
         assert "sliding joint" in shown.svg
         for sheet in drawn:
             dots = dots_of(sheet)
-            stones = [part for part in sheet.parts if f'fill="{arch_figure.STONE}"' in part]
+            stones = [part for part in sheet.parts if f'fill="{arches.STONE}"' in part]
             assert len(stones) == 2 * arch.n_voussoir
-            assert sum(f'stroke="{picture.ORANGE}"' in part for part in sheet.parts) == 1
+            assert sum(f'stroke="{drawing.ORANGE}"' in part for part in sheet.parts) == 1
             for points, hinges in ((dots[:4], start.hinges), (dots[4:], start.hinges_minus)):
                 corners = np.array([getattr(arch, side)[joint] for joint, side in hinges])
                 sides = [points - points[0], (corners - corners[0]) * (1.0, -1.0)]
@@ -175,62 +168,20 @@ class TestArchFigure:
                 np.testing.assert_allclose(sides[0], scale * sides[1], atol=0.3)
             assert not overlaps(sheet)
 
-    def test_thrust_passes_through_the_hinges(self, drawn):
-        """The real onset of the reference arch, ground towards +x."""
-        arch_figure.arch_at_onset(ARCH, af.onset(ARCH), "ring")
-        thrust = next(
-            part for part in drawn[0].parts
-            if f'stroke="{picture.VERMILION}"' in part and "fill" in part and "h16" not in part
-        )  # fmt: skip
-        line = np.array(re.findall(r"([\d.]+) ([\d.]+)", thrust.split('"')[1]), dtype=float)
-        hinges = dots_of(drawn[0])[:4]
-        assert len(hinges) == 4
-        for hinge in hinges:
-            assert np.abs(line - hinge).sum(axis=1).min() < 0.3
-
-
 class TestRuns:
-    def test_cells_are_where_the_runs_are(self, drawn):
-        data = results()
-        assert "not simulated" not in figures.verdict_map(data).svg
-        sheet, panel = drawn[1], drawn[1].panels[0]
-        cells = re.findall(rf'd="([^"]+)" fill="{picture.VERMILION}"', "".join(sheet.parts[2:]))
-        bars = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)V", "".join(cells)), dtype=float)
-        cell = (panel.box[2] - panel.box[0]) / data.levels.size
-        rows, place = np.unique(bars[:, 1], return_inverse=True)
-        shown = np.bincount(place, bars[:, 2] - bars[:, 0], rows.size) / cell
-        fell = (data.verdict == Verdict.COLLAPSED).sum(axis=1)
-        assert sorted(shown.round().tolist()) == sorted(fell[fell > 0].tolist())
-        data.verdict[:, 3] = Verdict.NOT_SIMULATED
-        assert "not simulated" in figures.verdict_map(data).svg
-
-    def test_a_cube_without_units_is_refused(self):
-        data = synthetic.cube()
-        del data["intensity"].attrs["units"]
-        with pytest.raises(InputError, match="no attribute units"):
-            reading_scale(data, "PGA")
-
-    def test_resurrections(self):
-        data = results()
-        data.verdict[:] = [0, 0, 0, 1, 1, 1, 1, 1, 1]
-        data.verdict[2:4, 7] = Verdict.STANDING, Verdict.UNFINISHED
-        assert data.resurrections == 1
 
     @pytest.mark.parametrize("n", [2, 200, 5000])
     def test_envelope_keeps_the_peaks(self, n):
         values = np.random.default_rng(n).standard_normal(n)
-        time, low, high = motion_figures.envelope(af.Motion(values, 0.01))
+        time, low, high = motions.normalised(af.Motion(values, 0.01))
         ends = values.min(), values.max()
         assert (low.min(), high.max()) == pytest.approx(np.array(ends) / np.abs(ends).max())
         assert time.size <= 220
-        assert not motion_figures.envelope(af.Motion(np.zeros(50), 0.01))[2].any()
 
-
-class TestMechanisms:
     def test_every_grouping_has_the_collapses_of_the_cube(self, drawn):
         data = results()
         fell = data.verdict == Verdict.COLLAPSED
-        groups = figures.groupings(data, 0.9)
+        groups = runs.groupings(data, 0.9)
         for group in groups:
             np.testing.assert_array_equal(group.counts.sum(axis=0), fell.sum(axis=0))
         mode, joint, impacts = groups
@@ -241,21 +192,15 @@ class TestMechanisms:
             assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
         seen = [(fell & (data["impacts"] == n)).sum() for n in (0, 1, 2, 50, 300)]
         assert impacts.counts.sum(axis=1).tolist() == seen
-        figures.fractions(groups, data)
+        runs.fractions(groups, data)
         for sheet in drawn:
             for panel in sheet.panels:
                 top = np.zeros(data.levels.size)
-                for colour, _ in figures.LOOKS:
+                for colour, _ in runs.LOOKS:
                     for left, right, _, high in rectangles(sheet, panel, colour):
                         level = round(0.5 * (left + right))
                         top[level] = max(top[level], high)
                 np.testing.assert_allclose(top, data.counts.collapsed / data.counts.n, atol=1e-3)
-        drawn.clear()
-        data.verdict[0, -1] = Verdict.NOT_SIMULATED
-        figures.fractions(figures.groupings(data, 0.9), data)
-        for panel in drawn[0].panels:
-            tops = [rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in figures.LOOKS]
-            assert np.concatenate(tops).max() == pytest.approx(1.0, abs=2e-3)
 
 
 def test_run_that_is_shown():
@@ -264,18 +209,18 @@ def test_run_that_is_shown():
     data.verdict[2, 4:], data.verdict[4, 6:] = 1, 1
     # The capacity is the lowest collapsing level even where the record stands above it.
     data.verdict[2, 5] = 0
-    assert choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
-    assert choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
-    assert choose(data, None)[:2] == (0, 8)
+    assert example.choose(data, 1.02 * data.levels[4])[:2] == (2, 4)
+    assert example.choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
+    assert example.choose(data, None)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
     for name, value in (("peak_displacement", 7.0), ("peak_rotation", 8.0)):
         data[name][3, 8], data[name][5, 2] = 9.0, value
-    assert choose(data, None)[:2] == near_miss(data)[:2] == (5, 2)
+    assert example.choose(data, None)[:2] == example.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
-    assert near_miss(data) is None
+    assert example.farthest(data) is None
     data.verdict[:] = Verdict.SOLVER_FAILURE
-    assert choose(data, None) is None
+    assert example.choose(data, None) is None
 
 
 def pulse(scale=1.0):
@@ -287,46 +232,45 @@ def pulse(scale=1.0):
 @pytest.fixture(scope="module")
 def fallen():
     motion, response = pulse()
-    return Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
-
-
-def test_repetition_is_the_run_of_the_study(drawn):
-    motion, fell = pulse()
-    data = synthetic.cube(items=[motion, *synthetic.motions(1)]).isel(record=[0], level=[0, 1])
-    data = data.copy(deep=True)
-    for level, (factor, run) in enumerate([(0.5, pulse(0.5)[1]), (1.0, fell)]):
-        data["verdict"][0, 0, level] = int(run.collapsed)
-        for name in ("status", "steps", "collapse_time"):
-            data[name][0, 0, level] = getattr(run, name)
-        data["scale_factor"][0, level] = factor
-
-    def again():
-        found = arch_results(data, "ring", reading_scale(data, "PGA"))
-        return repeat(data, found, ARCH, [motion], choose(found, None))
-
-    assert again() is None  # the cube does not hold its method
-    data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'
-    assert fell.status is Status.COLLAPSED
-    assert (again().same, again().factor) == (True, 1.0)
-    assert again().response.mechanism == fell.mechanism
-    data["steps"][0, 0, 1] += 1
-    assert not again().same
+    return example.Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
 
 
 def change(time, until, joints, model="mega_voussoirs"):
     return MechanismChange(time, until, "impact", -1, model, joints)
 
 
-class TestTimeline:
+class TestRepeated:
+    def test_it_is_the_run_of_the_study(self):
+        motion, fell = pulse()
+        data = synthetic.cube(items=[motion, *synthetic.motions(1)]).isel(record=[0], level=[0, 1])
+        data = data.copy(deep=True)
+        for level, (factor, run) in enumerate([(0.5, pulse(0.5)[1]), (1.0, fell)]):
+            data["verdict"][0, 0, level] = int(run.collapsed)
+            for name in ("status", "steps", "collapse_time"):
+                data[name][0, 0, level] = getattr(run, name)
+            data["scale_factor"][0, level] = factor
+
+        def again():
+            found = arch_results(data, "ring", reading_scale(data, "PGA"))
+            return example.repeat(data, found, ARCH, [motion], example.choose(found, None))
+
+        assert again() is None  # the cube does not hold its method
+        data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'
+        assert fell.status is Status.COLLAPSED
+        assert (again().same, again().factor) == (True, 1.0)
+        assert again().response.mechanism == fell.mechanism
+        data["steps"][0, 0, 1] += 1
+        assert not again().same
+
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""
-        timeline.timeline(fallen)
+        example.timeline(fallen)
         shown, logged = np.zeros(8), np.zeros(8)
-        for colour in {entry.colour for entry in timeline.LOOK}:
+        for colour in {entry.colour for entry in example.JOINT_LOOK}:
             for left, right, low, high in rectangles(drawn[1], drawn[1].panels[1], colour):
                 shown[round(0.5 * (low + high))] += right - left
         response = fallen.response
-        start, end = timeline.window(response.mechanism, response.end_time)
+        start, end = drawn[1].panels[1].x
         for entry in response.mechanism:
             for joint in entry.joints:
                 logged[joint] += max(0.0, min(entry.until, end) - max(entry.time, start))
@@ -336,25 +280,24 @@ class TestTimeline:
     def test_nothing_moved(self, fallen):
         still = replace(fallen, response=pulse(0.2)[1])
         assert still.response.peak_displacement == 0.0
-        assert timeline.timeline(still) is None
-        assert animation.animation(still, "a", "A near miss") is None
+        assert example.timeline(still) is None
+        assert arches.film(still, "a", "A near miss") is None
 
-
-class TestAnimation:
     def test_linear_motion_between_key_frames_is_close_to_the_run(self, fallen):
-        frames, history = animation.key_frames(fallen), fallen.response.history
+        frames, history = arches.key_frames(fallen), fallen.response.history
+        times, _, rotations = frames
         time, rotation = history["time"].values, history["rotation"].values
-        inside = (time >= frames.time[0]) & (time <= frames.time[-1])
+        inside = (time >= times[0]) & (time <= times[-1])
         for body in range(ARCH.n_voussoir):
-            interpolated = np.interp(time[inside], frames.time, frames.rotation[:, body])
+            interpolated = np.interp(time[inside], times, rotations[:, body])
             error = np.abs(interpolated - rotation[inside, body]).max()
             assert error < 0.02 * np.abs(rotation).max()
-        assert 12 <= frames.time.size <= 40
-        assert frames.time[-1] == time[-1]
+        assert 12 <= times.size <= 40
+        assert times[-1] == time[-1]
 
-    def test_page_of_key_frames(self, fallen):
+    def test_film(self, fallen):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
-        shown = animation.animation(fallen, "fall0", "A collapse")
+        shown = arches.film(fallen, "fall0", "A collapse")
         assert len(shown.svg) < 150_000
         assert not re.search(r"<script|\son\w+=", shown.svg)
         assert 'class="still"' in shown.svg
@@ -367,5 +310,3 @@ class TestAnimation:
             rule = re.search(rf"@keyframes fall0-k{body}\{{(.*?)\}}\}}", shown.svg)[1]
             rotation = float(re.findall(r"rotate\(([-.\d]+)deg", rule)[-1])
             assert rotation == pytest.approx(-last[body], abs=0.06)
-            percents = [float(p) for p in re.findall(r"([.\d]+)%", rule)]
-            assert percents == sorted(percents)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from archfrag.study.batch import BatchLog, run_batch
-from archfrag.study.config import Study, load_study
-from archfrag.study.plan import Plan, make_plan
-from archfrag.study.records import prepare_motions
-from tests.study.small import in_process, small_study
+from archfrag.study.file.records import prepare_motions
+from archfrag.study.file.schema import Study, load_study
+from archfrag.study.runs.execute import BatchLog
+from archfrag.study.runs.plan import Plan, make_plan
+from tests.study.small import make_runs, small_study
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ def done(tmp_path_factory) -> Done:
     """Treat as read-only; `copied` gives a copy to spoil."""
     study = load_study(small_study(tmp_path_factory.mktemp("done")))
     prepare_motions(study)
-    log = run_batch(study, workers=2, quiet=True)
+    log = make_runs(study)
     return Done(study, make_plan(study), log)
 
 
@@ -64,10 +64,3 @@ def full_disk(monkeypatch):
             yield
 
     return fill
-
-
-@pytest.fixture
-def here():
-    """Batches run in this process: no workers are started, all else is as it is."""
-    with in_process():
-        yield

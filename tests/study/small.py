@@ -1,20 +1,14 @@
 """A study of some fast runs, for the tests of study and workflow."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import netCDF4
 import numpy as np
-import pytest
+import yaml
 
-from archfrag.study import batch
-from archfrag.study.batch import cut
-from archfrag.study.files import make_folder
-from archfrag.study.plan import Plan
-from archfrag.study.store import Store, timings_folder
-from archfrag.study.worker import run_chunk
+from archfrag.study.file.schema import Study
+from archfrag.study.runs.execute import BatchLog, run_batch
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = """\
@@ -60,6 +54,11 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
     return path
 
 
+def dumped(study: Study) -> str:
+    """A study as the text of a study file, with absolute paths and defaults."""
+    return yaml.safe_dump(study.model_dump(exclude_none=True), sort_keys=False)
+
+
 def files(folder: Path) -> dict[str, bytes]:
     """Names and contents of all files of a folder, hidden ones too."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
@@ -70,33 +69,9 @@ def files_below(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-class _Here:
-    def results(self, plan, work):
-        for cases, factors in work:
-            yield run_chunk(str(plan.path), cases, factors)
-
-
-@contextmanager
-def in_process() -> Iterator[None]:
-    """Batches run in this process: starting workers takes seconds."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch._Executor, "start_workers", lambda executor: _Here())
-        yield
-
-
-def make_runs(plan: Plan, chunk: int = 2) -> None:
-    """Make all runs that are missing, in this process: starting workers takes seconds."""
-    for folder in (plan.parts, timings_folder(plan.parts)):
-        make_folder(folder)
-    plan.save()
-    rounds, store = plan.rounds(), Store(plan.parts)
-    while len(rounds.wanted):
-        factors = plan.factors(rounds.wanted)
-        keys = plan.keys(rounds.wanted, factors)
-        missing = np.flatnonzero(store.places(keys) < 0)
-        for rows, cases in cut(rounds.wanted[missing], chunk, 1) if missing.size else ():
-            store.add(Path(run_chunk(str(plan.path), cases, factors[missing[rows]])["part"]))
-        rounds.answer(store.verdicts(keys))
+def make_runs(study: Study) -> BatchLog:
+    """Make all runs that are missing, in this process."""
+    return run_batch(study, workers=1, quiet=True)[0]
 
 
 def assert_compliant(cube: Path, folder: Path) -> None:

@@ -9,8 +9,8 @@ import pytest
 from archfrag.errors import RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.checks import check_study, uncorrected
-from archfrag.study.config import load_study
-from archfrag.study.records import load_record, prepare_motions
+from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.schema import load_study
 from tests.motions.helpers import at2_text, wave
 from tests.motions.samples import geonet_text
 from tests.study.small import TEXT, small_study
@@ -110,10 +110,8 @@ class TestPairs:
     @pytest.mark.parametrize(
         "names",
         [
-            ["quake1", "quake2", "quake3", "quake4"], ["001", "002"], ["test1", "test2"],
-            ["e1", "e2"], ["norcia", "torcia"], ["max", "may"], ["000", "090", "180", "270"],
-            [f"r{number:03}" for number in range(1, 100)], [f"q_{c}" for c in "ENRTXY"],
-            ["x.E", "x.X"], ["S16W", "S16E"], ["20160824013632", "20160824013722"],
+            ["quake1", "quake2", "quake3", "quake4"], ["001", "002"], ["max", "may"],
+            ["000", "090", "180", "270"], ["S16W", "S16E"], ["20160824013632", "20160824013722"],
         ],
     )  # fmt: skip
     def test_names_that_are_alike_are_no_pair(self, tmp_path, names):
@@ -123,9 +121,8 @@ class TestPairs:
     @pytest.mark.parametrize(
         "names",
         [
-            ("ARL090", "ARL360"), ("H-E05140", "H-E05230"), ("A.EW2", "A.NS2"), ("T-N", "T-W"),
-            ("HI.A..HNE.D", "HI.A..HNN.D"), ("A.HN1", "A.HN2"), ("17_H1.cor", "17_H2.cor"),
-            ("C_S16W", "C_N74W"), ("ELCL", "ELCT"), ("a_x", "a_y"), ("a_0", "a_90"),
+            ("ARL090", "ARL360"), ("A.EW2", "A.NS2"), ("HI.A..HNE.D", "HI.A..HNN.D"),
+            ("17_H1.cor", "17_H2.cor"), ("C_S16W", "C_N74W"), ("a_x", "a_y"),
         ],
     )  # fmt: skip
     def test_directions_at_right_angles_are_and_validate_names_them(self, tmp_path, names):
@@ -198,16 +195,12 @@ class TestProcessing:
     @pytest.mark.parametrize(
         ("steps", "message"),
         [
-            (
-                "[bandpas]",
-                r"motions\.processing\[0\].*bandpas.* is no known step; did you mean band",
-            ),
-            ("[{filter: {}}]", r"processing\[0\]\.filter is no known step; allowed are demean, "),
+            ("[bandpas]", r"processing\[0\]\.bandpas is no known step; did you mean bandpass"),
             ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is no known key; did you"),
             ("[bandpass]", r"must have lowest, highest or both of bandpass \[Hz\], such as"),
-            ("[{trim: {}}]", r"must have one of arias, threshold_g and times, not 0"),
+            ("[{trim: {}}]", r"must have one of arias, threshold_g and times of trim, not 0"),
             ("[{trim: {arias: [0.9, 0.1]}}]", r"must have arias increase"),
-            ("[{rotate: {}}]", r"must have one of azimuth and angle"),
+            ("[{rotate: {}}]", r"must have one of azimuth and angle of rotate"),
             ("[{demean: {}, taper: {}}]", r"processing\[0\] must have one of the keys demean"),
             ("[{rotate: {angle: 1}}, {choose: {components: [E]}}]", r"choose before rotate"),
             ("[{taper: {side: top}}]", r"side = top must be"),
@@ -218,9 +211,9 @@ class TestProcessing:
             study_with(tmp_path, f"{FILES}\n  processing: {steps}")
 
 
-def test_the_cube_states_processing_and_verticals(tmp_path, here):
-    from archfrag.study.batch import run_batch
-    from archfrag.study.cube import write_cube
+def test_the_cube_states_processing_and_verticals(tmp_path):
+    from archfrag.study.answer.cube import write_cube
+    from archfrag.study.runs.execute import run_batch
 
     text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [0.1]").replace("chunk: 2", "chunk: 9")
     study = study_with(

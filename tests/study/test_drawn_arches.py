@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
+import yaml
 
 from archfrag.errors import StabilityError, StudyError
 from archfrag.simulate import onset
-from archfrag.study.arches import ArchEntry
-from archfrag.study.config import load_study
-from archfrag.study.fleet import draw
-from archfrag.study.members import check_buildable, check_standing, expand
-from archfrag.study.yaml_file import dump_yaml
+from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.members import check_buildable, check_standing, expand
+from archfrag.study.file.samples import draw
+from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, small_study
 
 RING = {
@@ -22,7 +21,7 @@ FRICTION = {"friction": {"distribution": "uniform", "start": 0.6, "stop": 0.8}}
 
 def entry(vary, **changed):
     given = {**RING, **changed, "vary": {"samples": 4, **vary}}
-    return TypeAdapter(ArchEntry).validate_python(given)
+    return ArchEntry.model_validate(given)
 
 
 def drawn(vary, count=4, **changed):
@@ -85,7 +84,7 @@ class TestJoints:
             gone = ("radius", "embrace") if profile else ()
             given = {key: value for key, value in RING.items() if key not in gone}
             vary = {"samples": 16, "joints": {"position": shift}}
-            one = TypeAdapter(ArchEntry).validate_python({**given, **profile, "vary": vary})
+            one = ArchEntry.model_validate({**given, **profile, "vary": vary})
             end = 1.0 if profile else 157.5
             joints = np.array([arch.joints for arch, _ in draw(one, 16)])
             assert np.all(joints[:, [0, -1]] == [0.0, end])
@@ -102,7 +101,7 @@ class TestJoints:
             "extrados": [[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]],
         }  # fmt: skip
         for given, count in ((block, 1), (column, 2)):
-            one = TypeAdapter(ArchEntry).validate_python(
+            one = ArchEntry.model_validate(
                 {**given, "vary": {"samples": 2, "joints": joints}}
             )
             assert all(len(arch.friction) == count for arch, _ in draw(one, 2))
@@ -115,7 +114,7 @@ class TestRefusals:
     def refused(self, folder, vary, kind=StudyError, **changed):
         given = {**RING, **changed, "vary": vary}
         first, rest = TEXT.split("  - {id: ring")[0], TEXT.split("motions:")[1]
-        text = first + dump_yaml([given]) + "motions:" + rest
+        text = first + yaml.safe_dump([given]) + "motions:" + rest
         with pytest.raises(kind) as refusal:
             load_study(small_study(folder, text))
         return str(refusal.value).removeprefix(f"{folder / 'small.yaml'}: ")
@@ -123,29 +122,26 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("vary", "message"),
         [
-            ({"samples": 12, "of": FRICTION},
-             "arches[0].vary.samples: 12 must be a power of two with scheme sobol, such as 8 or "
-             "16; latin_hypercube takes any number"),
-            ({"samples": 4}, "must have a key of or joints: nothing varies"),
+            ({"samples": 12, "of": FRICTION}, ".samples = 12 must be a power of two"),
+            ({"samples": 4}, "must have a key of or joints"),
             ({"samples": 4, "of": {"frictions": FRICTION["friction"]}},
-             "arches[0].vary.of.frictions: is nothing that varies of the profile circular; "
-             "allowed are radius, thickness, embrace, density, depth, friction, dead_load"),
-            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}},
-             "must have one of cov and sd"),
+             ".of.frictions is nothing that varies of the profile circular; allowed are radius"),
+            ({"samples": 4, "of": {"friction": {"distribution": "normal", "cov": 0.1}}},
+             ".of.friction.mean is missing"),
+            ({"samples": 4, "of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
+             ".of.friction.mean is no known key; allowed are distribution, start, stop"),
+            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}},
              "must have upper above lower = 0.9, not 0.8"),
-            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=2.0)}},
-             "is cut too far: only 0 of the distribution lies between lower = 2 and upper = inf"),
+            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=2.0)}}, "is cut too far"),
             ({"samples": 4, "of": {"dead_load": normal(1.0, 0.1, relative=True)}},
-             "arches[0].vary.of.dead_load.relative: must have a finite dead_load of the arch to "
-             "multiply"),
+             ".of.dead_load.relative must have a finite dead_load of the arch to multiply"),
             ({"samples": 4, "of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
-             "arches[0].vary.correlation: correlation of friction and density: density is not "
-             "one of the parameters that vary (friction)"),
+             ".correlation is not possible: correlation of friction and density: density is not"),
             ({"samples": 4, "joints": {"friction": normal(1.0, 0.1, relative=True)}},
-             "arches[0].vary.joints.friction.relative: has no place among the joints"),
+             ".joints.friction.relative has no place among the joints"),
         ],
-        ids=range(9),
+        ids=range(11),
     )  # fmt: skip
     def test_keys(self, tmp_path, vary, message):
         assert message in self.refused(tmp_path, vary)
@@ -153,17 +149,14 @@ class TestRefusals:
     def test_an_arch_that_cannot_exist(self, tmp_path):
         vary = {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}}
         found = self.refused(tmp_path, vary)
-        assert found.startswith("arches[0] (ring): ")
-        assert "cannot exist: " in found
+        assert found.startswith("arches[0] (ring): cannot exist: ")
         assert " of 8 samples, the first is sample " in found
-        assert "(thickness = -" in found
         assert found.count("thickness = -") == 2  # what was drawn, and why it is none
 
     def test_a_value_beyond_what_its_key_allows(self, tmp_path):
-        vary = {"samples": 2, "of": {"density": normal(2e6, 0.01)}}
-        found = self.refused(tmp_path, vary)
+        found = self.refused(tmp_path, {"samples": 2, "of": {"density": normal(2e6, 0.01)}})
         assert found.startswith("arches[0] (ring): sample 1 (density = ")
-        assert found.endswith("must be less than or equal to 1e+06")
+        assert found.endswith("must be less than or equal to 1000000")
 
     def test_arches_that_do_not_stand(self):
         vary = {"of": {"thickness": {"distribution": "uniform", "start": 0.4, "stop": 0.9}}}

@@ -1,21 +1,15 @@
-"""Each key of a study file changed, one by one: results made before are never called current.
-
-``python -m tests.study.test_every_key FOLDER`` makes each changed study in the folder of the first
-one and anew, and prints the keys after which any file of the results differs.
-"""
+"""Each key of a study file changed, one by one: results made before are never called current."""
 
 import json
 import shutil
-import sys
-from pathlib import Path
 
 from click.testing import CliRunner
 
 from archfrag.cli import main
 from archfrag.errors import ArchfragError
-from archfrag.study.config import Study, dump_study, load_study
+from archfrag.study.file.schema import Study, load_study
 from archfrag.study.steps import stale_steps
-from tests.study.small import in_process, small_study
+from tests.study.small import dumped, small_study
 
 TEXT = """\
 id: every
@@ -70,10 +64,9 @@ def base(folder):
 
 def steps(path, *names):
     """Make steps of a study in this process."""
-    with in_process():
-        for name in names:
-            done = CliRunner().invoke(main, [name, str(path), *["--quiet"] * (name == "batch")])
-            assert done.exit_code == 0, done.output
+    for name in names:
+        done = CliRunner().invoke(main, [name, str(path), *["--quiet"] * (name == "batch")])
+        assert done.exit_code == 0, done.output
 
 
 def leaves(value, here=()):
@@ -113,7 +106,7 @@ def changed(folder):
             inner[place[-1]] = other
             path = folder / "changed.yaml"
             try:
-                path.write_text(dump_study(Study.model_validate(without_none(new))))
+                path.write_text(dumped(Study.model_validate(without_none(new))))
                 study = load_study(path)
             except (ArchfragError, ValueError):
                 continue
@@ -130,7 +123,7 @@ def without_none(value):
 
 def test_each_change_is_seen(tmp_path):
     path = base(tmp_path)
-    steps(path, "motions", "batch", "results")
+    steps(path, "motions", "batch", "cube", "fit", "report")
     assert stale_steps(load_study(path))[0] == []
     seen = set()
     for name, study in changed(tmp_path):
@@ -143,38 +136,3 @@ def test_each_change_is_seen(tmp_path):
             continue  # what cannot be run is not called current
         assert bool(stale) == (not name.startswith(SAME)) or name == "execution.batches", name
     assert len(seen) > 70, sorted(seen)
-
-
-def results(folder):
-    """All that people read of a study's results, without what states times and places."""
-    names = [p for p in folder.iterdir() if p.is_file() and p.suffix != ".html"]
-    return {path.name: path.read_bytes() for path in names}
-
-
-def differ(folder, study):
-    """Files in which a study made where another was differs from the same study made anew."""
-    for name in ("after", "anew"):
-        path = folder / f"{name}.yaml"
-        path.write_text(dump_study(study.model_copy(update={"output": str(folder / name)})))
-        if name == "after":
-            shutil.rmtree(folder / name, ignore_errors=True)
-            shutil.copytree(folder / "out", folder / name)
-            names = stale_steps(load_study(path))[0]
-            names = [n for n in names if n not in ("cube", "fit", "report")]
-            made = [n.split("-")[0] for n in names]
-        else:
-            shutil.rmtree(folder / name, ignore_errors=True)
-            made = ["motions", "batch"]
-        steps(path, *dict.fromkeys(made), "results")
-    one, other = results(folder / "after"), results(folder / "anew")
-    return [name for name in one | other if one.get(name) != other.get(name)]
-
-
-if __name__ == "__main__":
-    place = Path(sys.argv[1])
-    steps(base(place), "motions", "batch", "results")
-    for key, one in changed(place):
-        try:
-            print(key, stale_steps(one)[0][:1], differ(place, one) or "equal", flush=True)
-        except (ArchfragError, AssertionError) as error:
-            print(key, "cannot be run:", str(error)[-300:], flush=True)

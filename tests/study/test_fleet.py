@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
 
 from archfrag.errors import StudyError
-from archfrag.study.arches import StudyArch
-from archfrag.study.members import expand
+from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.members import expand
 
 DEFAULTS = {
     "id": "fleet", "profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7,
@@ -25,7 +24,7 @@ def fleet(folder, text=TABLE, **changed):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     given = {**DEFAULTS, "table": str(path), **changed}
     given = {key: value for key, value in given.items() if value is not None}
-    return TypeAdapter(StudyArch).validate_python(given)
+    return ArchEntry.model_validate(given)
 
 
 class TestRows:
@@ -41,7 +40,7 @@ class TestRows:
     def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
         (arch,) = expand([fleet(tmp_path, text)]).entries
-        assert (arch.voussoirs, arch.friction) == (2, (0.5, 0.6, 0.7))
+        assert (arch.voussoirs, arch.friction) == (2, [0.5, 0.6, 0.7])
 
     def test_rows_may_vary_each_on_its_own(self, tmp_path):
         vary = {
@@ -71,45 +70,29 @@ class TestRows:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("12,1.8", "12,1.8m", "line 3, column thickness = 1.8m must be a number"),
-        ("8.0,1.25", "8.0,", "line 5, column thickness is missing"),
-        ("late,8.0", "old,8.0", "line 5, column id: 'old' is the id of line 2 too; each arch "
-         "needs its own"),
-        ("late,8.0", "l te,8.0", "line 5, column id = l te must begin with a letter or a digit "
-         "and hold only letters, digits and _ . + -"),
-        (",south,1901", ",south", "line 3: has 5 cells; it must have 6, one for each column of "
-         "the first line"),
-        ("built", "region", "line 1: column region is there twice"),
-        ("region", "", "line 1: column 5 must have a name"),
-        ("region", "vary", "line 1: vary must be given in the study file"),
-        ("region", "Thicknes", "line 1: column Thicknes is no key of an arch; did you mean "
-         "thickness?"),
-        ("id,", "name,", "line 1: a column id is missing"),
-        ("0.6,north", '"[0.6, x]",north', "line 2, column friction[1] = x must be a number"),
-        ("0.6,north", '2e6,north', "line 2, column friction = 2000000 must be at most 1e+06, or "
-         "inf for no sliding"),
-        ("id,radius", "id,span", "line 2, column span is no known key; allowed are "),
+        ("12,1.8", "12,1.8m", ", line 3, column thickness = '1.8m' must be"),
+        ("8.0,1.25", "8.0,", ", line 5, column thickness is missing"),
+        ("late,8.0", "old,8.0", ", line 5, column id: 'old' is the id of line 2 too"),
+        ("late,8.0", "l te,8.0", ", line 5, column id = l te must begin with"),
+        (",south,1901", ",south", ", line 3: must have 6 cells"),
+        ("built", "region", ", line 1: a column is there twice"),
+        ("region", "", ", line 1: each column must have a name"),
+        ("region", "vary", ", line 1: vary and recess must be given in the study file"),
+        ("region", "Thicknes", ", line 1: column Thicknes is no key of an arch; did you mean"),
+        ("id,", "name,", ", line 1: a column id is missing"),
+        (TABLE, TABLE.replace(",", ";"), ", line 1: a column id is missing; commas"),
+        ("0.6,north", '"[0.6, x]",north', ", line 2, column friction[1] = 'x' must be"),
+        ("id,radius", "id,span", ", line 2, column span is no known key; allowed are "),
+        (TABLE, "id,radius\n", ": has 0 arches"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_table_is_one_message(tmp_path, old, new, message):
-    entry = fleet(tmp_path, TABLE.replace(old, new, 1))
     with pytest.raises(StudyError) as refusal:
-        expand([entry])
-    path = f"arches[0] (fleet): {tmp_path / 'fleet.csv'}"
-    assert str(refusal.value).startswith(f"{path}, {message}")
+        expand([fleet(tmp_path, TABLE.replace(old, new, 1))])
+    assert str(refusal.value).startswith(f"arches[0] (fleet): {tmp_path / 'fleet.csv'}{message}")
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("id,radius\n", "must have a line for each arch below its first line"),
-        (TABLE.encode("utf-16"), "fleet.csv is not text in UTF-8"),
-        (TABLE.replace(",", ";"), "line 1: a column id is missing (commas must be between them)"),
-    ],
-    ids=["no row", "utf-16", "semicolons"],
-)
-def test_what_is_no_table(tmp_path, text, message):
-    with pytest.raises(StudyError) as refusal:
-        expand([fleet(tmp_path, text)])
-    assert message in str(refusal.value)
+def test_a_table_that_is_no_text_in_utf_8(tmp_path):
+    with pytest.raises(StudyError, match=r"fleet\.csv is not text in UTF-8"):
+        expand([fleet(tmp_path, TABLE.encode("utf-16"))])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.study.hazard import load_hazard
+from archfrag.study.file.hazard import load_hazard
 
 G = 9.80665
 OPENQUAKE = """\
@@ -81,14 +81,12 @@ class TestPlain:
             ("", "is empty"),
             ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
             ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
-            ("RotD50(PGA) [g],rate\n1,1\n", "hazard of RotD50(PGA), but"),
             ("strength,rate\n1,1\n", "has 'strength' as its first column"),
             ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
-            ("PGA [g],rate,rate\n1,1,1\n", "two columns of the curve 'mean'"),
+            ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "the curve 'mean', which was there"),
             ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),
             ("PGA [g],rate\n0.1,much\n", "line 2, column 'rate' is 'much'"),
             ("PGA [g],rate\n0.1\n", "line 2 has 1 columns, the header 2"),
-            ("PGA [g],rate\n0.1,1e-3\n", "column 'rate': the hazard curve has 1 of 1"),
             ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", "rises from 0.001 to 0.01 at im = 0.2"),
         ],
     )
@@ -124,17 +122,12 @@ class TestOpenQuakeCsv:
             ({}, {"site": (42.3, 113.4)}, "longitude comes first"),
             ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),
             ({"imt": "SA(0.3)"}, {"site": (13.4, 42.3)}, "hazard of Sa(0.3), but the study's"),
-            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "row 1 (lon 13.4, lat 42.3): the hazard"),
-            ({"p": "x"}, {"site": (13.4, 42.3)}, "a probability of row 1 is 'x'"),
+            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "line 3 (lon 13.4, lat 42.3): the hazard"),
+            ({"p": "x"}, {"site": (13.4, 42.3)}, "a probability of line 3 is 'x'"),
         ],
     )
     def test_refusals(self, write, changes, options, part):
         assert part in refusal(write(openquake(**changes)), **options)
-
-    def test_the_same_curve_twice(self, write):
-        files = [write(openquake(), "a"), write(openquake(), "b")]
-        with pytest.raises(InputError, match="which an earlier file has too"):
-            load_hazard(files, "PGA", site=(13.4, 42.3))
 
 
 class TestNrml:

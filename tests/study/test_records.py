@@ -5,11 +5,11 @@ import pytest
 
 from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.motions.measures import measure
-from archfrag.study.config import load_study
+from archfrag.study.file.records import load_prepared, load_record, prepare_motions
+from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
-from archfrag.study.plan import make_plan
-from archfrag.study.records import load_prepared, load_record, prepare_motions
-from archfrag.study.rounds import cases_of
+from archfrag.study.runs.design import CASE
+from archfrag.study.runs.plan import make_plan
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 FILES = 'files: ["records/*.AT2"]'
@@ -19,9 +19,10 @@ INDEX = ROOT / "records" / "index.csv"
 def plan_factors(study, record):
     """Factors of one record at all levels, as the plan has them."""
     plan = make_plan(study)
-    number = [each.id for each in plan.records].index(record.id)
-    count = len(plan.levels)
-    return plan.factors(cases_of(0, [number] * count, range(count), plan.levels))
+    cases = np.zeros(len(plan.levels), CASE)
+    cases["record"] = [each.id for each in plan.records].index(record.id)
+    cases["level"] = plan.levels
+    return plan.factors(cases)
 
 
 def study_with(tmp_path, motions, **changes):
@@ -120,10 +121,10 @@ def test_patterns_match_in_any_case(tmp_path, pattern):
 
 
 def test_two_records_of_one_id_are_refused(tmp_path):
-    made(tmp_path / "records" / "e1-r1.AT2")
-    one = "{events: 1, magnitude: [6], distance_km: [10]}"
-    with pytest.raises(RecordError, match=r"motions\.synthetic: the record id 'e1-r1' is that"):
-        prepare_motions(study_with(tmp_path, f"{FILES}\n  synthetic: {one}"))
+    name = "syn-m55-r010"
+    made(tmp_path / "records" / f"{name}.AT2")
+    with pytest.raises(RecordError, match=rf"{name}\.AT2: the record id '{name}' is that of"):
+        prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))
 
 
 def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.cli.facts import response_facts
 from archfrag.study.provenance import strict_json
-from archfrag.study.single import response_facts
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
@@ -37,7 +37,7 @@ def test_what_a_status_advises_can_be_given():
     from archfrag.cli import main
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.checks import method_names
-    from archfrag.study.config import Method
+    from archfrag.study.file.schema import Method
 
     known = {option.name for option in main.commands["simulate"].params}
     known &= {"method", *Method.model_fields} & set(inspect.signature(af.simulate).parameters)

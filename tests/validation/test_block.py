@@ -7,9 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
-from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
-from archfrag.mechanics.block.motion import ROCK, rocking_impact, starting_motion
-from archfrag.mechanics.block.regions import painleve_friction, rocking_acceleration
+from archbench.paper.block import (
+    CORNER_A,
+    ROCK,
+    active_force,
+    rocking_acceleration,
+    rocking_impact,
+    starting_motion,
+    uniform_block,
+)
+from archbench.paper.regions import painleve_friction
 from tests.validation.scenes import falls, first_collapse, g
 
 TOPIC = "Single block"
@@ -183,7 +190,9 @@ def impacts_before_overturning(block, load, frequency, ratio):
 
     def rates(time, state, side):
         ground = load * math.sin(frequency * time) if time < end else 0.0
-        return state[1], rocking_acceleration(block, side, state[0], ground, 0.0, g)
+        return state[1], rocking_acceleration(
+            block, side, state[0], active_force(block, ground, 0.0, g)
+        )
 
     def flat(_, state, side):
         return state[0]

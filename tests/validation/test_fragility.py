@@ -12,8 +12,7 @@ from scipy.stats import norm
 
 import archfrag as af
 from archfrag.export.formats import nrml_continuous, pelicun_table
-from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.fragility.risk import collapse_rate
+from archfrag.fragility.risk import HazardCurve, collapse_rate
 from tests.export.made import curve_set, fragility
 
 BAKER = "Baker 2015, the author's data"

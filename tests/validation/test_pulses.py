@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import archbench  # noqa: F401  registers the baselines
 import archfrag as af
 from tests.validation.scenes import falls, first_collapse, g, oppenheim, pulse
 

@@ -11,8 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
-from archfrag.study.config import load_study
-from archfrag.study.plan import make_plan
+from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
@@ -20,7 +19,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
 
 
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report", "risk", "export", "clean", "evidence")  # fmt: skip
+            "cube", "fit", "report", "risk", "export", "clean")  # fmt: skip
 RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
@@ -110,7 +109,7 @@ class TestSimulate:
         assert facts["collapse_time"] is None
         assert facts["peak_displacement"] == 0.0
         text = call("simulate", *ARCH, record, "--pga", "0.2").output
-        assert text.startswith("standing: the chain came to rest")
+        assert text.startswith("standing: the arch came to rest")
 
     def test_unusable_input(self, record, tmp_path):
         lost = tmp_path / "lost.AT2"
@@ -140,7 +139,7 @@ class TestValidate:
 
     @pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8 elsewhere")
     def test_of_very_many_arches_some_are_checked(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("archfrag.study.members.MOST_CHECKED", 3)
+        monkeypatch.setattr("archfrag.study.file.members.MOST_CHECKED", 3)
         vary = "samples: 8, of: {density: {distribution: uniform, start: 1800, stop: 2000}}"
         text = TEXT.replace("friction: .inf}", f"friction: .inf, vary: {{{vary}}}}}")
         result = call("validate", small_study(tmp_path, text))
@@ -163,18 +162,12 @@ class TestValidate:
 
 
 class TestSteps:
-    def test_steps_by_hand_in_order_with_logs(self, tmp_path):
+    def test_steps_by_hand_in_order(self, tmp_path):
         path, out = small_study(tmp_path), tmp_path / "out"
         assert refused("batch", path)[0] == 2
-        log = tmp_path / "logs" / "motions.log"
-        assert call("motions", path, "--log", log).exit_code == 0
-        assert log.read_text() == "archfrag: motions: 2 records ready\n"
-        assert refused("cube", path, "--log", log) == (
-            2,
-            f"{out / '.archfrag' / 'parts'}: 12 of 12 runs of round 1 are missing or damaged; "
-            "`archfrag run STUDY --resume` with the file of study 'small' makes them and the cube",
-        )
-        assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
+        assert call("motions", path).stderr == "archfrag: motions: 2 records ready\n"
+        code, message = refused("cube", path)
+        assert (code, message.startswith(f"{out / '.archfrag' / 'parts'}: 12 of 12")) == (2, True)
         result = call("batch", path, "--workers", "1", "--quiet")
         assert "12 runs, 0 kept from before, 12 new" in result.stderr
         for command, result_file in {
@@ -193,8 +186,7 @@ class TestSteps:
     def a_damaged_cube_is_refused_and_made_again(self, path, out):
         full = (out / "cube.nc").read_bytes()
         middle = len(full) // 2
-        flipped = b"\0" * 512 + full[512:]
-        for damaged in (b"", full[:middle], flipped, full[:100]):
+        for damaged in (b"", full[:middle], full[:100]):
             (out / "cube.nc").write_bytes(damaged)
             code, message = refused("fit", path)
             assert code == 2
@@ -211,7 +203,7 @@ class TestSteps:
         parts = set(out.glob(".archfrag/parts/*/*.npy"))
         path.write_text(path.read_text().replace("id: slab", "id: plate"))
         path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
-        make_runs(make_plan(load_study(path)))
+        make_runs(load_study(path))
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
@@ -231,19 +223,10 @@ class TestSteps:
         ],
     )
     def test_errors_of_the_machine_are_a_message(self, tmp_path, monkeypatch, error, message):
-        import archfrag.study.records
+        import archfrag.study.steps
 
         def broken(study):
             raise error
 
-        monkeypatch.setattr(archfrag.study.records, "prepare_motions", broken)
+        monkeypatch.setattr(archfrag.study.steps, "prepare_motions", broken)
         assert refused("motions", small_study(tmp_path)) == (1, message)
-
-
-class TestEvidence:
-    def test_without_the_repository_it_is_reported_how_to_get_it(self, tmp_path, monkeypatch):
-        monkeypatch.setitem(sys.modules, "archbench", None)
-        monkeypatch.delitem(sys.modules, "archbench.page", raising=False)
-        message = refused("evidence", "--output", tmp_path / "out")[1]
-        assert "archbench" in message
-        assert "pip install -e .[bench]" in message

@@ -216,18 +216,19 @@ class TestMake:
         "10,20", "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
     )  # fmt: skip
 
-    def test_they_are_those_of_the_same_keys_in_a_study(self, tmp_path):
-        from archfrag.study.synthetic import Synthetic, made_motions
+    def test_they_are_those_of_the_same_plan(self, tmp_path):
+        from archfrag.motions.synthetic import Plan, plan_motions
 
         found = facts("make", "--out", tmp_path / "a", *self.PLAN)
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == [
             "e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"
         ]  # fmt: skip
-        wanted = Synthetic(
-            events=2, records_per_event=2, magnitude={"start": 6.0, "stop": 7.0},
-            distance_km=(10.0, 20.0), sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
+        wanted = Plan(
+            2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
+            sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        entries, made = load_index(tmp_path / "a"), list(made_motions(wanted))
+        entries = load_index(tmp_path / "a")
+        made = [recipe.make() for recipe in plan_motions(wanted)]
         for entry, motion in zip(entries, made, strict=True):
             read = load_motion(entry)
             assert np.array_equal(read.acceleration, motion.acceleration)
@@ -249,7 +250,7 @@ class TestMake:
             (["--vertical"], "--events, --magnitude, --distance-km are missing"),
             (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
-             "--distance-km[1] = 400.0 must be less than or equal to 300"),
+             "--distance-km 5,400: must be from 0 to 300"),
         ],
     )  # fmt: skip
     def test_what_is_refused(self, tmp_path, options, start):

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,9 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
-from archfrag.study import workflow
+from archfrag.study.file.records import MANIFEST
 from archfrag.study.files import sha256_of
-from archfrag.study.records import MANIFEST
-from tests.study.small import files_below, in_process, small_study
+from tests.study.small import files_below, small_study
 
 PRECIOUS = b"years of work\n"
 LONGEST = 30  # after which a command hangs [s]
@@ -34,25 +32,11 @@ class Payload:
         return Path.touch, (Path(self.mark),)
 
 
-def steps_here(study, options, lock, stop, last="results"):
-    """What Snakemake does, in this process."""
-    for step in ("motions", "batch", last):
-        log = study.work / "logs" / f"{step}.log"
-        more = ["--quiet"] if step == "batch" else []
-        asked = [step, str(study.work / "study.yaml"), "--log", str(log), *more]
-        code = CliRunner().invoke(main, asked).exit_code
-        if code:
-            return code
-    return 0
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A finished study."""
     path = small_study(tmp_path_factory.mktemp("made"))
-    with in_process(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "_snakemake", steps_here)
-        assert CliRunner().invoke(main, ["run", str(path)]).exit_code == 0
+    assert CliRunner().invoke(main, ["run", str(path)]).exit_code == 0
     return path.parent
 
 
@@ -115,10 +99,6 @@ class Folder:
             (self.out / name).parent.mkdir(exist_ok=True)
             (self.out / name).write_bytes(PRECIOUS)
 
-    def written(self, name):
-        entry = {"group": "report", "sha256": sha256_of(self.precious), "size": 1}
-        self.json("written.json", **{name: entry})
-
     def stamps(self, name):
         for step in ("motions", "cube", "fit", "report"):
             self.json(f"steps/{step}.json", files={name: "0" * 64})
@@ -153,41 +133,28 @@ class Folder:
             (parts / name).write_bytes(PRECIOUS)
 
 
-# What the report is made with; of the others the cube is enough.
-REPORTED = ("fits", "report", "figure", "written", "stamps", "hidden")
-HOLDER = {"host": "elsewhere", "pid": 1, "started": 1.0}
 ATTACKS = {
     "lock is a link": lambda f: f.link(".archfrag/lock"),
     "lock is a hard link": lambda f: f.link(".archfrag/lock", hard=True),
     "lock is a pipe": lambda f: f.pipe(".archfrag/lock"),
     "lock is a folder": lambda f: f.folder(".archfrag/lock"),
-    "lock of pid -1": lambda f: f.text(".archfrag/lock", json.dumps(HOLDER | {"pid": -1})),
-    "lock of no pid": lambda f: f.text(".archfrag/lock", json.dumps(HOLDER | {"pid": [[]]})),
-    "lock too deep": lambda f: f.text(".archfrag/lock", "[" * 100_000),
     "hidden folder is a link": lambda f: f.link(".archfrag", f.user),
     "logs is a link": lambda f: f.link(".archfrag/logs", f.user),
-    "log is a hard link": lambda f: f.link(".archfrag/logs/snakemake.log", hard=True),
-    "log of a step is a hard link": lambda f: f.link(".archfrag/logs/motions.log", hard=True),
     "motions is a link": lambda f: f.link(".archfrag/motions", f.user / "motions"),
     "parts is a link": lambda f: f.link(".archfrag/parts", f.user / "parts"),
     "parts of others is a link": lambda f: f.link(".archfrag/parts/0123456789ab",
                                                   f.user / "parts/0123456789ab"),
     "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
-    "Snakemake's folder is a link": lambda f: f.link(".archfrag/.snakemake", f.user),
-    "benchmark is a hard link": lambda f: f.link(".archfrag/benchmarks/motions.tsv", hard=True),
-    "dask's lock is a hard link": lambda f: f.link(
-        ".archfrag/dask/dask-scratch-space/global.lock", hard=True),
     "stamp is a pipe": lambda f: f.pipe(".archfrag/steps/motions.json"),
     "stamp too deep": lambda f: f.text(".archfrag/steps/motions.json", "[" * 100_000),
     "stamps of a device": lambda f: f.stamps("/dev/zero"),
     "stamps with ..": lambda f: f.stamps("../../user/lock"),
     "stamps of a pipe": lambda f: (f.pipe("pipe"), f.stamps("pipe")),
-    "written elsewhere": lambda f: f.written("../../user/lock"),
-    "written at an absolute path": lambda f: f.written(str(f.precious)),
-    "written no table": lambda f: f.text(".archfrag/written.json", '{"a": 1}'),
     "run log no list": lambda f: f.text(".archfrag/run_log.json", '{"a": 1}'),
     "run log is a hard link": lambda f: f.link(".archfrag/run_log.json", hard=True),
-    "origin is a pipe": lambda f: f.pipe(".archfrag/study_file.txt"),
+    "owner is a pipe": lambda f: f.pipe(".archfrag/study.json"),
+    "owner too deep": lambda f: f.text(".archfrag/study.json", "[" * 100_000),
+    "table of runs is a link": lambda f: f.link(".archfrag/runs/batch-0of1.csv"),
     "manifest elsewhere": Folder.elsewhere,
     "manifest too deep": lambda f: f.text(".archfrag/motions.json", "[" * 100_000),
     "motions with pickles": Folder.motions,
@@ -219,12 +186,9 @@ def timeout():
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_a_results_folder_from_somebody_else(made, tmp_path, monkeypatch, timeout, attack):
+def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
     """After a kill, so that it is swept too; with a new title and levels, so that all is made."""
-    last = "results" if attack.split()[0] in REPORTED else "cube"
-    monkeypatch.setattr(workflow, "_snakemake", partial(steps_here, last=last))
     folder = Folder(tmp_path, made)
-    (folder.work / "lock").write_text(json.dumps(HOLDER | {"stopped": True}))
     ATTACKS[attack](folder)
     before = files_below(folder.user) | {
         path: content for path, content in files_below(folder.out).items()
@@ -232,11 +196,10 @@ def test_a_results_folder_from_somebody_else(made, tmp_path, monkeypatch, timeou
     }  # fmt: skip
     study = str(folder.study / "small.yaml")
     changes = ["--set", "title=New", "--set", "intensity.levels=[0.1, 0.6]"]
-    with in_process():
-        for asked in (["run", study, "--resume", *changes], ["clean", study, *changes, "--yes"]):
-            done = CliRunner().invoke(main, asked)
-            assert done.exception is None or isinstance(done.exception, SystemExit)
-            assert len(done.stderr.splitlines()) < 20
+    for asked in (["run", study, *changes], ["clean", study, *changes, "--yes"]):
+        done = CliRunner().invoke(main, asked)
+        assert done.exception is None or isinstance(done.exception, SystemExit)
+        assert len(done.stderr.splitlines()) < 20
     assert not folder.mark.exists()
     assert {path: path.read_bytes() for path in before} == before
 

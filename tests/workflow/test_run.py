@@ -1,4 +1,4 @@
-"""One command for a study: done, up to date, killed, resumed, beside each other."""
+"""One command for a study: done, up to date, killed, resumed; and the same steps by Snakemake."""
 
 import hashlib
 import json
@@ -6,7 +6,6 @@ import os
 import random
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -22,25 +21,14 @@ from click.testing import CliRunner
 
 from archfrag import kernel_cache
 from archfrag.cli import main
-from archfrag.study.workflow import snakefile
+from archfrag.study.file.schema import load_study
+from archfrag.study.running import only_run
+from archfrag.study.starter import snakefile
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
-
-
 STARTED: list[subprocess.Popen] = []
-# Breaks the step that prepares motions, as a mistake of ours would.
-BROKEN = """
-import sys
-if "motions" in sys.argv:
-    import archfrag.study.records
-
-    def broken(study):
-        raise ZeroDivisionError("a mistake of ours")
-
-    archfrag.study.records.prepare_motions = broken
-"""
 
 
 def start(*arguments, env=MappingProxyType({})):
@@ -92,11 +80,11 @@ def kill_tree(process):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """Study file of an undisturbed run, what it printed, and the SHA-256 of its cube."""
+    """Study file of an undisturbed run, what it printed, and its cube."""
     path = small_study(tmp_path_factory.mktemp("finished"), SLOW)
     code, stdout, stderr = run(path)
     assert code == 0, stderr
-    return path, stdout, stderr, sha256(path.parent / "out" / "cube.nc")
+    return path, stdout, stderr, xr.load_dataset(path.parent / "out" / "cube.nc")
 
 
 def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
@@ -110,18 +98,15 @@ def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
     steps = [step for step in steps if step != "caution"]
     assert steps == ["motions", "batch", "cube", "fit", "fit", "report"]
     assert "simulations" in stderr
-    assert "Building DAG" not in stderr
     assert {entry.name for entry in out.iterdir()} == {
-        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "fits.json", "report.html",
-        "summary.json",
+        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "curve.csv", "fits.json",
+        "report.html", "summary.json",
     }  # fmt: skip
-    work = out / ".archfrag"
-    for name in ("motions", "batch-0", "results"):
-        assert (work / "logs" / f"{name}.log").read_text().startswith("archfrag: ")
-        assert "max_rss" in (work / "benchmarks" / f"{name}.tsv").read_text()
-    entries = json.loads((work / "run_log.json").read_text())
-    assert entries[0]["runs"] == 20
-    assert entries[0]["host"]
+    entries = json.loads((out / ".archfrag" / "run_log.json").read_text())
+    assert (entries[0]["runs"], entries[0]["workers"]) == (20, 1)
+    curve = pd.read_csv(out / "curve.csv")
+    assert list(curve) == ["arch", "PGA [g]", "probability", "lower", "upper"]
+    assert ((curve["lower"] <= curve["upper"]) & (curve["probability"] <= 1.0)).all()
 
 
 NOTHING = "archfrag: nothing to do: all results are up to date\n"
@@ -138,40 +123,85 @@ def test_what_is_done_is_not_done_again(finished):
     path = finished[0]
     out = path.parent / "out"
     before = written(out)
-    code, stdout, stderr = run(path)
-    assert (code, stdout, stderr) == (0, f"report: {out / 'report.html'}\n", NOTHING)
-    assert CliRunner().invoke(main, ["results", str(path)]).exit_code == 0
+    assert run(path) == (0, f"report: {out / 'report.html'}\n", NOTHING)
     assert written(out) == before
 
 
-@pytest.mark.parametrize(
-    ("asked", "shown"),
-    [(["-n"], "batch "), (["--dag"], "digraph"), (["--report", "{}/report.html"], ""),
-     (["--list-rules"], "motions")],
-)  # fmt: skip
-def test_what_asks_snakemake_only_changes_nothing(finished, tmp_path, asked, shown):
-    """Of a study that is not done, without --cores; without a study an error names the option."""
-    path, study = finished[0], tmp_path / "other.yaml"
-    text = path.read_text().replace("[0.1, ", "[0.2, ").replace("output: out", "output: OUT")
-    study.write_text(text.replace("OUT", str(path.parent / "out")).replace(
-        "records/*", str(path.parent / "records" / "*")))  # fmt: skip
-    before = written(path.parent)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile()]
-    command += [each.format(tmp_path) for each in asked]
-    done, none = (
-        subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True)
-        for more in (["--config", f"study={study}"], [])
-    )
-    assert done.returncode == 0, done.stderr
-    assert shown in done.stdout + done.stderr
-    assert written(path.parent) == before
-    assert none.returncode == 1
-    assert "no study is given; add --config study=FILE" in none.stdout + none.stderr
-    assert run(path)[2] == NOTHING
+def snakemake(folder, *arguments, file=None):
+    """Snakemake as a user starts it."""
+    command = [sys.executable, "-m", "snakemake", "--snakefile", file or snakefile()]
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    return subprocess.run(
+        [*command, *map(str, arguments)], cwd=folder, capture_output=True, text=True, timeout=600,
+        env=environment,
+    )  # fmt: skip
+
+
+class TestSnakemake:
+    @pytest.fixture(scope="class")
+    def made(self, finished, tmp_path_factory):
+        """A folder in which Snakemake made the study by the name of its report."""
+        folder = tmp_path_factory.mktemp("snakemake")
+        study = f"study={finished[0]}"
+        done = snakemake(folder, "--cores", 1, "results/small/report.html", "--config", study)
+        assert done.returncode == 0, done.stderr
+        return folder, study
+
+    def test_it_makes_what_a_run_makes(self, finished, made):
+        results = made[0] / "results" / "small"
+        xr.testing.assert_identical(xr.load_dataset(results / "cube.nc"), finished[3])
+        assert (results / "report.html").is_file()
+        assert {entry.name for entry in made[0].iterdir()} == {".snakemake", "results"}
+
+    def test_dry_runs_and_pictures_change_nothing(self, made, tmp_path):
+        """Of a study that is done, and of one that is edited."""
+        folder, study = made
+        text = Path(study.removeprefix("study=")).read_text()
+        edited = small_study(tmp_path, text.replace("[0.1, ", "[0.2, "))
+        before = written(folder)
+        for asked, shown in ((study, "Nothing to be done"), (f"study={edited}", "motions")):
+            for _ in range(2):
+                done = snakemake(folder, "-n", "--config", asked)
+                assert done.returncode == 0, done.stderr
+                assert shown in done.stdout + done.stderr
+            assert "digraph" in snakemake(folder, "--dag", "--config", asked).stdout
+        assert written(folder) == before
+
+    def test_its_report_holds_ours(self, made):
+        folder, study = made
+        done = snakemake(folder, "--report", "ours.html", "--config", study)
+        assert done.returncode == 0, done.stderr
+        text = (folder / "ours.html").read_text()
+        assert "report.html" in text
+        assert "curve.csv" in text
+        (folder / "ours.html").unlink()
+
+    def test_a_workflow_takes_it_as_a_module_for_two_studies(self, made, tmp_path):
+        first = Path(made[1].removeprefix("study="))
+        second = first.with_name("second.yaml")
+        second.write_text(first.read_text().replace("id: small", "id: second"))
+        (tmp_path / "Snakefile").write_text(
+            f"module fragility:\n    snakefile: {str(snakefile())!r}\n"
+            f"    config: {{'study': [{str(first)!r}, {str(second)!r}]}}\n"
+            "use rule * from fragility as fragility_*\n"
+            "rule both:\n    default_target: True\n"
+            "    input: 'results/small/curve.csv', 'results/second/curve.csv'\n"
+            "    output: 'both.csv'\n    shell: 'cat {input} > {output}'\n"
+        )
+        done = snakemake(tmp_path, "--cores", 2, file=tmp_path / "Snakefile")
+        second.unlink()
+        assert done.returncode == 0, done.stderr
+        own = (tmp_path / "results" / "small" / "curve.csv").read_text()
+        assert (tmp_path / "both.csv").read_text() == 2 * own
+
+    def test_without_a_study_an_error_names_the_option(self, tmp_path):
+        done = snakemake(tmp_path, "-n")
+        assert done.returncode == 1
+        assert "no study is given; add --config study=FILE" in done.stdout + done.stderr
 
 
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
-    path, *_, cube = finished
+    path, cube = finished[0], sha256(finished[0].parent / "out" / "cube.nc")
     asked = ["export", str(path), "--format", "csv", "--out", str(tmp_path)]
     result = CliRunner().invoke(main, asked)
     assert result.exit_code == 0, result.output
@@ -183,24 +213,6 @@ def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     assert "cube.nc: was made before these changed: levels" in late.stderr
     assert late.stderr.count("\n") == 1
     assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made
-
-
-def test_by_hand_snakemake_does_the_same(finished, tmp_path):
-    path = finished[0]
-    (path.parent / "out" / "cube.nc").write_bytes(b"")
-    command = ["--cores", "1", "--config", f"study={os.path.relpath(path, tmp_path)}"]
-    done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), *command], cwd=tmp_path,
-        capture_output=True, text=True, timeout=600,
-        env={**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "archfrag: cube: " in done.stdout
-    assert "archfrag: motions: " not in done.stdout
-    assert sha256(path.parent / "out" / "cube.nc") == finished[3]
-    # Snakemake makes its own folder where it is started, before it knows of another.
-    assert {entry.name for entry in tmp_path.iterdir()} <= {".snakemake"}
-    assert run(path)[2] == NOTHING
 
 
 TITLE = ("--set", "title=Another title")
@@ -228,75 +240,63 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
     assert run(path, *TITLE)[::2] == (0, NOTHING)
 
 
-def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
-    """The first kill is also one that is not resumed, and at work while another is started."""
+def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_path):
+    """While one is at work another is refused, which names it."""
     path = small_study(tmp_path, SLOW)
-    out = tmp_path / "out"
+    work = tmp_path / "out" / ".archfrag"
+    work.mkdir(parents=True)
+    with only_run(load_study(path)):
+        code, _, stderr = run(path)
+    assert code == 4
+    assert f"another run of study 'small' is at work here (process {os.getpid()} on " in stderr
     dice = random.Random(20)
-    parts, resume = [], []
-    work = out / ".archfrag"
-    for sign in ("lock", "motions/*", "parts/*/*.npy"):
-        process = start(path, *resume)
+    parts = []
+    for sign in ("study.json", "motions/*", "parts/*/*.npy"):
+        process = start(path)
         while not list(work.glob(sign)):
             assert process.poll() is None, "it was done before it could be killed"
             time.sleep(0.02)
-        who = f"process {process.pid} on {socket.gethostname()}"
-        if not resume:
-            assert run(path)[::2] == (
-                4,
-                f"archfrag: error: {out}: another run of study 'small' is at work here ({who}); "
-                "wait for it or stop it\n",
-            )
-        time.sleep(dice.uniform(0.0, 0.5))
+        time.sleep(dice.uniform(0.0, 0.3))
         kill_tree(process)
-        if not resume:
-            assert run(path)[::2] == (
-                4,
-                f"archfrag: error: {out}: an earlier run ({who}) was stopped in the middle; type "
-                f"`archfrag run {path} --resume` to go on\n",
-            )
         parts.append(len(list(work.glob("parts/*/*.npy"))))
-        resume = ["--resume"]
     assert parts[-1] >= 1, "no run came so far that resuming meant anything"
     code, _, stderr = run(path, "--resume")
     assert code == 0, stderr
-    assert sha256(out / "cube.nc") == finished[3]
-    assert not list(out.rglob(".*.tmp"))
+    xr.testing.assert_identical(xr.load_dataset(tmp_path / "out" / "cube.nc"), finished[3])
+    assert not list((tmp_path / "out").rglob(".*.tmp"))
 
 
 @pytest.mark.parametrize(
     ("number", "whom"),
     [(signal.SIGTERM, "parent"), (signal.SIGINT, "group"), (signal.SIGKILL, "parent")],
 )
-def test_a_stopped_run_takes_its_full_tree_with_it(tmp_path, number, whom):
+def test_a_stopped_run_takes_its_workers_with_it(tmp_path, number, whom):
+    (tmp_path / "now").mkdir()
+    (tmp_path / "now" / "sitecustomize.py").write_text(
+        "import sys\nif 'run' in sys.argv:\n"
+        "    import archfrag.study.runs.execute as e\n    e.IN_PROCESS = 0.0\n"
+    )
     path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
-    process = start(path)
-    parts = tmp_path / "out" / ".archfrag" / "parts"
-    while not list(parts.glob("*/plan-*")):
-        assert process.poll() is None
-        time.sleep(0.05)
+    process = start(path, env={"PYTHONPATH": str(tmp_path / "now")})
     children = []
-    while len(children) < 5:  # Snakemake, its shell, the batch, a worker and what tracks them
+    while len(children) < 3:  # two workers and what tracks them
         assert process.poll() is None
         time.sleep(0.2)
         children = psutil.Process(process.pid).children(recursive=True)
+    time.sleep(2.0)
     stopped = time.monotonic()
     (os.killpg if whom == "group" else os.kill)(process.pid, number)
     _, stderr = process.communicate(timeout=30)
     _, alive = psutil.wait_procs(children, timeout=5.0)
-    took = time.monotonic() - stopped
     assert not alive
     if number == signal.SIGKILL:
         return
-    assert took < 5.0
+    assert time.monotonic() - stopped < 5.0
     assert process.returncode == 128 + number
-    assert stderr.count("--resume") == 1
     assert stderr.endswith(
         f"archfrag: stopped by {number.name}; what is finished is kept, `archfrag run {path} "
         "--resume` goes on\n"
     )
-    holder = json.loads((tmp_path / "out" / ".archfrag" / "lock").read_text())
-    assert (holder["host"], holder["pid"]) == (socket.gethostname(), process.pid)
 
 
 def test_a_failing_step_is_reported_once_with_its_exit_code(tmp_path):
@@ -324,31 +324,10 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished):
     moved.rename(path)
 
 
-def test_a_step_that_breaks_is_reported_with_the_log_that_holds_it(tmp_path):
-    path = small_study(tmp_path)
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "sitecustomize.py").write_text(BROKEN)
-    code, _, stderr = run(path, env={"PYTHONPATH": str(tmp_path / "broken")})
-    log = tmp_path / "out" / ".archfrag" / "logs" / "motions.log"
-    assert code == 1
-    assert stderr == (
-        "archfrag: error: step motions failed: ZeroDivisionError: a mistake of ours; all of it is "
-        f"in {log}\n"
-    )
-    assert "Traceback" in log.read_text()
-
-
-def test_what_snakemake_states_is_reported_with_its_log(tmp_path):
-    path = small_study(tmp_path)
-    (tmp_path / "profile").mkdir()
-    (tmp_path / "profile" / "config.yaml").write_text("executor: no-such-cluster\ncores: 1\n")
-    code, _, stderr = run(path, "--profile", tmp_path / "profile")
-    log = tmp_path / "out" / ".archfrag" / "logs" / "snakemake.log"
-    assert code == 1
-    assert stderr.startswith("archfrag: error: Snakemake failed: ")
-    assert "no-such-cluster" in stderr
-    assert str(log) in stderr
-    assert "no-such-cluster" in log.read_text()
+def test_a_profile_of_snakemake_is_for_snakemake(tmp_path):
+    code, _, stderr = run(small_study(tmp_path), "--profile", tmp_path)
+    assert code == 2
+    assert f"--profile {tmp_path} --config study=" in stderr
 
 
 @pytest.mark.parametrize(
@@ -377,11 +356,12 @@ def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_
     for number, name in enumerate(("{x} $HOME.AT2", "two\nlines.AT2")):
         os.rename(folder / "records" / f"wave{number}.AT2", folder / "records" / name)
     monkeypatch.chdir(folder / "records")
+    kernels = kernel_cache.use_kernel_cache().parent
     code, _, stderr = run(
         ROOT / "configs" / "own_records.yaml", "--set", "motions.files=['*lines.AT2', none]",
         "--set", "motions.files.1='{x} $HOME.AT2'", "--set", "output=../mine", "--set",
         "intensity.levels=[0.3, 0.9]", "--set", "method.dt=2e-3", "--set", "method.follow=1",
-        "--quiet", env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernel_cache._base())},
+        "--quiet", env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernels)},
     )  # fmt: skip
     assert (code, stderr) == (0, "")
     assert (folder / "mine" / "report.html").is_file()

@@ -1,18 +1,19 @@
 """A study whose simulations are jobs of a real SLURM, of one node, started here."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from importlib.util import find_spec
 
 import pytest
+import xarray as xr
 
-from archfrag.study.batch import run_batch
-from archfrag.study.config import load_study
-from archfrag.study.cube import write_cube
-from archfrag.study.records import prepare_motions
+from archfrag.study.answer.cube import write_cube
+from archfrag.study.file.records import prepare_motions
+from archfrag.study.file.schema import load_study
+from archfrag.study.runs.execute import run_batch
+from archfrag.study.starter import snakefile
 from tests.study.small import ROOT, TEXT, small_study
 from tests.workflow.local_slurm import local_slurm, wait, why_not
 
@@ -34,12 +35,12 @@ def slurm():
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """Bytes of the cube made without SLURM, by two local workers."""
+    """The cube made without SLURM."""
     study = load_study(small_study(tmp_path_factory.mktemp("alone"), BATCHES))
     prepare_motions(study)
     for batch in range(2):
         run_batch(study, batch, workers=1, quiet=True)
-    return write_cube(study).read_bytes()
+    return xr.load_dataset(write_cube(study))
 
 
 @pytest.mark.skipif(
@@ -53,14 +54,16 @@ def test_batches_are_jobs_by_the_profile(slurm, alone, tmp_path):
     shipped = (ROOT / "configs" / "profiles" / "slurm" / "config.yaml").read_text()
     (profile / "config.yaml").write_text(shipped + QUICK)
     done = subprocess.run(
-        [sys.executable, "-m", "archfrag.cli", "run", path, "--profile", profile, "--quiet"],
-        env=slurm.environment, capture_output=True, text=True, timeout=300,
+        [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), "--profile", profile,
+         "--config", f"study={path}"],
+        env=slurm.environment, capture_output=True, text=True, timeout=300, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "out" / "cube.nc").read_bytes() == alone
+    results = tmp_path / "results" / "small"
+    xr.testing.assert_identical(xr.load_dataset(results / "cube.nc"), alone)
     jobs = slurm.ask("squeue", "--states=all", "--noheader", "--format=%T %C").splitlines()
     assert jobs == ["COMPLETED 1"] * 2
-    log = json.loads((tmp_path / "out" / ".archfrag" / "run_log.json").read_text())
+    log = json.loads((results / ".archfrag" / "run_log.json").read_text())
     assert sorted((each["batch"], each["runs"]) for each in log) == [(0, 6), (1, 6)]
 
 
@@ -86,7 +89,7 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
             slurm.ask("sbatch", "--ntasks=1", f"--output={tmp_path}/%j.log", str(script))
         study = load_study(small_study(tmp_path, BATCHES), [f"execution.scheduler={address}"])
         prepare_motions(study)
-        logs = [run_batch(study, batch, quiet=True) for batch in range(2)]
+        logs = [run_batch(study, batch, quiet=True)[0] for batch in range(2)]
         running = slurm.ask("squeue", "--states=running", "--noheader", "--format=%T")
         assert running.split() == ["RUNNING"] * 2
     finally:
@@ -94,5 +97,4 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
         scheduler.send_signal(signal.SIGTERM)
         scheduler.wait(20)
     assert [log.runs for log in logs] == [6, 6]
-    assert not any(str(os.getpid()) in log.peak_memory for log in logs)
-    assert write_cube(study).read_bytes() == alone
+    xr.testing.assert_identical(xr.load_dataset(write_cube(study)), alone)

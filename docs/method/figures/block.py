@@ -24,13 +24,15 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 import archfrag as af
-from archfrag.mechanics.block.formulas import CORNER_A, RigidBlock, uniform_block
-from archfrag.mechanics.block.motion import (
+from archbench.paper.block import (
+    CORNER_A,
     Mechanism,
+    RigidBlock,
     rocking_impact,
     starting_motion,
+    uniform_block,
 )
-from archfrag.mechanics.block.regions import impact_ratio, rocking_friction, sliding_load
+from archbench.paper.regions import impact_ratio, rocking_friction, sliding_load
 
 _SHADE = {
     Mechanism.REST: "#eef1f4",

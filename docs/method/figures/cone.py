@@ -22,12 +22,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Wedge
 from numpy.typing import NDArray
 
-from archfrag.mechanics.block import formulas, plane
-from archfrag.mechanics.block.formulas import CORNER_A, RigidBlock, uniform_block
-from archfrag.mechanics.block.motion import (
-    Mechanism,
-    corner_motion,
-)
+from archbench.paper import block as paper
+from archbench.paper.block import CORNER_A, Mechanism, RigidBlock, corner_motion, uniform_block
 
 # One block in all panels, so that they can be compared.
 BLOCK = (0.4, 1.0)
@@ -80,20 +76,17 @@ def _balance(
     axes: Axes, block: RigidBlock, rotation: float, omega: float, k_s: float, title: str
 ) -> None:
     """Eq 19 in plane pi for a corner that had stuck until now."""
-    arm = formulas.corner_arm(block, CORNER_A, rotation)
-    n_t, n_n = formulas.tangential_gradient(block, arm), formulas.normal_gradient(block, arm)
-    rocking = plane.rocking_mechanism(block, arm, 1.0)
-    known = np.sum(
-        plane.centripetal_acceleration(
-            n_t, n_n, formulas.tangential_gradient_rate(block, arm, omega),
-            formulas.normal_gradient_rate(block, arm, omega), formulas.scaled(omega, rocking),
-        ), axis=0,
-    )  # fmt: skip
-    force = -np.array(plane.part_in_plane(formulas.active_force(block, k_s, 0.0, 1.0), rocking))
-    now = corner_motion(block, CORNER_A, rotation, omega, 0.0, k_s, 0.0, FRICTION, 1.0)
-    psi_t, psi_n = formulas.generalised_reaction(n_t, n_n, now.tangential, now.normal)
+    arm = paper.corner_arm(block, CORNER_A, rotation)
+    n_t, n_n = n = paper.gradient(block, arm)
+    rocking = paper.rocking_mechanism(block, arm, 1.0)
+    rate = paper.gradient_rate(block, arm, omega)
+    known = paper.centripetal_acceleration(n, rate, omega * rocking).sum(axis=0)
+    active = paper.active_force(block, k_s, 0.0, 1.0)
+    force = -paper.part_in_plane(active, rocking)
+    now = corner_motion(block, CORNER_A, rotation, omega, 0.0, active, FRICTION)
+    psi_t, psi_n = paper.generalised_reaction(n, np.array([now.tangential, now.normal]))
     flat = Plane(n_t, n_n)
-    wanted, held = flat(force + known), flat(np.add(psi_t, psi_n))
+    wanted, held = flat(force + known), flat(psi_t + psi_n)
     ends = (wanted, flat(force), flat(psi_t), flat(psi_n))
     reach = 1.2 * max(float(np.linalg.norm(end)) for end in ends)
     _cone(axes, flat, n_t, n_n, reach)
@@ -117,7 +110,7 @@ def _balance(
 
 
 def _cone(axes: Axes, flat: Plane, n_t: _Vector, n_n: _Vector, reach: float) -> None:
-    rays = [flat(ray) for ray in plane.cone_boundaries(n_t, n_n, FRICTION)]
+    rays = [flat(ray) for ray in paper.cone(np.array([n_t, n_n]), FRICTION)]
     ends = [float(np.degrees(np.arctan2(ray[1], ray[0]))) for ray in rays]
     axes.add_patch(Wedge((0.0, 0.0), reach, *ends, facecolor=CONE, linewidth=0, zorder=0))
     for ray, label in zip(rays, ("N⁺", "N⁻"), strict=True):
@@ -139,16 +132,15 @@ def _split(
     axes: Axes, block: RigidBlock, rotation: float, omega: float, slip: float, title: str
 ) -> None:
     """Fig 7: the tangential direction along a motion that slides, and across it."""
-    arm = formulas.corner_arm(block, CORNER_A, rotation)
-    n_t = formulas.tangential_gradient(block, arm)
-    velocity = formulas.combine(
-        1.0, plane.rocking_mechanism(block, arm, omega),
-        1.0, formulas.generalised(block, slip, 0.0, 0.0),
-    )  # fmt: skip
-    across = plane.split_along(n_t, velocity)[1]
-    now = corner_motion(block, CORNER_A, rotation, omega, slip, 0.3, 0.0, FRICTION, 1.0)
+    arm = paper.corner_arm(block, CORNER_A, rotation)
+    n_t = paper.gradient(block, arm)[0]
+    rocking = paper.rocking_mechanism(block, arm, omega)
+    velocity = rocking + paper.metric(block) * [slip, 0.0, 0.0]
+    across = paper.part_in_plane(n_t, velocity)
+    active = paper.active_force(block, 0.3, 0.0, 1.0)
+    now = corner_motion(block, CORNER_A, rotation, omega, slip, active, FRICTION)
     flat = Plane(across, velocity)
-    friction = formulas.scaled(now.tangential, n_t)
+    friction = now.tangential * n_t
     arrow(axes, (0, 0), flat(n_t), INK, "Nₜ")
     arrow(axes, (0, 0), flat(across), BLUE, "in plane π", 0.6)
     arrow(axes, flat(across), flat(n_t), PURPLE, "along u̇", 0.5)

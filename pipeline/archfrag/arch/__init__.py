@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 STANDARD_GRAVITY = 9.80665
 """Acceleration of gravity in all of archfrag [m/s2] (ISO 80000-3, standard acceleration)."""
 # Imported when asked for: whoever reads a study file needs neither numba nor scipy.
-_HOME = {"Arch": "archfrag.arch.model", "Block": "archfrag.arch.block"}
+_HOME = {"Arch": "archfrag.arch.model", "Block": "archfrag.arch.model"}
 __all__ = ["STANDARD_GRAVITY", "Arch", "Block"]
 
 if TYPE_CHECKING:
-    from archfrag.arch.block import Block
-    from archfrag.arch.model import Arch
+    from archfrag.arch.model import Arch, Block
 
 
 def __getattr__(name: str) -> Any:

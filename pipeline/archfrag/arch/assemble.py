@@ -12,14 +12,53 @@ from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
 
-def assemble(
+def fields_of(
+    profile: str,
+    shape: dict[str, Any],
     ring: Ring,
-    friction: NDArray[np.float64],
-    surface_density: float,
-    dead_load: NDArray[np.float64],
-    free_end: bool,
-) -> Chain:
-    """Chain of a ring.
+    friction: ArrayLike,
+    free_end: bool = False,
+    density: float = 2000.0,
+    depth: float = 1.0,
+    dead_load: ArrayLike | None = None,
+) -> dict[str, Any]:
+    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here."""
+    n_voussoir = len(ring.voussoirs)
+    n_joint = n_voussoir if free_end else n_voussoir + 1
+    coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
+    load = 0.0 if dead_load is None else dead_load
+    weight = checks.shared_or_each("dead_load", load, n_voussoir, "voussoir", "N")
+    density = checks.number("density", density, "kg/m3")
+    depth = checks.number("depth", depth)
+    matter = {"friction": plain(friction), "density": density, "depth": depth}
+    if profile != "block":
+        matter["dead_load"] = plain(dead_load)
+    mass, inertia, centroid = _bodies(ring, density * depth, weight / STANDARD_GRAVITY)
+    corners = np.stack([ring.lines.intrados, ring.lines.extrados], axis=1)
+    if ring.sense < 0:
+        corners = corners[:, ::-1]
+    face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()
+    face_before[1:] -= centroid[: n_joint - 1, None]
+    face_after[:n_voussoir] -= centroid[:, None]
+    chain = Chain(
+        mass, inertia, np.ascontiguousarray(centroid), face_before, face_after, coefficient,
+        STANDARD_GRAVITY,
+    )  # fmt: skip
+    return {
+        "chain": chain,
+        "intrados": ring.lines.intrados,
+        "extrados": ring.lines.extrados,
+        "outlines": tuple(figure.outline for figure in ring.voussoirs),
+        "free_end": free_end,
+        "flipped": ring.sense < 0,
+        "parameters": {"profile": profile, **shape, **matter},
+    }
+
+
+def _bodies(
+    ring: Ring, surface_density: float, added: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Masses, inertias and centroids of voussoirs with point masses `added` on their backs.
 
     A point mass p at the distance d from the centroid of a body of mass m and inertia J moves
     the centroid by p/(m + p) of d and gives J + m p/(m + p) d² about the new one.
@@ -28,12 +67,11 @@ def assemble(
         np.array([getattr(figure.section, name) for figure in ring.voussoirs])
         for name in ("area", "centroid", "polar")
     )
-    back = np.array([figure.back for figure in ring.voussoirs])
     # Whatever overflows here is refused below.
     with np.errstate(all="ignore"):
-        own, added = surface_density * area, dead_load / STANDARD_GRAVITY
+        own = surface_density * area
         mass = own + added
-        lever = back - plane_centroid
+        lever = np.array([figure.back for figure in ring.voussoirs]) - plane_centroid
         centroid = plane_centroid + (added / mass)[:, None] * lever
         inertia = surface_density * polar + own * (added / mass) * (lever**2).sum(axis=1)
         good = (mass > 0.0) & (inertia > 0.0) & np.isfinite(mass + inertia + centroid.sum(axis=1))
@@ -41,69 +79,16 @@ def assemble(
         body = int(np.argmin(good))
         raise GeometryError(
             f"voussoir {body} has a mass of {mass[body]:.6g} kg and an inertia of "
-            f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0, so look again at "
-            "its size, density, depth and dead_load"
+            f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. Check its size, "
+            "density, depth and dead_load"
         )
-    corners = np.stack([ring.lines.intrados, ring.lines.extrados], axis=1)
-    if ring.sense < 0:
-        corners = corners[:, ::-1]
-    n_joint = len(friction)
-    face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()
-    face_before[1:] -= centroid[: n_joint - 1, None]
-    resting = n_joint if free_end else n_joint - 1
-    face_after[:resting] -= centroid[:, None]
-    return Chain(
-        mass=mass,
-        inertia=inertia,
-        centroid=np.ascontiguousarray(centroid),
-        face_before=face_before,
-        face_after=face_after,
-        friction=friction,
-        gravity=STANDARD_GRAVITY,
-    )
+    return mass, inertia, centroid
 
 
-def fields_of(
-    profile: str,
-    shape: dict[str, Any],
-    ring: Ring,
-    friction: ArrayLike,
-    density: float,
-    depth: float,
-    dead_load: ArrayLike | None,
-    free_end: bool = False,
-) -> dict[str, Any]:
-    """Attributes of an Arch, once what gives its ring mass and friction is checked."""
-    n_voussoir = len(ring.voussoirs)
-    n_joint = n_voussoir if free_end else n_voussoir + 1
-    coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
-    load = checks.shared_or_each(
-        "dead_load", 0.0 if dead_load is None else dead_load, n_voussoir, "voussoir", "N"
-    )
-    density = checks.number("density", density, "kg/m3")
-    depth = checks.number("depth", depth)
-    given = {
-        "profile": profile,
-        **shape,
-        "friction": plain(friction),
-        "density": density,
-        "depth": depth,
-    }
-    if profile != "block":
-        given["dead_load"] = None if dead_load is None else plain(dead_load)
-    return {
-        "chain": assemble(ring, coefficient, density * depth, load, free_end),
-        "intrados": ring.lines.intrados,
-        "extrados": ring.lines.extrados,
-        "outlines": tuple(figure.outline for figure in ring.voussoirs),
-        "free_end": free_end,
-        "flipped": ring.sense < 0,
-        "parameters": given,
-    }
-
-
-def plain(value: ArrayLike) -> Any:
+def plain(value: ArrayLike | None) -> Any:
     """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
+    if value is None:
+        return None
     if isinstance(value, list):
         return [plain(item) for item in value]
     listed = np.asarray(value, dtype=float).tolist()

@@ -46,8 +46,8 @@ def number(
         shown = reprlib.repr(value)
         raise GeometryError(f"{name} = {shown} is not a single number; it must be {allowed}")
     given = float(array)
-    above_floor = given > 0.0 if at_least is None else given >= at_least
-    if not (math.isfinite(given) and above_floor and given < below and given <= at_most):
+    above = given > 0.0 if at_least is None else given >= at_least
+    if not (math.isfinite(given) and above and given < below and given <= at_most):
         raise GeometryError(f"{name} = {given}{space} is impossible; it must be {allowed}")
     if unit == "m" and not SMALLEST <= given <= LARGEST:
         raise GeometryError(
@@ -59,17 +59,11 @@ def number(
 
 def count(name: str, value: ArrayLike) -> int:
     """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
-    allowed = "an integer of at least 2 (a single body is a Block)"
+    allowed = f"an integer from 2 to {MOST_VOUSSOIRS} (a single body is a Block)"
     array = _real_array(name, value, allowed)
-    if array.ndim != 0 or not np.isfinite(array) or array != np.floor(array):
-        given = reprlib.repr(value)
-        raise GeometryError(f"{name} = {given} is not an integer; it must be {allowed}")
-    number = int(array)
-    if number < 2:
-        raise GeometryError(f"{name} = {number} makes no arch; it must be {allowed}")
-    if number > MOST_VOUSSOIRS:
-        raise GeometryError(f"{name} = {number} is too many; it must be at most {MOST_VOUSSOIRS}")
-    return number
+    if array.ndim != 0 or array != np.floor(array) or not 2 <= array <= MOST_VOUSSOIRS:
+        raise GeometryError(f"{name} = {reprlib.repr(value)} is impossible; it must be {allowed}")
+    return int(array)
 
 
 def flag(name: str, value: object) -> bool:
@@ -105,8 +99,7 @@ def joint_positions(
     if value is None:
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
-        equal: NDArray[np.float64] = end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
-        return equal
+        return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
     allowed = (
         f"{voussoirs + 1} numbers that increase from 0 at the left springing to {end:.9g} {unit} "
         "at the right one"

@@ -1,20 +1,18 @@
-"""Arches from DXF drawings, and drawings of arches: the only place that imports ezdxf."""
+"""DXF drawings, read and written: the only module that imports ezdxf."""
 
 import codecs
 import io
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.errors import GeometryError
+from archfrag.arch.outlines import Drawing, with_arcs
+from archfrag.errors import GeometryError, from_extra
 from archfrag.files import make_folder, read_bytes, replacing
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
 
 FloatArray = NDArray[np.float64]
 # Units that a drawing may be in: length [m] and code of $INSUNITS.
@@ -22,42 +20,22 @@ UNITS = {
     "m": (1.0, 6), "dm": (0.1, 14), "cm": (0.01, 5), "mm": (0.001, 4), "in": (0.0254, 1),
     "ft": (0.3048, 2),
 }  # fmt: skip
-LAYER = "VOUSSOIRS"
 SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
 LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
-# What may stand beside blocks and is none; anything else might be a block.
+# Entities that are no blocks; any other might be one.
 _IGNORED = {
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MLEADER",
     "MULTILEADER", "POINT", "HATCH", "IMAGE", "WIPEOUT", "XLINE", "RAY", "VIEWPORT",
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """Blocks and the lines on which they stand [m], with their names for messages."""
-
-    outlines: list[FloatArray]  # (m, 3) each: corners x, y and bulge
-    ground: list[FloatArray]  # (2, 2) each; none where ends stand opposite to their joints
-    names: list[str]  # of the blocks
-    ground_names: list[str]
-
-
 def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Drawing:
-    """Blocks of a DXF drawing, text or binary; `layer` and `unit` as of `Arch.from_dxf`.
+    """Read the blocks of a DXF drawing, text or binary; `layer` and `unit` as in `Arch.from_dxf`.
 
     Raises
     ------
     GeometryError
-        Naming file, layer and handle of what is no block.
-
-    Examples
-    --------
-    >>> import archfrag as af, tempfile, pathlib
-    >>> from archfrag.arch.drawing import read_drawing
-    >>> file = pathlib.Path(tempfile.mkdtemp()) / "block.dxf"
-    >>> af.Block(width=0.2, height=1.0, friction=0.8).to_dxf(file)
-    >>> read_drawing(file).outlines[0].shape
-    (4, 3)
+        Naming file, layer and handle of an entity that is no block.
     """
     document = _document(Path(path))
     entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]
@@ -92,8 +70,7 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
 
 def _document(path: Path) -> Any:
     """The file as ezdxf reads it."""
-    import ezdxf
-
+    ezdxf = from_extra("ezdxf", "drawing")
     content = read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")
     try:
         if content.startswith(codecs.BOM_UTF8):
@@ -101,7 +78,7 @@ def _document(path: Path) -> Any:
         return ezdxf.readfile(path)
     except OSError:
         raise GeometryError(f"{path}: is not a DXF file") from None
-    except Exception as error:  # whatever a damaged file leads ezdxf to
+    except Exception as error:  # ezdxf raises of all kinds for damaged files
         reason = str(error).splitlines()[:1] or [type(error).__name__]
         raise GeometryError(
             f"{path}: is damaged or cut off ({reason[0]}); save it again as DXF from the drawing "
@@ -134,17 +111,21 @@ def _layer_of(entities: list[Any], layer: str | None, path: str | Path) -> str:
 def _scale(document: Any, unit: str | None, path: str | Path) -> float:
     """Length of a drawing's unit [m]."""
     if unit is not None:
-        if unit not in UNITS:
-            raise GeometryError(f"unit = {unit!r} must be one of {', '.join(UNITS)}")
-        return UNITS[unit][0]
+        return _unit(unit)[0]
     code = document.header.get("$INSUNITS", 0)
     for length, number in UNITS.values():
         if number == code:
             return length
     raise GeometryError(
-        f"{path}: does not state its unit ($INSUNITS = {code}); it must be given as one of "
+        f"{path}: does not state its unit ($INSUNITS = {code}); give it as one of "
         f"{', '.join(UNITS)}"
     )
+
+
+def _unit(name: str) -> tuple[float, int]:
+    if name not in UNITS:
+        raise GeometryError(f"unit = {name!r} must be one of {', '.join(UNITS)}")
+    return UNITS[name]
 
 
 def _outline(entity: Any, name: str, scale: float) -> FloatArray:
@@ -182,13 +163,26 @@ def _outline(entity: Any, name: str, scale: float) -> FloatArray:
     return points * [scale, scale, 1.0]
 
 
-def write_dxf(arch: "Arch", path: str | Path, unit: str = "m", layer: str = LAYER) -> None:
-    """Draw an arch: `Arch.to_dxf` has the particulars."""
-    import ezdxf
+def write_dxf(
+    path: str | Path,
+    outlines: Sequence[FloatArray],
+    ground: Sequence[FloatArray],
+    unit: str,
+    layer: str,
+    arcs: bool,
+) -> None:
+    """Write blocks as closed polylines and what they stand on as lines; see `Arch.to_dxf`.
 
-    if unit not in UNITS:
-        raise GeometryError(f"unit = {unit!r} must be one of {', '.join(UNITS)}")
-    scale, code = UNITS[unit]
+    Parameters
+    ----------
+    outlines : sequence of (m, 3) or (m, 2) ndarray
+        Corners x, y [m] and bulge, or points of straight-sided blocks.
+    ground : sequence of (2, 2) ndarray
+    arcs : bool
+        Whether the points are those of annular sectors, whose arcs are then drawn as arcs.
+    """
+    ezdxf = from_extra("ezdxf", "drawing")
+    scale, code = _unit(unit)
     # The same arch makes the same bytes, without times and random identifiers.
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True
@@ -196,11 +190,12 @@ def write_dxf(arch: "Arch", path: str | Path, unit: str = "m", layer: str = LAYE
         document = ezdxf.new("R2010", units=code)
         document.layers.add(layer)
         space, attributes = document.modelspace(), {"layer": layer}
-        outlines = arch_outlines(arch)
         for outline in outlines:
-            points = (outline / [scale, scale, 1.0]).tolist()
+            full = np.zeros((len(outline), 3))
+            full[:, : outline.shape[1]] = outline
+            points = ((with_arcs(outline) if arcs else full) / [scale, scale, 1.0]).tolist()
             space.add_lwpolyline(points, format="xyb", close=True, dxfattribs=attributes)
-        for line in ground_lines(arch, outlines):
+        for line in ground:
             start, end = (line / scale).tolist()
             space.add_line(start, end, dxfattribs=attributes)
         # In an order of their own: ezdxf registers them from a set.
@@ -216,37 +211,3 @@ def write_dxf(arch: "Arch", path: str | Path, unit: str = "m", layer: str = LAYE
     make_folder(place.parent)
     with replacing(place) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8")
-
-
-def arch_outlines(arch: "Arch") -> list[FloatArray]:
-    """Outlines of the voussoirs of any arch, (m, 3) each, arcs as arcs."""
-    given = arch.parameters
-    if "outlines" in given:
-        return [np.array(outline) for outline in given["outlines"]]
-    if not given.get("sector"):
-        return [np.column_stack([points, np.zeros(len(points))]) for points in arch.outlines]
-    outlines = []
-    for points in arch.outlines:
-        # Intrados, then extrados backwards, as many points of each.
-        half = len(points) // 2
-        corners = points[[0, half - 1, half, -1]]
-        sides = corners[[3, 2]] - corners[[0, 1]]
-        angle = np.arctan2(
-            sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0], (sides[0] * sides[1]).sum()
-        )
-        bulge = np.tan(-0.25 * (-angle % (2.0 * np.pi)))  # clockwise over the crown
-        outlines.append(np.column_stack([corners, [bulge, 0.0, -bulge, 0.0]]))
-    return outlines
-
-
-def ground_lines(arch: "Arch", outlines: list[FloatArray]) -> list[FloatArray]:
-    """Lines (2, 2) on which an arch stands, from its outlines: a recess is not drawn."""
-    given = arch.parameters
-    if "ground" in given:
-        return [np.array(line) for line in given["ground"]]
-    first, last = outlines[0][:, :2], outlines[-1][:, :2]
-    lines = [np.array([first[0], first[-1]])]
-    if not arch.free_end:
-        half = len(last) // 2
-        lines.append(np.array([last[half - 1], last[half]]))
-    return lines

@@ -1,4 +1,4 @@
-"""Arch: what a user builds, and with it the chain of rigid bodies that the mechanics take."""
+"""Arch and Block: what a user builds, and with it the chain of rigid bodies of the mechanics."""
 
 from __future__ import annotations
 
@@ -6,38 +6,46 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.assemble import fields_of
-from archfrag.arch.profiles import (
-    JointLines,
-    catenary,
-    ellipse,
-    normal_lines,
-    pointed_lines,
-    radial_lines,
-)
-from archfrag.arch.ring import Ring, sector_ring, straight_ring
+from archfrag.arch.assemble import fields_of, plain
+from archfrag.arch.profiles import JointLines, catenary, ellipse, normal_lines, pointed_lines
+from archfrag.arch.ring import Ring, circular_ring, straight_ring
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
-# Below this rise in parts of the span rounding shows in the joints.
-_FLATTEST = 1e-6
-_LENGTH = "(the centre line's length)"
+if TYPE_CHECKING:
+    from archfrag.arch.outlines import Drawing
+
+# Rise over span, least and largest, and what a message calls them. Below 1e-6 rounding shows.
+_RISES = {
+    "segmental": (1e-6, 0.5, "1e-6 x span and half the span"),
+    "pointed": (0.5, math.inf, "half the span"),
+    "elliptic": (1e-6, math.inf, "1e-6 x span"),
+    "catenary": (1e-6, math.inf, "1e-6 x span"),
+}
+
+
+class Material(TypedDict, total=False):
+    """Keywords of all constructors of `Arch`, which documents them."""
+
+    density: float
+    depth: float
+    dead_load: ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arch:
     """Rigid voussoirs in a row between two rigid springings, or on one.
 
-    Made by one of the class methods: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`
-    for ready-made profiles, `from_joints` for any other. All raise `GeometryError`, in a message
-    that names the parameter, its value and what is allowed, for anything of which no ring can be
-    built. What they have in common is listed here.
+    Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic` and `catenary` for
+    ready-made profiles, `from_joints`, `from_polygons` or `from_dxf` for any other. If no arch can
+    be built, they raise `GeometryError`, which names the parameter, its value and what is allowed.
+    They share these parameters:
 
     Other Parameters
     ----------------
@@ -46,17 +54,17 @@ class Arch:
     voussoirs : int
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
-        Coulomb coefficient of all joints or of each; inf: the limit of large friction. A joint
-        under compression does not slide then; one that slides has no normal force, which happens
-        at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
+        Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
+        joint under compression does not slide. One that slides then has no normal force, which
+        happens at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
     density : float
-        Of the masonry [kg/m3].
+        Of the masonry [kg/m3]; 2000 if not given.
     depth : float
-        Width of the arch across its plane [m].
+        Width of the arch across its plane [m]; 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
-        Where the joints stand, increasing from 0 at the left springing: in degrees up to
-        `embrace` for `circular`, as parts of the centre line's length up to 1 for the others.
-        Equal voussoirs if not given.
+        Positions of the joints, increasing from 0 at the left springing: in degrees up to
+        `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
+        Without it all voussoirs are equal.
     dead_load : float or (voussoirs,) array_like, optional
         Weight on the back of all voussoirs or of each [N]: a point mass fixed to the middle of
         the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
@@ -75,12 +83,12 @@ class Arch:
     flipped : bool
         Whether corner 0 of the chain's joints is the user's extrados.
     parameters : dict
-        What the user gave, defaults filled in, ready for strict JSON (infinite friction: "inf").
+        What the user gave, with defaults, ready for strict JSON (infinite friction: "inf").
 
     Notes
     -----
     Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
-    height 0 (`circular`: the centre of the circle at the origin), and run from the left
+    height 0 (`circular`: the centre of the circle at the origin). They run from the left
     springing, joint 0, over the crown.
     """
 
@@ -119,13 +127,11 @@ class Arch:
         voussoirs: int,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
         sector: bool = True,
         joints: ArrayLike | None = None,
-        dead_load: ArrayLike | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Circular arch, symmetric about the vertical through the centre, which is the origin.
+        """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
         Parameters
         ----------
@@ -135,7 +141,7 @@ class Arch:
             Angle between the springings [degrees], less than 360.
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, density, depth, joints, dead_load
+        thickness, voussoirs, friction, joints, **material
             See `Arch`; `thickness` is less than twice the radius.
 
         Examples
@@ -152,11 +158,10 @@ class Arch:
         embrace = checks.number("embrace", embrace, "degrees", below=360.0)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(joints, voussoirs, embrace, "degrees")
+        angle = np.radians(position)
+        ring = circular_ring(np.zeros(2), radius, thickness, angle, checks.flag("sector", sector))
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        ring = _circular_ring(np.zeros(2), radius, thickness, np.radians(position), sector)
-        return cls._ready_made(
-            "circular", shape, ring, friction, density, depth, joints, dead_load, sector
-        )
+        return cls._ready_made("circular", shape, ring, joints, friction, material, sector)
 
     @classmethod
     def segmental(
@@ -167,13 +172,11 @@ class Arch:
         voussoirs: int,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
         sector: bool = True,
         joints: ArrayLike | None = None,
-        dead_load: ArrayLike | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Circular arch of at most a semicircle, given by its span and rise.
+        """Build a circular arch of at most a semicircle from its span and rise.
 
         Parameters
         ----------
@@ -181,7 +184,7 @@ class Arch:
             Of the centre line; the rise is at most half the span [m].
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, density, depth, joints, dead_load
+        thickness, voussoirs, friction, joints, **material
             See `Arch`.
 
         Examples
@@ -191,20 +194,15 @@ class Arch:
         >>> af.onset(bridge).stands
         True
         """
-        note = "1e-6 x span and half the span"
-        shape, position = _spanned(
-            (span, rise, thickness, voussoirs), joints, (_FLATTEST, 0.5), note
-        )
+        shape, position = _spanned("segmental", span, rise, thickness, voussoirs, joints)
         span, rise, thickness = shape.values()
         radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
         note = "2 x radius of the centre line"
         checks.number("thickness", thickness, below=2.0 * radius, note=note)
         angle = 4.0 * math.atan2(2.0 * rise, span) * position
         centre = np.array([0.0, rise - radius])
-        ring = _circular_ring(centre, radius, thickness, angle, sector)
-        return cls._ready_made(
-            "segmental", shape, ring, friction, density, depth, joints, dead_load, sector
-        )
+        ring = circular_ring(centre, radius, thickness, angle, checks.flag("sector", sector))
+        return cls._ready_made("segmental", shape, ring, joints, friction, material, sector)
 
     @classmethod
     def pointed(
@@ -215,22 +213,14 @@ class Arch:
         voussoirs: int,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
         joints: ArrayLike | None = None,
-        dead_load: ArrayLike | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Pointed arch: two circular arcs with horizontal springings meet at the crown.
+        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
 
         Joints are radial to their arc. A joint at the crown is vertical and longer than the
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
-
-        Parameters
-        ----------
-        span, rise : float
-            Of the centre line; the rise is at least half the span [m].
-        thickness, voussoirs, friction, density, depth, joints, dead_load
-            See `Arch`.
+        The parameters are those of `segmental`; the rise is at least half the span.
 
         Examples
         --------
@@ -239,10 +229,9 @@ class Arch:
         >>> gothic
         <Arch pointed: 12 voussoirs, 13 joints>
         """
-        given, ends = (span, rise, thickness, voussoirs), (0.5, math.inf)
-        shape, position = _spanned(given, joints, ends, "half the span")
+        shape, position = _spanned("pointed", span, rise, thickness, voussoirs, joints)
         ring = straight_ring(pointed_lines(shape, position))
-        return cls._ready_made("pointed", shape, ring, friction, density, depth, joints, dead_load)
+        return cls._ready_made("pointed", shape, ring, joints, friction, material)
 
     @classmethod
     def elliptic(
@@ -253,19 +242,13 @@ class Arch:
         voussoirs: int,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
         joints: ArrayLike | None = None,
-        dead_load: ArrayLike | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Upper half of an ellipse, flat or tall; straight-sided.
+        """Build the upper half of an ellipse, flat or tall, with straight sides.
 
-        Parameters
-        ----------
-        span, rise : float
-            Of the centre line: its horizontal axis and half its vertical one [m].
-        thickness, voussoirs, friction, density, depth, joints, dead_load
-            See `Arch`; joints are perpendicular to the centre line and must not cross.
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`; span and rise are the horizontal axis and half the vertical one.
 
         Examples
         --------
@@ -274,11 +257,9 @@ class Arch:
         >>> arch.n_joint
         12
         """
-        given, ends = (span, rise, thickness, voussoirs), (_FLATTEST, math.inf)
-        shape, position = _spanned(given, joints, ends, "1e-6 x span")
+        shape, position = _spanned("elliptic", span, rise, thickness, voussoirs, joints)
         ring = straight_ring(normal_lines(ellipse, shape, position))
-        matter = friction, density, depth, joints, dead_load
-        return cls._ready_made("elliptic", shape, ring, *matter)
+        return cls._ready_made("elliptic", shape, ring, joints, friction, material)
 
     @classmethod
     def catenary(
@@ -289,19 +270,13 @@ class Arch:
         voussoirs: int,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
         joints: ArrayLike | None = None,
-        dead_load: ArrayLike | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Hanging chain upside down; straight-sided.
+        """Build a hanging chain upside down, with straight sides.
 
-        Parameters
-        ----------
-        span, rise : float
-            Of the centre line [m].
-        thickness, voussoirs, friction, density, depth, joints, dead_load
-            See `Arch`; joints are perpendicular to the centre line and must not cross.
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`.
 
         Examples
         --------
@@ -310,11 +285,9 @@ class Arch:
         >>> af.onset(arch).stands
         True
         """
-        given, ends = (span, rise, thickness, voussoirs), (_FLATTEST, math.inf)
-        shape, position = _spanned(given, joints, ends, "1e-6 x span")
+        shape, position = _spanned("catenary", span, rise, thickness, voussoirs, joints)
         ring = straight_ring(normal_lines(catenary, shape, position))
-        matter = friction, density, depth, joints, dead_load
-        return cls._ready_made("catenary", shape, ring, *matter)
+        return cls._ready_made("catenary", shape, ring, joints, friction, material)
 
     @classmethod
     def from_joints(
@@ -323,15 +296,13 @@ class Arch:
         extrados: ArrayLike,
         friction: ArrayLike,
         *,
-        density: float = 2000.0,
-        depth: float = 1.0,
-        dead_load: ArrayLike | None = None,
         free_end: bool = False,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Straight-sided chain of any profile, given by the ends of its joints.
+        """Build a straight-sided chain of any profile from the ends of its joints.
 
-        Either order of travel and either side may be taken for the intrados; the names stay the
-        user's (see `flipped` and `corner_name`).
+        You may list the joints from either end and take either side for the intrados: the names
+        stay yours (see `flipped` and `corner_name`).
 
         Parameters
         ----------
@@ -343,7 +314,7 @@ class Arch:
         free_end : bool
             The last voussoir touches no ground, as in a column or a wall; the last pair of points
             is then its free face and no joint.
-        density, depth, dead_load
+        **material
             See `Arch`.
 
         Raises
@@ -368,13 +339,12 @@ class Arch:
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
             raise GeometryError(
-                f"intrados has {len(inner)} points and extrados {len(outer)}; they must be as many"
+                f"intrados has {len(inner)} points and extrados {len(outer)}; both must have the "
+                "same number"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = straight_ring(JointLines(inner, outer))
-        return cls(
-            **fields_of("from_joints", shape, ring, friction, density, depth, dead_load, free_end)
-        )
+        return cls(**fields_of("from_joints", shape, ring, friction, free_end, **material))
 
     @classmethod
     def from_polygons(
@@ -383,13 +353,13 @@ class Arch:
         friction: ArrayLike,
         *,
         ground: Sequence[ArrayLike] = (),
-        density: float = 2000.0,
-        depth: float = 1.0,
-        dead_load: ArrayLike | None = None,
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Chain of simple polygons in any order: joints are the edges that two have in common.
+        """Build a chain of simple polygons in any order; edges that two share become joints.
+
+        It needs the extra `drawing`.
 
         Parameters
         ----------
@@ -398,12 +368,12 @@ class Arch:
             side to the next corner, the tangent of a quarter of its arc's angle (positive
             anticlockwise, 0 straight). Area, centroid and inertia of arcs are exact.
         ground : sequence of (2, 2) array_like
-            One or two lines on which end blocks stand; the other end of a chain with one is free.
+            One or two lines on which end blocks stand. With one line the other end is free.
             Without any the chain stands on the sides opposite to the joints of its ends.
-        friction, density, depth, dead_load
-            See `Arch`; joints and voussoirs count from the end further left, or from the ground.
+        friction, **material
+            See `Arch`. Joints and voussoirs count from the end further left, or from the ground.
         thickness_factor : float
-            Joints are longer by it about their middles, and the sides between them follow.
+            Lengthens each joint about its middle; the sides between joints follow.
         tolerance : float, optional
             Within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
 
@@ -423,13 +393,10 @@ class Arch:
         >>> column.n_joint, round(af.onset(column).plus, 3)
         (2, 0.2)
         """
-        from archfrag.arch.polygons import given_polygons, polygon_fields
+        from archfrag.arch.outlines import Drawing
 
-        drawn = given_polygons(outlines, ground)
-        matter = {
-            "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
-        }  # fmt: skip
-        return cls(**polygon_fields(drawn, thickness_factor, tolerance, matter))
+        drawn = Drawing.from_points(outlines, ground)
+        return cls._drawn(drawn, friction, thickness_factor, tolerance, material)
 
     @classmethod
     def from_dxf(
@@ -439,13 +406,13 @@ class Arch:
         *,
         layer: str | None = None,
         unit: str | None = None,
-        density: float = 2000.0,
-        depth: float = 1.0,
-        dead_load: ArrayLike | None = None,
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
+        **material: Unpack[Material],
     ) -> Arch:
-        """Chain of the blocks of a DXF drawing.
+        """Build a chain from the blocks of a DXF drawing.
+
+        It needs the extra `drawing`.
 
         Parameters
         ----------
@@ -453,16 +420,16 @@ class Arch:
             Its blocks are closed polylines (LWPOLYLINE or 2D POLYLINE, sides straight or arcs) of
             one layer; a LINE of that layer shows an edge on the ground.
         layer : str, optional
-            The only one with polylines if not given.
+            Layer of the blocks; the only one with polylines if not given.
         unit : str, optional
-            m, dm, cm, mm, in or ft, over what the drawing states ($INSUNITS).
-        friction, density, depth, dead_load, thickness_factor, tolerance
+            m, dm, cm, mm, in or ft; overrides what the drawing states ($INSUNITS).
+        friction, thickness_factor, tolerance, **material
             See `from_polygons`.
 
         Raises
         ------
         GeometryError
-            Naming file, layer and handle of what is no block or does not fit into one chain.
+            Naming file, layer and handle of an entity that is no block or does not fit.
 
         Examples
         --------
@@ -474,16 +441,28 @@ class Arch:
         True
         """
         from archfrag.arch.drawing import read_drawing
-        from archfrag.arch.polygons import polygon_fields
 
         drawn = read_drawing(path, layer, unit)
-        matter = {
-            "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
-        }  # fmt: skip
-        return cls(**polygon_fields(drawn, thickness_factor, tolerance, matter))
+        return cls._drawn(drawn, friction, thickness_factor, tolerance, material)
+
+    @classmethod
+    def _drawn(
+        cls,
+        drawn: Drawing,
+        friction: ArrayLike,
+        thickness_factor: float,
+        tolerance: float | None,
+        material: Material,
+    ) -> Arch:
+        from archfrag.arch.polygons import polygon_shape
+
+        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**fields_of("polygons", shape, ring, friction, free_end, **material))
 
     def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
-        """Draw the blocks as closed polylines and what they stand on as lines.
+        """Write the blocks as closed polylines and their edges on the ground as lines.
+
+        It needs the extra `drawing`.
 
         Parameters
         ----------
@@ -497,69 +476,157 @@ class Arch:
         Raises
         ------
         GeometryError
-            If the unit or the layer's name is none.
+            If there is no such unit, or a layer cannot have this name.
         OutputError
             If the file cannot be written.
 
         Notes
         -----
-        Read again by `from_dxf` with the same friction, density, depth and dead load, which no
-        drawing holds, it is the same arch, its sides intrados and extrados as seen from outside
-        of the arch. Recesses are not drawn.
+        `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
+        load, which no drawing holds. Intrados and extrados are then as seen from outside of the
+        arch. Recesses are not drawn.
         """
         from archfrag.arch.drawing import write_dxf
 
-        write_dxf(self, path, unit, layer)
+        given = self.parameters
+        if "outlines" in given:
+            blocks, ground = ([np.array(a) for a in given[k]] for k in ("outlines", "ground"))
+        else:
+            # Outlines go along the intrados, then back along the extrados, with as many points.
+            blocks, half = list(self.outlines), len(self.outlines[-1]) // 2
+            ground = [blocks[0][[0, -1]], blocks[-1][[half - 1, half]]][: 2 - self.free_end]
+        write_dxf(path, blocks, ground, unit, layer, arcs=given.get("sector", False))
+
+    def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
+        """Return the arch with joints that transmit nothing near their ends.
+
+        Bodies keep their masses, inertias, centroids and outlines, for only mortar or a splinter
+        is lost. Both faces of a joint are recessed alike, so that a closed joint stays closed.
+
+        Parameters
+        ----------
+        intrados, extrados : float or (n_joint,) array_like
+            Depth from the joint's end at the intrados or extrados, along the joint, over which it
+            transmits nothing [m]; one for all joints or one for each.
+
+        Raises
+        ------
+        GeometryError
+            If a depth is negative or nothing of a joint is left.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> block = af.Block(width=0.4, height=2.0, friction=0.8).recessed(0.05, 0.05)
+        >>> round(af.onset(block).plus, 6)
+        0.15
+        """
+        depths = [
+            checks.shared_or_each(f"recess.{name}", value, self.n_joint, "joint", "m")
+            for name, value in (("intrados", intrados), ("extrados", extrados))
+        ]
+        start, end = self.intrados[: self.n_joint], self.extrados[: self.n_joint]
+        length = np.hypot(*(end - start).T)
+        left = length - depths[0] - depths[1]
+        if not np.all(left > checks.SMALLEST):
+            joint = int(np.argmin(left))
+            raise GeometryError(
+                f"recess of joint {joint} leaves {left[joint]:.6g} m of its {length[joint]:.6g} "
+                f"m; it must leave more than {checks.SMALLEST:g} m"
+            )
+        along = (end - start) / length[:, None]
+        moved = depths[0][:, None] * along, -depths[1][:, None] * along
+        ends = [self.intrados.copy(), self.extrados.copy()]
+        for line, step in zip(ends, moved):
+            line[: self.n_joint] += step
+        corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
+        chain = self.chain._replace(
+            face_before=np.ascontiguousarray(self.chain.face_before + corner),
+            face_after=np.ascontiguousarray(self.chain.face_after + corner),
+        )
+        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
+        changed = {"chain": chain, "intrados": ends[0], "extrados": ends[1]}
+        given = {**self.parameters, "recess": recess}
+        return Arch(**{**vars(self), **changed, "parameters": given})
 
     @classmethod
     def _ready_made(
         cls,
         profile: str,
-        shape: dict[str, Any],
+        shape: dict[str, float],
         ring: Ring,
-        friction: ArrayLike,
-        density: float,
-        depth: float,
         joints: ArrayLike | None,
-        dead_load: ArrayLike | None,
+        friction: ArrayLike,
+        material: Material,
         sector: bool | None = None,
     ) -> Arch:
-        """Arch of a ready-made profile, with what its user gave."""
+        """Arch of a ready-made profile; `sector` is None where it is no choice."""
         given: dict[str, Any] = {**shape, "voussoirs": len(ring.voussoirs)}
         if sector is not None:
             given["sector"] = bool(sector)
-        given["joints"] = None if joints is None else np.asarray(joints, dtype=float).tolist()
-        return cls(**fields_of(profile, given, ring, friction, density, depth, dead_load))
+        given["joints"] = plain(joints)
+        return cls(**fields_of(profile, given, ring, friction, **material))
 
 
-def _circular_ring(
-    centre: NDArray[np.float64],
-    radius: float,
-    thickness: float,
-    angle: NDArray[np.float64],
-    sector: bool,
-) -> Ring:
-    """Ring between radial joints, of annular sectors or straight-sided voussoirs."""
-    lines = radial_lines(centre, radius, thickness, angle)
-    if checks.flag("sector", sector):
-        return sector_ring(lines, centre, radius, thickness, angle)
-    return straight_ring(lines)
+class Block(Arch):
+    """Rectangular block on the ground: a chain of one body and one joint, with a free end.
+
+    The middle of its base is the origin. Its right edge is the intrados and its left edge the
+    extrados, as at the left springing of an arch.
+
+    Parameters
+    ----------
+    width, height : float
+        Sides [m].
+    friction : float
+        Coulomb coefficient of the base; inf: the limit of large friction.
+    density : float
+        [kg/m3].
+    depth : float
+        Across the plane [m].
+
+    Raises
+    ------
+    GeometryError
+        Naming the parameter, its value and what is allowed.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> round(af.onset(af.Block(width=0.2, height=1.0, friction=0.8)).plus, 6)
+    0.2
+    """
+
+    def __init__(
+        self,
+        width: float,
+        height: float,
+        friction: ArrayLike,
+        density: float = 2000.0,
+        depth: float = 1.0,
+    ) -> None:
+        width, height = checks.number("width", width), checks.number("height", height)
+        right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
+        ring = straight_ring(JointLines(right, right * [-1.0, 1.0]))
+        fields = fields_of(
+            "block", {"width": width, "height": height}, ring, friction, True, density, depth
+        )
+        super().__init__(**fields)
 
 
 def _spanned(
-    given: tuple[float, float, float, int],
+    profile: str,
+    span: float,
+    rise: float,
+    thickness: float,
+    voussoirs: int,
     joints: ArrayLike | None,
-    ends: tuple[float, float],
-    note: str,
 ) -> tuple[dict[str, float], NDArray[np.float64]]:
-    """Checked span, rise and thickness, and positions of the joints in parts of the length.
-
-    The rise must be within `ends`, in parts of the span; `note` is their name.
-    """
-    span = checks.number("span", given[0])
-    least, most = (end * span for end in ends)
-    rise = checks.number("rise", given[1], at_least=least, at_most=most, note=note)
-    thickness = checks.number("thickness", given[2])
-    count = checks.count("voussoirs", given[3])
-    position = checks.joint_positions(joints, count, 1.0, _LENGTH)
+    """Checked span, rise and thickness, and positions of the joints as parts of the length."""
+    least, most, note = _RISES[profile]
+    span = checks.number("span", span)
+    rise = checks.number("rise", rise, at_least=least * span, at_most=most * span, note=note)
+    thickness = checks.number("thickness", thickness)
+    voussoirs = checks.count("voussoirs", voussoirs)
+    position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
     return {"span": span, "rise": rise, "thickness": thickness}, position

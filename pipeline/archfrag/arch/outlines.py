@@ -6,7 +6,8 @@ angle of the arc to the next corner, positive anticlockwise, 0 for a straight si
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,40 @@ FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
 _SMOOTH = math.radians(30.0)  # corners of a smaller angle are inside a side, as of a drawn arc
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Blocks and the lines on which they stand [m], with their names for messages."""
+
+    outlines: list[FloatArray]  # (m, 3) each: corners x, y and bulge
+    ground: list[FloatArray]  # (2, 2) each; none where ends stand opposite to their joints
+    names: list[str]  # of the blocks
+    ground_names: list[str]
+
+    @classmethod
+    def from_points(cls, outlines: Sequence[Any], ground: Sequence[Any]) -> Self:
+        """Blocks and lines that a user gives as lists of points, checked."""
+        names = [f"outlines[{i}]" for i in range(len(outlines))]
+        lines = [f"ground[{i}]" for i in range(len(ground))]
+        return cls(
+            [_checked_corners(rows, name, 2, 3) for rows, name in zip(outlines, names)],
+            [_checked_corners(rows, name, 2, 2)[:, :2] for rows, name in zip(ground, lines)],
+            names,
+            lines,
+        )
+
+
+def _checked_corners(rows: Any, name: str, least: int, widest: int) -> FloatArray:
+    """Corners ``(m, 3)`` from x, y or x, y, bulge, without repeated ones."""
+    why = "points (x, y), or (x, y, bulge) for a side that is an arc"
+    corners = checks.points(name, rows, least, why, widest)
+    full = np.zeros((len(corners), 3))
+    full[:, : corners.shape[1]] = corners
+    apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0
+    if apart.sum() < least:
+        raise GeometryError(f"{name} has no length: all its points coincide")
+    return full[apart]
 
 
 def outline_section(outline: FloatArray) -> Section:
@@ -98,8 +133,7 @@ def stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list
                 f"thickness_factor = {factor:g} is impossible: voussoir {i} is wider than one of "
                 "its joints; every joint must reach across both of its voussoirs"
             )
-        along, total = perimeter(outline)
-        places = [place_along(outline, along, end) for end in ends]
+        along, places, total = places_along(outline, ends)
         moved = outline.copy()
         for axis in (0, 1):
             moved[:, axis] += np.interp(along, places, moves[:, axis], period=total)
@@ -107,31 +141,33 @@ def stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list
     return result
 
 
-def perimeter(outline: FloatArray) -> tuple[FloatArray, float]:
-    """Lengths of chords from the first corner to each, and round."""
-    chord = np.hypot(*(np.roll(outline[:, :2], -1, axis=0) - outline[:, :2]).T)
-    total = np.concatenate([[0.0], np.cumsum(chord)])
-    return total[:-1], float(total[-1])
+def places_along(
+    outline: FloatArray, points: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """Where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
 
-
-def place_along(outline: FloatArray, along: FloatArray, point: FloatArray) -> float:
-    """Where a point of a straight side is along the chords."""
+    Third, the length of all chords.
+    """
     start = outline[:, :2]
     chord = np.roll(start, -1, axis=0) - start
-    part = np.clip(((point - start) * chord).sum(1) / (chord**2).sum(1), 0.0, 1.0)
-    off = np.hypot(*(start + part[:, None] * chord - point).T)
-    off[outline[:, 2] != 0.0] += off.max() + 1.0
-    side = int(np.argmin(off))
-    return float(along[side] + part[side] * np.hypot(*chord[side]))
+    length = np.hypot(*chord.T)
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    places = []
+    for point in points:
+        part = np.clip(((point - start) * chord).sum(1) / (chord**2).sum(1), 0.0, 1.0)
+        off = np.hypot(*(start + part[:, None] * chord - point).T)
+        off[outline[:, 2] != 0.0] += off.max() + 1.0
+        side = int(np.argmin(off))
+        places.append(along[side] + part[side] * np.hypot(*chord[side]))
+    return along[:-1], np.array(places), float(along[-1])
 
 
 def back_middle(outline: FloatArray, lines: JointLines, body: int) -> FloatArray:
     """Middle of the side between the extrados ends of a voussoir's joints ``(2,)``."""
     points = sampled(outline)
     closed = np.column_stack([points, np.zeros(len(points))])
-    along, total = perimeter(closed)
     # Anticlockwise the back runs from the second joint to the first.
-    start, end = (place_along(closed, along, lines.extrados[i]) for i in (body + 1, body))
+    along, (start, end), total = places_along(closed, lines.extrados[[body + 1, body]])
     inside = (along - start) % total < (end - start) % total
     inner = points[inside][np.argsort((along[inside] - start) % total)]
     return middle_of(np.vstack([lines.extrados[body + 1], inner, lines.extrados[body]]))
@@ -152,13 +188,13 @@ def sides_of(outline: FloatArray) -> list[list[int]]:
     ]
 
 
-def checked_corners(rows: Any, name: str, least: int, widest: int) -> FloatArray:
-    """Corners ``(m, 3)`` that a user gives as x, y or x, y, bulge, without repeated ones."""
-    why = "points (x, y), corners with a bulge behind if it is any"
-    corners = checks.points(name, rows, least, why, widest)
-    full = np.zeros((len(corners), 3))
-    full[:, : corners.shape[1]] = corners
-    apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0
-    if apart.sum() < least:
-        raise GeometryError(f"{name} has no length: all its points coincide")
-    return full[apart]
+def with_arcs(points: FloatArray) -> FloatArray:
+    """Outline ``(4, 3)`` of an annular sector, from points on its intrados, then its extrados."""
+    half = len(points) // 2
+    corners = points[[0, half - 1, half, -1]]
+    sides = corners[[3, 2]] - corners[[0, 1]]
+    angle = np.arctan2(
+        sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0], (sides[0] * sides[1]).sum()
+    )
+    bulge = np.tan(-0.25 * (-angle % (2.0 * np.pi)))  # clockwise over the crown
+    return np.column_stack([corners, [bulge, 0.0, -bulge, 0.0]])

@@ -1,6 +1,5 @@
-"""Chains of polygons: joints where two of them have an edge in common, sides straight or arcs."""
+"""Chains from simple polygons: edges that two blocks share become joints. It needs shapely."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NoReturn
@@ -9,24 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.assemble import fields_of
-from archfrag.arch.drawing import Drawing
 from archfrag.arch.geometry import cross, place_text
 from archfrag.arch.outlines import (
     TOLERANCE,
+    Drawing,
     anticlockwise,
     back_middle,
-    checked_corners,
     outline_section,
-    perimeter,
-    place_along,
+    places_along,
     sampled,
     sides_of,
     stretched,
 )
 from archfrag.arch.profiles import JointLines
 from archfrag.arch.ring import Ring, Voussoir
-from archfrag.errors import GeometryError
+from archfrag.errors import GeometryError, from_extra
 
 FloatArray = NDArray[np.float64]
 SHORTEST = 10.0  # joint, in tolerances
@@ -35,7 +31,7 @@ _Segment = FloatArray  # (2, 2): end, xy
 
 @dataclass
 class _Polygons:
-    """What is being made a chain."""
+    """Blocks on the way to a chain."""
 
     drawn: Drawing  # its outlines anticlockwise
     tolerance: float
@@ -47,6 +43,28 @@ class _Polygons:
         raise GeometryError(f"{self.drawn.names[block]} {text}")
 
 
+def polygon_shape(
+    drawn: Drawing, tolerance: float | None, thickness_factor: float
+) -> tuple[dict[str, Any], Ring, bool]:
+    """Outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
+    factor = checks.number("thickness_factor", thickness_factor, "")
+    if tolerance is not None:
+        tolerance = checks.number("tolerance", tolerance)
+    ring, placed, free = polygon_ring(drawn, tolerance)
+    if factor != 1.0:
+        placed, lines = stretched(placed, ring, factor), _ends(ring, free)
+        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in lines]
+        ring, placed, free = polygon_ring(Drawing.from_points(placed, lines), tolerance)
+    ground = [line.tolist() for line in _ends(ring, free)]
+    return {"outlines": [outline.tolist() for outline in placed], "ground": ground}, ring, free
+
+
+def _ends(ring: Ring, free: bool) -> list[_Segment]:
+    """Lines on which the ends of a ring stand."""
+    ends = (0,) if free else (0, len(ring.voussoirs))
+    return [np.array([side[k] for side in ring.lines[:2]]) for k in ends]
+
+
 def polygon_ring(
     drawn: Drawing, tolerance: float | None = None
 ) -> tuple[Ring, list[FloatArray], bool]:
@@ -54,7 +72,7 @@ def polygon_ring(
 
     Parameters
     ----------
-    drawn : archfrag.arch.drawing.Drawing
+    drawn : archfrag.arch.outlines.Drawing
     tolerance : float, optional
         Within which corners and edges are the same [m]; `TOLERANCE` of the size if not given.
 
@@ -108,8 +126,7 @@ def polygon_ring(
 
 def _check_simple(given: _Polygons) -> None:
     """Refuse outlines that cross themselves, have no area, or overlap."""
-    import shapely
-
+    shapely = from_extra("shapely", "drawing")
     points = [sampled(outline) for outline in given.drawn.outlines]
     shapes = np.array([shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points])
     least = given.tolerance
@@ -117,7 +134,7 @@ def _check_simple(given: _Polygons) -> None:
         if not shape.is_valid:
             where = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
             given.refuse(block, f"crosses or touches itself at ({where}); it must be simple")
-    # What is left of a block without its rim: overlaps of a tolerance leave nothing in common.
+    # A block without its rim: overlaps of a tolerance leave nothing in common.
     cores = shapely.buffer(shapes, -least, join_style="mitre")
     for block, core in enumerate(cores):
         if core.is_empty:
@@ -133,57 +150,58 @@ def _check_simple(given: _Polygons) -> None:
 
 def _find_joints(given: _Polygons) -> None:
     """Joints of blocks with each other and with the ground."""
-    import shapely
-
-    edges, owner = _straight_edges(given.drawn.outlines)
+    shapely = from_extra("shapely", "drawing")
+    drawn, count = given.drawn, len(given.drawn.outlines)
+    edges, owner = _straight_edges(drawn)
     tree = shapely.STRtree(shapely.linestrings(edges))
-    found: dict[tuple[int, int], list[_Segment]] = {}
+    shared: dict[tuple[int, int], list[_Segment]] = {}
     near = tree.query(tree.geometries, predicate="dwithin", distance=given.tolerance)
     for one, other in near.T:
-        if owner[one] < owner[other]:
+        if owner[one] < min(owner[other], count):
             common = _common(edges[one], edges[other][::-1], given.tolerance)
             if common is not None:
-                found.setdefault((owner[one], owner[other]), []).append(common)
-    given.joints = [{} for _ in given.drawn.outlines]
-    for (one, other), parts in found.items():
-        segment = _one_line(parts, given.tolerance)
-        if segment is None:
-            given.refuse(
-                one,
-                f"and {given.drawn.names[other]} meet along {len(parts)} edges not on one line; "
-                "a joint must be straight",
-            )
-        given.joints[one][other], given.joints[other][one] = segment, segment[::-1]
-    for line, name in zip(given.drawn.ground, given.drawn.ground_names):
-        stands: dict[int, list[_Segment]] = {}
-        for edge in tree.query(shapely.linestrings(line), "dwithin", distance=given.tolerance):
-            for sense in (line, line[::-1]):
-                common = _common(edges[edge], sense, given.tolerance)
-                if common is not None:
-                    stands.setdefault(int(owner[edge]), []).append(common)
-        if len(stands) != 1:
-            blocks = ", ".join(given.drawn.names[block] for block in stands) or "none"
+                shared.setdefault((owner[one], owner[other]), []).append(common)
+    given.joints = [{} for _ in drawn.outlines]
+    for (one, other), parts in shared.items():
+        if other < count:
+            segment = _one_line(parts, given.tolerance)
+            if segment is None:
+                given.refuse(
+                    one,
+                    f"and {drawn.names[other]} meet along {len(parts)} edges not on one line; a "
+                    "joint must be straight",
+                )
+            given.joints[one][other], given.joints[other][one] = segment, segment[::-1]
+    for line, name in enumerate(drawn.ground_names, count):
+        blocks = [one for one, other in shared if other == line]
+        if len(blocks) != 1:
+            listed = ", ".join(drawn.names[block] for block in blocks) or "none"
             raise GeometryError(
                 f"{name} must be on a straight edge of one block, on which it stands on the "
-                f"ground; it is on edges of: {blocks}"
+                f"ground; it is on edges of: {listed}"
             )
-        block, parts = stands.popitem()
-        if block in given.standing:
-            parts.append(given.standing[block])
-        straight = _one_line(parts, given.tolerance)
+        block = blocks[0]
+        before = [given.standing[block]] if block in given.standing else []
+        straight = _one_line(shared[block, line] + before, given.tolerance)
         if straight is None:
             given.refuse(block, f"stands on two lines, {name} the second; it must be one")
         given.standing[block] = straight
 
 
-def _straight_edges(outlines: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Straight sides ``(n, 2, 2)`` of all blocks along their outlines, and whose they are."""
+def _straight_edges(drawn: Drawing) -> tuple[FloatArray, list[int]]:
+    """Straight sides ``(n, 2, 2)`` of blocks along their outlines, then ground lines both ways.
+
+    With the block of each, or the number of blocks plus that of the line.
+    """
     edges, owner = [], []
-    for block, outline in enumerate(outlines):
+    for block, outline in enumerate(drawn.outlines):
         pairs = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
         edges.append(pairs[outline[:, 2] == 0.0])
         owner += [block] * len(edges[-1])
-    return np.concatenate(edges), np.array(owner, dtype=np.int64)
+    for number, line in enumerate(drawn.ground, len(drawn.outlines)):
+        edges.append(np.stack([line[::-1], line]))
+        owner += [number, number]
+    return np.concatenate(edges), owner
 
 
 def _common(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
@@ -227,23 +245,20 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
 
 
 def _walk(given: _Polygons) -> list[int]:
-    """Blocks from one end to the other, with what the ends stand on; refuses what is no chain."""
-    count = len(given.drawn.outlines)
-    for block, beside in enumerate(given.joints):
-        if len(beside) > 2:
-            others = ", ".join(given.drawn.names[other] for other in beside)
-            given.refuse(block, f"has {len(beside)} joints, with {others}; it may have two")
-    ends = [block for block, beside in enumerate(given.joints) if len(beside) < 2]
+    """Blocks from one end to the other; adds the lines on which ends stand if none is given."""
+    count, names = len(given.drawn.outlines), given.drawn.names
+    for block, joints in enumerate(given.joints):
+        if len(joints) > 2:
+            others = ", ".join(names[other] for other in joints)
+            given.refuse(block, f"has {len(joints)} joints, with {others}; it may have two")
+    ends = [block for block, joints in enumerate(given.joints) if len(joints) < 2]
     if not ends:
         given.refuse(0, "and all others form a closed ring; a chain must have two ends")
     for block in given.standing:
         if block not in ends:
             given.refuse(block, "stands on the ground between two joints; only ends may")
     order = [ends[0]]
-    while True:
-        ahead = [other for other in given.joints[order[-1]] if other not in order[-2:]]
-        if not ahead:
-            break
+    while ahead := [other for other in given.joints[order[-1]] if other not in order[-2:]]:
         order.append(ahead[0])
     if len(order) < count:
         _refuse_gap(given, order)
@@ -263,18 +278,18 @@ def _walk(given: _Polygons) -> list[int]:
 
 def _refuse_gap(given: _Polygons, order: list[int]) -> NoReturn:
     """Refuse blocks that do not hang together, by the two at the narrowest gap."""
-    import shapely
-
+    shapely = from_extra("shapely", "drawing")
     shapes = [shapely.Polygon(sampled(outline)) for outline in given.drawn.outlines]
-    rest = sorted(set(range(len(shapes))) - set(order))
-    gaps = {(one, other): shapes[one].distance(shapes[other]) for one in order for other in rest}
-    one, other = min(gaps, key=lambda pair: gaps[pair])
-    gap, name = gaps[one, other], given.drawn.names[other]
+    apart = set(range(len(shapes))) - set(order)
+    gap, one, other = min(
+        (shapes[one].distance(shapes[other]), one, other) for one in order for other in apart
+    )
+    name = given.drawn.names[other]
     touching = f"touches {name} but has no edge in common with it"
-    apart = f"has no edge in common with {name}, {gap:.3g} m away"
+    away = f"has no edge in common with {name}, {gap:.3g} m away"
     given.refuse(
         one,
-        f"{touching if gap <= given.tolerance else apart}; all must form one chain, and edges of "
+        f"{touching if gap <= given.tolerance else away}; all must form one chain, and edges of "
         f"neighbours agree to {given.tolerance:.3g} m",
     )
 
@@ -283,9 +298,8 @@ def _opposite(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     """Side of an end block opposite to its joint, which must be one of four and straight."""
     outline = given.drawn.outlines[block]
     sides = sides_of(outline)
-    along, _ = perimeter(outline)
-    middle = place_along(outline, along, joint.mean(axis=0))
-    here = int(np.searchsorted(along, middle, "right")) - 1
+    along, middle, _ = places_along(outline, joint.mean(axis=0)[None])
+    here = int(np.searchsorted(along, middle[0], "right")) - 1
     if len(sides) == 4:
         own = next(i for i, side in enumerate(sides) if here in side)
         edges = sides[(own + 2) % 4]
@@ -306,37 +320,3 @@ def _far_side(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
     return edges[int(np.argmax(away))]
-
-
-def given_polygons(outlines: Sequence[Any], ground: Sequence[Any]) -> Drawing:
-    """Blocks and lines that a user gives as lists of points."""
-    names = [f"outlines[{i}]" for i in range(len(outlines))]
-    ground_names = [f"ground[{i}]" for i in range(len(ground))]
-    blocks = [checked_corners(rows, name, 2, 3) for rows, name in zip(outlines, names)]
-    lines = [checked_corners(rows, name, 2, 2)[:, :2] for rows, name in zip(ground, ground_names)]
-    return Drawing(blocks, lines, names, ground_names)
-
-
-def polygon_fields(
-    drawn: Drawing, thickness_factor: float, tolerance: float | None, matter: dict[str, Any]
-) -> dict[str, Any]:
-    """Attributes of an Arch of polygons; `matter` is friction, density, depth and dead_load."""
-    factor = checks.number("thickness_factor", thickness_factor, "")
-    if tolerance is not None:
-        tolerance = checks.number("tolerance", tolerance)
-    ring, placed, free = polygon_ring(drawn, tolerance)
-    if factor != 1.0:
-        placed, lines = stretched(placed, ring, factor), _standing(ring, free)
-        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in lines]
-        ring, placed, free = polygon_ring(given_polygons(placed, lines), tolerance)
-    shape = {
-        "outlines": [outline.tolist() for outline in placed],
-        "ground": [line.tolist() for line in _standing(ring, free)],
-    }
-    return fields_of("polygons", shape, ring, free_end=free, **matter)
-
-
-def _standing(ring: Ring, free: bool) -> list[FloatArray]:
-    """Lines on which the ends stand."""
-    ends = (0,) if free else (0, len(ring.voussoirs))
-    return [np.array([side[k] for side in ring.lines[:2]]) for k in ends]

@@ -52,17 +52,24 @@ def straight_ring(lines: JointLines) -> Ring:
     return Ring(figures, JointLines(lines.intrados[ends], lines.extrados[ends]), sense)
 
 
-def sector_ring(
-    lines: JointLines,
+def circular_ring(
     centre: NDArray[np.float64],
     radius: float,
     thickness: float,
     angle: NDArray[np.float64],
+    sector: bool,
 ) -> Ring:
-    """Annular sectors between the radial joints that stand at `angle`."""
+    """Annular sectors, or straight-sided voussoirs, between radial joints.
+
+    `angle` of the joints is clockwise from the upward vertical [rad].
+    """
+    inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
+    direction = np.column_stack([np.sin(angle), np.cos(angle)])
+    lines = JointLines(centre + inner * direction, centre + outer * direction)
+    if not sector:
+        return straight_ring(lines)
     check_corners_apart(lines)
     figures = []
-    inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
     for start, end in pairwise(angle):
         back = arc(centre, outer, start, end)
         outline = np.concatenate([arc(centre, inner, start, end), back[::-1]])
@@ -77,20 +84,16 @@ def check_corners_apart(lines: JointLines) -> None:
     """Refuse joints of no length, and neighbouring joints that have a corner in common."""
     every = np.concatenate([lines.intrados, lines.extrados])
     least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
-    length = np.hypot(*(lines.extrados - lines.intrados).T)
-    if np.any(length <= least):
-        joint = int(np.argmin(length))
-        raise GeometryError(
-            f"joint {joint} has no length: its intrados and extrados corners coincide at "
-            f"{place_text(lines.intrados[joint])}; they must be more than {least:.3g} m apart"
-        )
-    for name, side in (("intrados", lines.intrados), ("extrados", lines.extrados)):
-        length = np.hypot(*np.diff(side, axis=0).T)
+    pairs = [("intrados and extrados", lines.intrados, lines.extrados)]
+    pairs += [(name, side[:-1], side[1:]) for name, side in zip(lines._fields, lines[:2])]
+    for name, one, other in pairs:
+        length = np.hypot(*(other - one).T)
         if np.any(length <= least):
             joint = int(np.argmin(length))
+            joints = f"joint {joint}" if "and" in name else f"joints {joint} and {joint + 1}"
             raise GeometryError(
-                f"the {name} corners of joints {joint} and {joint + 1} coincide at "
-                f"{place_text(side[joint])}; they must be more than {least:.3g} m apart"
+                f"the {name} corners of {joints} coincide at {place_text(one[joint])}; they must "
+                f"be more than {least:.3g} m apart"
             )
 
 
@@ -124,19 +127,22 @@ def travel_sense(lines: JointLines) -> int:
 def _refuse_overlap(quads: NDArray[np.float64]) -> None:
     """Refuse convex quadrilaterals ``(n, 4, 2)`` of which any two overlap.
 
-    Neighbours lie on either side of the line of their joint and cannot.
+    Neighbours lie on either side of the line of their joint and cannot. Two others overlap if no
+    side of theirs separates them.
     """
-    import shapely
-
-    shapes = shapely.polygons(quads)
-    first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
-    apart = second > first + 1
-    first, second = first[apart], second[apart]
-    common = shapely.area(shapely.intersection(shapes[first], shapes[second]))
-    overlaps = np.flatnonzero(common > _TOLERANCE * shapely.area(shapes[first]))
+    low, high = quads.min(axis=1), quads.max(axis=1)
+    near = (low[:, None] < high[None]).all(axis=2)
+    first, second = np.nonzero(np.triu(near & near.T, 2))
+    pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
+    side = np.roll(pairs, -1, axis=2) - pairs
+    side /= np.hypot(side[..., 0], side[..., 1])[..., None]
+    normal = np.concatenate([side[0], side[1]], axis=1)[..., ::-1] * [1.0, -1.0]
+    along = np.einsum("pnci,nki->pnkc", pairs, normal)
+    depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
+    overlaps = np.flatnonzero(depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1))))
     if overlaps.size:
-        pair = min(overlaps, key=lambda k: (first[k], second[k]))
+        pair = overlaps[0]
         raise GeometryError(
-            f"voussoirs {first[pair]} and {second[pair]} overlap by {common[pair]:.3g} m2; the "
-            "ring must not cross itself"
+            f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m; "
+            "the ring must not cross itself"
         )

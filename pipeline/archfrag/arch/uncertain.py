@@ -1,8 +1,7 @@
-"""Samples of parameters that are not known exactly: distributions, correlation, designs of points.
+"""Samples of uncertain parameters.
 
-One rule from points of the unit cube to values: a design fills the cube evenly (quasi-Monte
-Carlo), a Gaussian copula correlates its coordinates, and the quantile function of each marginal
-transforms a coordinate into a value.
+Points fill the unit cube evenly (quasi-Monte Carlo), a Gaussian copula correlates their
+coordinates, and the quantile function of each marginal makes a coordinate a value.
 """
 
 import math
@@ -21,7 +20,7 @@ FloatArray = NDArray[np.float64]
 Scheme = Literal["sobol", "latin_hypercube"]
 # Distance of a point from the faces of the unit cube, where quantiles may be infinite.
 _EDGE = 2.0**-32
-# Probability that truncation must leave; below it the bounds were mistaken.
+# Probability that truncation has to leave; below it the bounds were mistaken.
 LEAST_KEPT = 1e-6
 # Of a value: the same number on every machine, whatever the last digits of its quantile function.
 DIGITS = 10
@@ -29,20 +28,14 @@ DIGITS = 10
 
 @dataclass(frozen=True)
 class Marginal:
-    """A distribution, truncated where bounds are given."""
+    """A distribution, truncated if it has bounds."""
 
     full: Any  # without truncation, of `scipy.stats`
     lower: float = -math.inf
     upper: float = math.inf
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Values that are not exceeded with the probabilities given, same shape.
-
-        Raises
-        ------
-        InputError
-            If nearly nothing of the distribution lies between its bounds.
-        """
+        """Values that are not exceeded with the probabilities given, same shape."""
         low, high = self.full.cdf([self.lower, self.upper]).tolist()
         if high - low < LEAST_KEPT:
             raise InputError(
@@ -63,8 +56,7 @@ def unit_points(
         points = qmc.Sobol(dimension, scramble=True, seed=generator).random_base2(power)[:count]
     else:
         points = qmc.LatinHypercube(dimension, seed=generator).random(count)
-    inside: FloatArray = np.clip(points, _EDGE, 1.0 - _EDGE)
-    return inside
+    return np.clip(points, _EDGE, 1.0 - _EDGE)
 
 
 def correlation_factor(
@@ -72,32 +64,32 @@ def correlation_factor(
 ) -> FloatArray:
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
-    Pairs that `correlation`, of names to mappings of names to coefficients, does not have are not
-    correlated. `InputError` where a name is unknown or a pair occurs twice, a coefficient is not
-    between -1 and 1, or no distribution has these coefficients together.
+    `correlation` maps names to mappings of names to coefficients; other pairs are not correlated.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, a pair occurs twice, a coefficient is not between -1 and 1, or no
+        distribution has these coefficients together.
     """
-    matrix = np.eye(len(names))
-    given = set()
-    for one, others in correlation.items():
-        for other, coefficient in others.items():
-            for name in (one, other):
-                if name not in names:
-                    raise InputError(
-                        f"correlation of {one} and {other}: {name} is not one of the parameters "
-                        f"that vary ({', '.join(names)})"
-                    )
-            pair = frozenset((one, other))
-            if len(pair) == 1 or pair in given:
-                what = "with itself" if len(pair) == 1 else "is given twice"
-                raise InputError(f"correlation of {one} and {other}: {what}")
-            if not -1.0 < coefficient < 1.0:
-                raise InputError(
-                    f"correlation of {one} and {other} = {coefficient:g} must be greater than -1 "
-                    "and less than 1"
-                )
-            given.add(pair)
-            i, j = names.index(one), names.index(other)
-            matrix[i, j] = matrix[j, i] = coefficient
+    matrix, given = np.eye(len(names)), set()
+    pairs = [(a, b, rho) for a, others in correlation.items() for b, rho in others.items()]
+    for one, other, coefficient in pairs:
+        what, pair = f"correlation of {one} and {other}", frozenset((one, other))
+        for name in sorted(pair - set(names)):
+            listed = ", ".join(names)
+            raise InputError(f"{what}: {name} is not one of the parameters that vary ({listed})")
+        if len(pair) == 1:
+            raise InputError(f"{what}: with itself")
+        if pair in given:
+            raise InputError(f"{what}: is given twice")
+        if not -1.0 < coefficient < 1.0:
+            raise InputError(
+                f"{what} = {coefficient:g} must be greater than -1 and less than 1"
+            )
+        given.add(pair)
+        i, j = names.index(one), names.index(other)
+        matrix[i, j] = matrix[j, i] = coefficient
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
@@ -115,7 +107,7 @@ def sample(
     seed: int | Sequence[int] = 1,
     correlation: Mapping[str, Mapping[str, float]] | None = None,
 ) -> dict[str, FloatArray]:
-    """Values of parameters with given distributions and correlations.
+    """Sample parameters with given distributions and correlations.
 
     Parameters
     ----------
@@ -125,24 +117,19 @@ def sample(
     scheme : "sobol" or "latin_hypercube"
         Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek 1998):
         the first samples of a longer design are those of a shorter one, and its one- and
-        two-dimensional projections are even when `count` is a power of two. Latin hypercube
+        two-dimensional projections are even if `count` is a power of two. Latin hypercube
         (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every
         parameter, for any `count`; a longer design has none of the samples of a shorter one.
     seed : int or sequence of int
     correlation : mapping, optional
         As in `correlation_factor`: coefficients rho of the Gaussian copula, which are the
-        correlations of the normal scores (of the logarithms, where both are lognormal). The rank
+        correlations of the normal scores (of the logarithms, if both are lognormal). The rank
         correlation by Spearman is then 6/pi arcsin(rho/2).
 
     Returns
     -------
     dict of str to (count,) ndarray
         To ten significant digits.
-
-    Raises
-    ------
-    InputError
-        As in `correlation_factor` and `Marginal.quantile`.
 
     Examples
     --------
@@ -168,5 +155,4 @@ def sample(
 def to_digits(values: ArrayLike) -> FloatArray:
     """Values to `DIGITS` significant digits, same shape."""
     array = np.asarray(values, dtype=float)
-    rounded = [float(f"{value:.{DIGITS}g}") for value in array.ravel()]
-    return np.array(rounded, dtype=float).reshape(array.shape)
+    return np.array([float(f"{v:.{DIGITS}g}") for v in array.ravel()]).reshape(array.shape)

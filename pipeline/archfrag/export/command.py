@@ -13,16 +13,13 @@ import xarray as xr
 import archfrag
 from archfrag.export import tables
 from archfrag.export.curve_set import CurveSet, Made, crossing
-from archfrag.export.formats import FORMATS, written
-from archfrag.export.receivers import named_measure
-from archfrag.export.runs import facts_table, runs_table
-from archfrag.files import write_csv
+from archfrag.export.formats import FORMATS, named_measure, written
+from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
-from archfrag.study.config import Study
-from archfrag.study.cube import CUBE
-from archfrag.study.curves import Answer, arch_classes, curve_of_dict, quoted
-from archfrag.study.files import make_folder, sha256_of, write_text
-from archfrag.study.fits import FITS, load_answers, open_cube
+from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict, quoted
+from archfrag.study.answer.fits import FITS, load_answers, open_cube
+from archfrag.study.file.schema import Study
+from archfrag.study.files import CUBE, write_text
 from archfrag.study.provenance import commit
 from archfrag.study.steps import require
 
@@ -42,12 +39,8 @@ class Exported:
     @property
     def facts(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "folder": str(self.folder),
-            "files": [{"format": name, "file": str(path)} for name, path in self.files],
-            "left_out": self.left_out,
-            "notes": self.notes,
-        }
+        files = [{"format": name, "file": str(path)} for name, path in self.files]
+        return asdict(self) | {"folder": str(self.folder), "files": files}
 
 
 def export_study(
@@ -94,14 +87,8 @@ def export_study(
                 path = made.folder / f"{study.id}-{ending}"
                 write_text(path, text)
                 made.files.append((name, path))
-        si = str(cube["intensity"].attrs.get("units", ""))
-        unit = tables.Unit(
-            study.intensity.unit, si, study.intensity.given[0] / study.intensity.si[0]
-        )
         for name in [name for name in wanted if name in ("csv", "parquet")]:
-            facts = (facts_table(cube, dimension) for dimension in ("record", "arch"))
-            every = [*tables.curve_tables(curves, answers, unit), runs_table(cube), *facts]
-            made.files += _write_tables(curves, every, made.folder, name)
+            made.files += _write_tables(study, cube, curves, answers, made.folder, name)
     about = {name: named_measure(FORMATS[name][0], curves.measure).note for name in texts}
     made.notes = [*notes, *sorted(f"{name}: {note}" for name, note in about.items() if note)]
     return made
@@ -177,19 +164,26 @@ def _limit_states(
 
 
 def _write_tables(
-    curves: CurveSet, every: Sequence[tables.Table], folder: Path, name: str
-) -> list[tuple[str, Path]]:
+    study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Answer],
+    folder: Path, ending: str,
+) -> list[tuple[str, Path]]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
+    si, factor = study.intensity.si[0], study.intensity.given[0]
+    unit = tables.Unit(study.intensity.unit, str(cube["intensity"].attrs["units"]), factor / si)
+    every = [
+        *tables.curve_tables(curves, answers, unit), tables.runs_table(cube),
+        *(tables.facts_table(cube, dimension) for dimension in ("record", "arch")),
+    ]  # fmt: skip
     about = {name: curves.described(name) for name in curves.classes}
     facts = {"made": asdict(curves.made), "classes": about, "left_out": curves.left_out}
-    paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in every]
+    paths = [folder / f"{study.id}-{table.name}.{ending}" for table in every]
     for table, path in zip(every, paths):
-        if name == "csv":
+        if ending == "csv":
             write_csv(path, table.pieces)
         else:
             tables.write_parquet(table, path, facts)
-    if name == "csv":
-        paths.append(folder / f"{curves.made.study}-tables.json")
-        content = facts | {"tables": {table.name: tables.column_facts(table) for table in every}}
+    if ending == "csv":
+        paths.append(folder / f"{study.id}-tables.json")
+        content = facts | {"tables": {table.name: table.facts for table in every}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    return [(name, path) for path in paths]
+    return [(ending, path) for path in paths]

@@ -1,7 +1,7 @@
 """What is exported: the curves of several arches and limit states, and how they were made."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -57,12 +57,6 @@ class CurveSet:
         """Names from the mildest to the severest."""
         return tuple(next(iter(self.curves.values())))
 
-    def severest(self, count: int) -> "CurveSet":
-        """The same with no more than so many limit states, the severest."""
-        kept = self.limit_states[-count:]
-        curves = {arch: {k: states[k] for k in kept} for arch, states in self.curves.items()}
-        return replace(self, curves=curves)
-
     @property
     def complete(self) -> dict[str, dict[str, Fragility]]:
         """Arches that have a curve at every limit state."""
@@ -79,9 +73,8 @@ class CurveSet:
         for arch, states in self.curves.items():
             reasons = {name: found for name, found in states.items() if isinstance(found, str)}
             if reasons:
-                severest = self.limit_states[-1]
                 each = "; ".join(f"{name}: {found}" for name, found in reasons.items())
-                why[arch] = reasons.get(severest, each)
+                why[arch] = reasons.get(self.limit_states[-1], each)
         return why
 
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:

@@ -7,23 +7,94 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from itertools import chain
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
-from archfrag.export.receivers import Named, named_measure
 from archfrag.files import write_csv
+from archfrag.fragility.curve import Fragility
+from archfrag.motions.measures import parse_measure
+from archfrag.motions.units import STANDARD_GRAVITY
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
 # costs 3.2e-5 of probability.
 _REACH = 4.0
 _GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
-
 _MOST = 4  # limit states in IN-CORE
+_PER_G = 1.0 / STANDARD_GRAVITY
+# By receiver (OpenQuake: hazardlib's imt.py) and kind of measure: name, unit, factor from SI.
+_KNOWN = {
+    "OpenQuake": {
+        "PGA": ("PGA", "g", _PER_G),
+        "PGV": ("PGV", "cm/s", 100.0),
+        "PGD": ("PGD", "cm", 100.0),
+        "Arias": ("IA", "m/s", 1.0),
+        "CAV": ("CAV", "g s", _PER_G),
+        "Sa": ("SA({0!r})", "g", _PER_G),
+        "AvgSA": ("AvgSA", "g", _PER_G),
+    },
+    "pelicun": {
+        "PGA": ("Peak Ground Acceleration", "g", _PER_G),
+        "PGV": ("Peak Ground Velocity", "cmps", 100.0),
+        "Sa": ("Spectral Acceleration|{0!r}", "g", _PER_G),
+    },
+    "IN-CORE": {
+        "PGA": ("PGA", "g", _PER_G),
+        "PGV": ("PGV", "cm/s", 100.0),
+        "PGD": ("PGD", "m", 1.0),
+        "Sa": ("{0!r} Sec Sa", "g", _PER_G),
+    },
+}
+
+
+class Named(NamedTuple):
+    """An intensity measure as a receiver calls it.
+
+    `factor` times a value in SI gives the value in `unit`; `note` is empty or states what the
+    receiver's measure must be for the curve to hold.
+    """
+
+    name: str
+    unit: str
+    factor: float
+    note: str
+
+    @property
+    def remark(self) -> str:
+        """The note as the end of a description."""
+        return f" Note: {self.note}." if self.note else ""
+
+
+def named_measure(receiver: str, measure: str) -> Named:
+    """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
+    parsed, known = parse_measure(measure), _KNOWN[receiver]
+    if (receiver, parsed.kind) == ("pelicun", "PGD"):
+        raise InputError(
+            "pelicun has no demand type for PGD, the peak displacement of the ground: its PGD is "
+            "permanent ground deformation"
+        )
+    if parsed.kind not in known:
+        raise InputError(
+            f"{receiver} has no name for the intensity measure {measure}; it knows "
+            f"{', '.join(known)}; csv and parquet take any"
+        )
+    name, unit, factor = known[parsed.kind]
+    notes = []
+    if parsed.kind == "AvgSA":
+        first, last = parsed.periods
+        notes.append(
+            "OpenQuake's AvgSA must be the geometric mean of spectral accelerations from "
+            f"{first:g} to {last:g} s, as {measure} is; its periods are set with the "
+            "ground-motion model"
+        )
+    if parsed.rotated:
+        must = f"must be {parsed.rotated} of two horizontal components"
+        notes.append(f"the values of {parsed.kind} {must}")
+    return Named(name.format(*parsed.periods), unit, factor, "; ".join(notes))
 
 
 def nrml_continuous(curves: CurveSet) -> str:
@@ -38,20 +109,17 @@ def nrml_continuous(curves: CurveSet) -> str:
     `continuous_fragility_discretization` (20 by default) cuts the range into levels in classical
     damage calculations, 100 or more are advised.
     """
-    imt, root, model = _model(curves, "")
-    for arch, states in curves.complete.items():
-        tops = [fit.theta * float(np.exp(_REACH * fit.beta)) for fit in states.values()]
-        function = ElementTree.SubElement(
-            model, "fragilityFunction", id=arch, format="continuous", shape="logncdf"
-        )
-        limits = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _real(imt.factor * max(tops))}
+    imt, root, functions = _nrml(curves, {"format": "continuous", "shape": "logncdf"}, "")
+    for function, states in functions:
+        top = imt.factor * max(fit.theta * np.exp(_REACH * fit.beta) for fit in states.values())
+        limits = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _row([top])}
         ElementTree.SubElement(function, "imls", {"imt": imt.name} | limits)
         for state, fit in states.items():
-            variance = np.expm1(fit.beta**2)
             mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
-            values = {"ls": state, "mean": _real(mean), "stddev": _real(mean * np.sqrt(variance))}
-            ElementTree.SubElement(function, "params", values)
-    return _written(root)
+            values = {"mean": mean, "stddev": mean * np.sqrt(np.expm1(fit.beta**2))}
+            texts = {"ls": state} | {name: _row([value]) for name, value in values.items()}
+            ElementTree.SubElement(function, "params", texts)
+    return _xml(root)
 
 
 def nrml_discrete(curves: CurveSet) -> str:
@@ -63,9 +131,8 @@ def nrml_discrete(curves: CurveSet) -> str:
     for dispersions up to 1.
     """
     more = "Probabilities hold at the levels and are to be interpolated linearly. "
-    imt, root, model = _model(curves, more)
-    for arch, states in curves.complete.items():
-        function = ElementTree.SubElement(model, "fragilityFunction", id=arch, format="discrete")
+    imt, root, functions = _nrml(curves, {"format": "discrete"}, more)
+    for function, states in functions:
         parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
         levels = np.unique(imt.factor * np.concatenate([*parts, curves.levels]))
         imls = ElementTree.SubElement(function, "imls", imt=imt.name, noDamageLimit="0.0")
@@ -73,13 +140,15 @@ def nrml_discrete(curves: CurveSet) -> str:
         for state, fit in states.items():
             poes = fit.probability(levels / imt.factor)
             ElementTree.SubElement(function, "poes", ls=state).text = _row(poes)
-    return _written(root)
+    return _xml(root)
 
 
-def _model(curves: CurveSet, more: str) -> tuple[Named, ElementTree.Element, ElementTree.Element]:
-    """The measure, the root of a file and its model, with all but the functions."""
+def _nrml(
+    curves: CurveSet, kind: dict[str, str], more: str
+) -> tuple[Named, ElementTree.Element, list[tuple[ElementTree.Element, dict[str, Fragility]]]]:
+    """The measure, the root of a file, and the function of each arch with its curves."""
     imt = named_measure("OpenQuake", curves.measure)
-    curves.require_curves("OpenQuake")
+    complete = curves.require_curves("OpenQuake")
     root = ElementTree.Element(
         "nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
     )
@@ -95,18 +164,18 @@ def _model(curves: CurveSet, more: str) -> tuple[Named, ElementTree.Element, Ele
         f"{curves.made.text}{imt.remark}{of}{left}"
     )
     ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
-    return imt, root, model
-
-
-def _real(value: float) -> str:
-    return repr(float(value))
+    functions = [
+        (ElementTree.SubElement(model, "fragilityFunction", {"id": arch} | kind), states)
+        for arch, states in complete.items()
+    ]
+    return imt, root, functions
 
 
 def _row(values: Iterable[float]) -> str:
-    return " ".join(map(_real, values))
+    return " ".join(repr(float(value)) for value in values)
 
 
-def _written(root: ElementTree.Element) -> str:
+def _xml(root: ElementTree.Element) -> str:
     ElementTree.indent(root, " ")
     body = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
@@ -125,7 +194,7 @@ def pelicun_table(curves: CurveSet) -> str:
     columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
     fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
     rows = []
-    for arch, name in _ids(tuple(complete)).items():
+    for arch, name in _ids(complete).items():
         fits = complete[arch].values()
         values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
         rows.append([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
@@ -147,7 +216,7 @@ def pelicun_description(curves: CurveSet) -> str:
             "LeftOut": curves.left_out,
         }
     }
-    for arch, name in _ids(tuple(complete)).items():
+    for arch, name in _ids(complete).items():
         content[name] = {
             "Description": curves.described(arch),
             "SuggestedComponentBlockSize": "1 EA",
@@ -160,7 +229,7 @@ def pelicun_description(curves: CurveSet) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
-def _ids(arches: tuple[str, ...]) -> dict[str, str]:
+def _ids(arches: Iterable[str]) -> dict[str, str]:
     """pelicun's id of each arch."""
     names: dict[str, str] = {}
     for arch in arches:
@@ -182,19 +251,30 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     repeated up to the fourth: the damage states between then have probability 0, and the last has
     that of the severest.
     """
-    curves = curves.severest(_MOST)
     demand = named_measure("IN-CORE", curves.measure)
     complete = curves.require_curves("IN-CORE")
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
     sets = {}
     for arch, states in complete.items():
-        last, severest = list(states.items())[-1]
+        kept = list(states.items())[-_MOST:]
+        last, severest = kept[-1]
         repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
-        four = [*states.items(), *[(repeated, severest)] * (_MOST - len(states))]
+        four = kept + [(repeated, severest)] * (_MOST - len(kept))
+        lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
         rules = [
-            _curve(f"LS_{n}: {state}", variable, demand.factor * fit.theta, fit.beta)
+            {
+                "description": f"LS_{n}: {state}",
+                "curveParameters": None,
+                "returnType": {"type": "Limit State", "unit": "", "description": f"LS_{n}"},
+                "rules": [{
+                    "condition": [f"{variable} > 0"],
+                    "expression": lognormal.format(
+                        variable, float(demand.factor * fit.theta), float(fit.beta)
+                    ),
+                }],
+            }
             for n, (state, fit) in enumerate(four)
-        ]
+        ]  # fmt: skip
         content = {
             "description": f"{curves.described(arch)}. {curves.made.text}{demand.remark}",
             "creator": f"archfrag {curves.made.archfrag}",
@@ -219,22 +299,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     return sets
 
 
-def _curve(description: str, variable: str, theta: float, beta: float) -> dict[str, Any]:
-    median, dispersion = repr(float(theta)), repr(float(beta))
-    expression = (
-        f"scipy.stats.norm.cdf((math.log({variable}) - math.log({median})) / {dispersion})"
-    )
-    return {
-        "description": description,
-        "curveParameters": None,
-        "returnType": {
-            "type": "Limit State", "unit": "", "description": description.split(":")[0],
-        },
-        "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
-    }  # fmt: skip
-
-
-#: By name of a format: its receiver, and the texts of its files by the ends of their names.
+# By name of a format: its receiver, and the texts of its files by the ends of their names.
 FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str]]]]] = {
     "nrml-continuous": ("OpenQuake", {"fragility-continuous.xml": nrml_continuous}),
     "nrml-discrete": ("OpenQuake", {"fragility-discrete.xml": nrml_discrete}),

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict, count_verdicts, wilson
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, shaped
-from archfrag.fragility.runs import Resampling
+from archfrag.fragility.counts import Verdict, count_verdicts, draws_of_records, wilson
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, shaped, tails
 
 RESAMPLES = 1000
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
@@ -52,7 +51,7 @@ class Deaggregation:
     categories: tuple[str, ...]
     counts: IntArray  #: (n_category, n_level), collapses
     collapsed: IntArray  #: (n_level,), all collapses
-    n: IntArray  #: (n_level,), runs that collapsed or stood
+    n: IntArray  #: (n_level,), runs that collapsed or survived
     overall: FloatArray  #: (n_category,), of the collapses of all levels together [1]; nan if none
     overall_lower: FloatArray
     overall_upper: FloatArray
@@ -70,35 +69,18 @@ def deaggregate(
 ) -> Deaggregation:
     """Divide the collapses at each level by category.
 
-    Over all levels the same records collapse again and again, most often by one mechanism. The
-    interval of the overall fractions, Wilson's score interval (Wilson 1927, J. Am. Stat. Assoc.
-    22, 209-212), therefore counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are
-    the numbers of collapses of the records (Kish 1965, *Survey Sampling*, sections 5.4 and
-    11.7): what remains if all collapses of a record are alike.
+    The same records collapse at several levels, most often by one mechanism. Wilson's score
+    interval of the overall fractions (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212) therefore
+    counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are the numbers of collapses of
+    the records (Kish 1965, *Survey Sampling*, sections 5.4 and 11.7).
 
-    Parameters
-    ----------
-    verdict : array_like of int, (n_record, n_level)
-        Codes of `archfrag.fragility.counts.Verdict`; others than standing and collapsed count as
-        neither.
-    category, categories, confidence
-        As of `contributions`, which also has the errors.
-
-    Examples
-    --------
-    Three records at two levels; the first two arches fall by hinging, the third by sliding.
-
-    >>> from archfrag.fragility.contributions import deaggregate
-    >>> verdict = [[0, 1], [1, 1], [0, 1]]
-    >>> mode = [[-1, 0], [0, 0], [-1, 1]]
-    >>> found = deaggregate(verdict, mode, ["hinging", "sliding"])
-    >>> found.counts.tolist(), found.overall.tolist()
-    ([[1, 2], [0, 1]], [0.75, 0.25])
+    `verdict`, (n_record, n_level), holds codes of `Verdict`; the other arguments and the errors
+    are those of `contributions`.
     """
     counted = count_verdicts(verdict)
-    fell = np.asarray(verdict) == Verdict.COLLAPSED
-    counts = _by_category(fell, category, len(categories)).sum(axis=1)
-    of_record = fell.sum(axis=1).astype(float)
+    collapsed = np.asarray(verdict) == Verdict.COLLAPSED
+    counts = _by_category(collapsed, category, len(categories)).sum(axis=1)
+    of_record = collapsed.sum(axis=1).astype(float)
     total = float(of_record.sum())
     effective = total**2 / float(of_record @ of_record) if total else 0.0
     overall = counts.sum(axis=1) / (total or np.nan)
@@ -108,15 +90,9 @@ def deaggregate(
 
 
 def contributions(
-    level_rate: ArrayLike,
-    collapsed: ArrayLike,
-    category: ArrayLike,
-    categories: Sequence[str],
-    *,
-    event: ArrayLike | None = None,
-    seed: int = 1,
-    confidence: float = 0.9,
-) -> Contributions:
+    level_rate: ArrayLike, collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str], *,
+    event: ArrayLike | None = None, seed: int = 1, confidence: float = 0.9,
+) -> Contributions:  # fmt: skip
     """Divide the rate of collapse of each level by category.
 
     Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
@@ -126,50 +102,37 @@ def contributions(
     Parameters
     ----------
     level_rate : array_like, (n_level,)
-        Rate of collapse by motions of each level [1/year], from
-        `archfrag.fragility.risk.rate_by_level`.
+        Rate of collapse by motions of each level [1/year], from `rate_by_level`.
     collapsed : array_like of bool, (n_record, n_level)
     category : array_like of int, (n_record, n_level)
         Position in `categories` of each run that collapsed; any number elsewhere.
     categories : sequence of str
     event : array_like, (n_record,), optional
-        Earthquake of each record; if it is not given or empty, the record has one of its own.
-    seed : int
-        Of numpy's default generator.
-    confidence : float
-        Two-sided, between 0 and 1.
+        Earthquake of each record; its own where it is not given.
+    seed, confidence
+        Of the bootstrap.
 
     Raises
     ------
     InputError
-        If shapes do not agree, a verdict or a rate cannot be, a run that collapsed has no
-        category, or `confidence` is not between 0 and 1.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.contributions import contributions
-    >>> found = contributions(
-    ...     [3e-4, 1e-4], [[True, True], [False, True]], [[0, 0], [0, 1]], ["hinging", "sliding"]
-    ... )
-    >>> found.fraction.tolist()
-    [0.875, 0.125]
+        If shapes do not agree, a rate is negative, or a run that collapsed has no category.
     """
     fell = np.asarray(collapsed, dtype=bool)
     rates = shaped(level_rate, fell.shape[1:], "level_rate").astype(float)
     if not np.all(rates >= 0.0):
         raise InputError(f"level_rate holds {rates.min():g}; a rate is a number from 0 upwards")
-    resampling, names = Resampling(seed, RESAMPLES, confidence), tuple(categories)
+    names, ends = tuple(categories), tails(confidence)
     masks = _by_category(fell, category, len(names))
     counts = masks.sum(axis=1)
     rate = _rates(rates, counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
-    times = resampling.draws(event, len(fell))
+    times = draws_of_records(event, len(fell), seed, RESAMPLES)
     drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
     if total.any():
         known = drawn[:, total > 0.0] / total[total > 0.0]
-        lower, upper = np.quantile(known, resampling.tails, axis=1)
+        lower, upper = np.quantile(known, ends, axis=1)
     lower, upper = np.where(counts.sum(axis=1) < 2, np.nan, [lower, upper])
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
@@ -208,13 +171,6 @@ def implied_collapses(
 
     A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
     level that was, by the category that it had there: capacity is taken as one number.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.contributions import implied_collapses
-    >>> fell, kind = implied_collapses([[0, 0, 1, 0]], [[1, 0, 1, 0]], [[-1, -1, 2, -1]])
-    >>> fell.tolist(), kind.tolist()
-    ([[False, False, True, True]], [[-1, -1, 2, 2]])
     """
     fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)
@@ -232,20 +188,14 @@ def value_bins(
     Bins are below the first edge, between edges, which increase, and from the last on; `unit` is
     written after the numbers.
 
-    Examples
-    --------
     >>> from archfrag.fragility.contributions import value_bins
     >>> place, names = value_bins([5.9, 6.0, 7.4, float("nan")], [6.0, 7.0], "km")
     >>> place.tolist(), names
     ([0, 1, 2, 3], ('below 6 km', '6 to 7 km', '7 km and more', 'not known'))
     """
     values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
-    unit = f" {unit}" if unit else ""
-    names = (
-        f"below {edges[0]:g}{unit}",
-        *(f"{a:g} to {b:g}{unit}" for a, b in pairwise(edges)),
-        f"{edges[-1]:g}{unit} and more",
-        NOT_KNOWN,
-    )
+    ends, unit = [f"{edge:g}" for edge in edges], f" {unit}" if unit else ""
+    between = (f"{a} to {b}{unit}" for a, b in pairwise(ends))
+    names = f"below {ends[0]}{unit}", *between, f"{ends[-1]}{unit} and more", NOT_KNOWN
     place = np.where(np.isnan(values), edges.size + 1, np.searchsorted(edges, values, "right"))
     return place.astype(np.int64), names

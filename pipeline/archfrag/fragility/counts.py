@@ -1,11 +1,11 @@
-"""Verdicts of runs, counted, and intervals of the fractions that collapsed."""
+"""Verdicts of runs, counted; intervals of the fractions that collapsed; resampling of records."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import betaincinv, ndtri
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped, tails
@@ -47,21 +47,8 @@ class VerdictCounts:
 def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
     """Count the verdicts of all records at each level.
 
-    Parameters
-    ----------
-    verdict : array_like of int, (..., n_level)
-        Codes of `Verdict`; all axes but the last are counted together.
-
-    Raises
-    ------
-    InputError
-        If there is a code that is no verdict: a run that is missing must not be counted.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.counts import count_verdicts
-    >>> count_verdicts([[0, 1], [0, 2]]).n.tolist()
-    [2, 1]
+    `verdict`, (..., n_level), holds codes of `Verdict` (else InputError: a run that is missing
+    must not be counted); all axes but the last are counted together.
     """
     codes = np.asarray(verdict)
     if codes.ndim == 0:
@@ -69,7 +56,7 @@ def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
     foreign = codes[~np.isin(codes, [int(v) for v in Verdict])]
     if foreign.size:
         raise InputError(
-            f"verdict holds {foreign.flat[0]!s}, which is none of "
+            f"verdict holds {foreign.flat[0]!s}, which is not one of "
             + ", ".join(f"{v.value} ({v.name.lower()})" for v in Verdict)
         )
     codes = codes.reshape(-1, codes.shape[-1])
@@ -80,7 +67,7 @@ def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
 def checked_stripes(
     im: ArrayLike, collapses: ArrayLike, n: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Levels, collapses and runs as arrays of shape (n_level,); InputError if they cannot be."""
+    """Levels, collapses and runs as arrays of shape (n_level,); InputError if not valid."""
     levels, k, m = (np.asarray(values, dtype=float) for values in (im, collapses, n))
     if levels.ndim != 1 or levels.size == 0:
         raise InputError(f"im has shape {levels.shape}; a list of one intensity per level")
@@ -91,8 +78,7 @@ def checked_stripes(
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
     positive(levels, "im")
-    if np.any(k > m):
-        i = int(np.argmax(k > m))
+    for i in np.flatnonzero(k > m)[:1]:
         raise InputError(
             f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
         )
@@ -104,35 +90,20 @@ def clopper_pearson(
 ) -> tuple[FloatArray, FloatArray]:
     """Exact interval of each binomial fraction (Clopper and Pearson 1934, Biometrika 26).
 
-    Parameters
-    ----------
-    collapses, n : array_like of int, (n_level,)
-        Collapses among n runs, as of `archfrag.fit_stripes`, which has the errors.
-    confidence : float
-        Two-sided, between 0 and 1; each side holds at least half of it.
-
-    Returns
-    -------
-    (ndarray, ndarray)
-        Lower and upper end, (n_level,); nan where n = 0.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.counts import clopper_pearson
-    >>> [round(float(end[0]), 4) for end in clopper_pearson([5], 10, confidence=0.95)]
-    [0.1871, 0.8129]
+    `collapses` among `n` runs are as of `archfrag.fit_stripes`, which has the errors; each side
+    of `confidence` holds at least half of it. The ends are (n_level,) each; nan where n = 0.
     """
     low, high = tails(confidence)
     given = np.atleast_1d(np.asarray(collapses, dtype=float))
     _, k, m = checked_stripes(np.ones(given.shape), given, n)
-    lower = np.where(k > 0, betaincinv(np.maximum(k, 1), m - k + 1, low), 0.0)
-    upper = np.where(k < m, betaincinv(k + 1, np.maximum(m - k, 1), high), 1.0)
+    lower = np.where(k > 0, scipy.special.betaincinv(np.maximum(k, 1), m - k + 1, low), 0.0)
+    upper = np.where(k < m, scipy.special.betaincinv(k + 1, np.maximum(m - k, 1), high), 1.0)
     return np.where(m > 0, lower, np.nan), np.where(m > 0, upper, np.nan)
 
 
 def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
     """Score interval of k among n, which need not be integers (Wilson 1927); nan where n = 0."""
-    z = ndtri(tails(confidence)[1])
+    z = scipy.special.ndtri(tails(confidence)[1])
     k = np.asarray(k, dtype=float)
     n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
     centre = (k + 0.5 * z * z) / (n + z * z)
@@ -141,3 +112,25 @@ def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatAr
     lower = np.where(k > 0.0, np.maximum(centre - reach, 0.0), 0.0 * n)
     upper = np.where(k < n, np.minimum(centre + reach, 1.0), 1.0 + 0.0 * n)
     return lower, upper
+
+
+def draws_of_records(
+    event: ArrayLike | None, n_record: int, seed: int, resamples: int
+) -> IntArray:
+    """How often a bootstrap draws each record, with all of its event, (resamples, n_record).
+
+    At least 100 resamples are needed for quantiles (else InputError).
+    """
+    if resamples < 100:
+        raise InputError(f"resamples is {resamples}; quantiles need at least 100")
+    group = event_groups(event, n_record)
+    n = int(group.max()) + 1
+    generator = np.random.default_rng(seed)
+    return generator.multinomial(n, np.full(n, 1.0 / n), resamples)[:, group]
+
+
+def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
+    """A number for each record, the same for those of one event; its own where `event` is None."""
+    if event is None:
+        return np.arange(n_record)
+    return np.unique(shaped(event, (n_record,), "event"), return_inverse=True)[1]

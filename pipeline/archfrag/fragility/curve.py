@@ -1,13 +1,12 @@
-"""The lognormal fragility curve, a band about a curve, and checks for all modules."""
+"""The lognormal fragility curve with its bands, and checks for all modules."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
-from functools import partial
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from archfrag.errors import InputError
 
@@ -20,38 +19,28 @@ BoolArray = NDArray[np.bool_]
 class Fragility:
     """A lognormal fragility curve and how well the data determine it.
 
-    Attributes
-    ----------
-    theta : float
-        Median capacity, in the unit of the intensity it was fitted to.
-    beta : float
-        Dispersion: standard deviation of the logarithm of capacity [1].
-    covariance : ndarray, (2, 2)
-        Of (ln theta, beta): inverse of the observed Fisher information, or as `kind` implies.
-    log_likelihood : float
-        At the maximum; of stripes with the binomial coefficients, of capacities the density of
-        their logarithms.
-    n_levels : int
-        Levels (stripes), distinct observed capacities (IDA) or ends of brackets that were used.
-    n_total : int
-        Runs (stripes) or records (IDA) that were used.
-    kind : str
-        ``"stripes"``, ``"ida"`` (moments), ``"ida_truncated"``, ``"brackets"`` or
-        ``"posterior"`` (medians), or of a `Mixture` ``"mixture"``.
+    Bands and intervals are from the covariance of the parameters.
     """
 
-    theta: float
-    beta: float
+    theta: float  #: median capacity, in the unit of the intensity it was fitted to
+    beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
+    #: (2, 2), of (ln theta, beta): inverse of the observed information, or as `kind` implies
     covariance: FloatArray = field(compare=False)
+    #: At the maximum; of stripes with the binomial coefficients, of capacities the density of
+    #: their logarithms.
     log_likelihood: float
-    n_levels: int
-    n_total: int
+    n_levels: int  #: levels, distinct observed capacities or ends of brackets that were used
+    n_total: int  #: runs (stripes) or records that were used
+    #: "stripes", "ida" (moments), "ida_truncated", "brackets", "ordered" (limit states),
+    #: "posterior" (medians) or "mixture" (class of arches).
     kind: str
+    #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs.
+    members: FloatArray | None = field(default=None, compare=False)
 
     @property
     def parts(self) -> FloatArray:
         """theta and beta of the lognormal curves that this one is the mean of, (n, 2)."""
-        return np.array([[self.theta, self.beta]])
+        return np.array([[self.theta, self.beta]]) if self.members is None else self.members
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -64,90 +53,73 @@ class Fragility:
         return float(self.covariance[0, 1] / np.prod(self.standard_errors))
 
     def probability(self, im: ArrayLike) -> FloatArray:
-        """Probability of collapse at intensity `im`, same shape; zero at im = 0.
-
-        Raises
-        ------
-        InputError
-            If an intensity is negative or not a number.
-        """
+        """Probability of collapse at intensities >= 0 (else InputError), same shape."""
         theta, beta = self.parts.T
-        return ndtr((log_intensity(im)[..., None] - np.log(theta)) / beta).mean(axis=-1)
+        deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta
+        return scipy.special.ndtr(deviation).mean(axis=-1)
+
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
+        """Pointwise band of the curve at intensities >= 0, from the covariance.
+
+        The delta method on the probit scale, z = (ln im - ln theta) / beta, where the curve is a
+        straight line in ln im and its estimate is closest to normal: var z = g C g with
+        g = -(1, z) / beta. The band is Phi(z -+ q sqrt(var z)) and stays within [0, 1].
+        """
+        quantile = scipy.special.ndtri(tails(confidence)[1])
+        z = (log_intensity(im) - np.log(self.theta)) / self.beta
+        (var_theta, cov), (_, var_beta) = self.covariance
+        with np.errstate(invalid="ignore"):
+            reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / self.beta
+            lower, upper = scipy.special.ndtr(z - reach), scipy.special.ndtr(z + reach)
+        at_zero = np.isneginf(z)
+        return np.where(at_zero, 0.0, lower), np.where(at_zero, 0.0, upper)
+
+    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Interval of the median from the covariance, normal in ln theta."""
+        reach = np.exp(scipy.special.ndtri(tails(confidence)[1]) * self.standard_errors[0])
+        return float(self.theta / reach), float(self.theta * reach)
+
+    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Interval of the dispersion from the covariance, normal in ln beta."""
+        quantile = scipy.special.ndtri(tails(confidence)[1])
+        reach = np.exp(quantile * self.standard_errors[1] / self.beta)
+        return float(self.beta / reach), float(self.beta * reach)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
-        return {
-            "kind": self.kind, "theta": self.theta, "beta": self.beta,
-            "covariance_ln_theta_beta": self.covariance.tolist(),
-            "log_likelihood": self.log_likelihood,
-            "n_levels": self.n_levels, "n_total": self.n_total,
-        }  # fmt: skip
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        plain["covariance_ln_theta_beta"] = plain.pop("covariance").tolist()
+        members = plain.pop("members")
+        return plain if members is None else plain | {"members": members.tolist()}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":
-        """Inverse of `to_dict`.
-
-        Raises
-        ------
-        InputError
-            If a key is missing.
-        """
+        """Inverse of `to_dict`; InputError if a key is missing."""
         try:
-            kind = partial(Mixture, members=np.array(v)) if (v := values.get("members")) else cls
-            return kind(
-                theta=float(values["theta"]),
-                beta=float(values["beta"]),
-                covariance=np.array(values["covariance_ln_theta_beta"], dtype=float),
-                # JSON has no nan: of what is no maximum of a likelihood it holds null.
-                log_likelihood=float("nan" if (v := values["log_likelihood"]) is None else v),
-                n_levels=int(values["n_levels"]),
-                n_total=int(values["n_total"]),
-                kind=str(values["kind"]),
-            )
+            given = {key: values[key] for key in ("theta", "beta", "n_levels", "n_total", "kind")}
+            covariance = np.array(values["covariance_ln_theta_beta"], dtype=float)
+            # JSON has no nan: of what is no maximum of a likelihood it holds null.
+            likelihood = float("nan" if (v := values["log_likelihood"]) is None else v)
         except KeyError as error:
             raise InputError(f"a stored fragility lacks the key {error}") from error
+        members = None if (v := values.get("members")) is None else np.array(v, dtype=float)
+        return cls(**given, covariance=covariance, log_likelihood=likelihood, members=members)
 
 
-@dataclass(frozen=True)
-class Mixture(Fragility):
+def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
     """Curve of a class of arches: the mean of the curves of its arches.
 
     It is the probability that an arch collapses of which only its class is known. `theta` and
     `beta` are those of the lognormal curve with the same mean and standard deviation of ln
-    capacity, the law of total variance on the curves of the arches.
+    capacity, the law of total variance on the curves of the arches; covariance and sizes are
+    those of the `pooled` curve of all runs.
     """
-
-    members: FloatArray = field(compare=False)  #: theta and beta of each arch, (n_arch, 2)
-
-    @property
-    def parts(self) -> FloatArray:
-        """theta and beta of each arch, (n_arch, 2)."""
-        return self.members
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and strings, for JSON."""
-        return super().to_dict() | {"members": self.members.tolist()}
-
-
-def mixture(pooled: Fragility, members: Sequence[Fragility]) -> Mixture:
-    """The mean of some curves; covariance and sizes are those of the curve of all their runs."""
-    theta, beta = np.array([[fit.theta, fit.beta] for fit in members]).T
-    plain = {each.name: getattr(pooled, each.name) for each in fields(Fragility)}
-    plain |= {
-        "theta": float(np.exp(np.log(theta).mean())),
-        "beta": float(np.sqrt((beta**2).mean() + np.log(theta).var())),
-        "kind": "mixture",
-    }
-    return Mixture(**plain, members=np.stack([theta, beta], axis=1))
-
-
-@dataclass(frozen=True)
-class Band:
-    """Pointwise confidence band of a curve."""
-
-    lower: FloatArray  #: probabilities of collapse, shape of the intensities asked for
-    upper: FloatArray
-    confidence: float  #: two-sided, at each intensity
+    members = np.array([[fit.theta, fit.beta] for fit in curves])
+    logs = np.log(members[:, 0])
+    beta = float(np.sqrt((members[:, 1] ** 2).mean() + logs.var()))
+    return replace(
+        pooled, theta=float(np.exp(logs.mean())), beta=beta, kind="mixture", members=members
+    )
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:

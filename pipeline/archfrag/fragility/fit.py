@@ -6,21 +6,25 @@ are concave: there is one maximum, and none exactly where the data are separated
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammaln
+from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
-from archfrag.fragility.counts import checked_stripes
-from archfrag.fragility.curve import FloatArray, Fragility, positive
-from archfrag.fragility.lines import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
+from archfrag.fragility.counts import checked_stripes, draws_of_records
+from archfrag.fragility.curve import FloatArray, Fragility, positive, shaped, tails
+from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 
-__all__ = ["Fragility", "fit_brackets", "fit_ida", "fit_stripes"]
+__all__ = ["Fragility", "fit_brackets", "fit_cloud", "fit_ida", "fit_stripes"]
 
 _LARGEST_LOG = 600.0
-_EXACT = 1e-7  # width of a bracket, in deviations of all ends, below which it is one value
+_LEVEL = (
+    "the fraction of collapses does not rise with intensity over the levels from {} to {}, so no "
+    "curve fits; add levels or records"
+)
 
 
 def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
@@ -36,15 +40,14 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     collapses : array_like of int, (n_level,)
         Runs that collapsed.
     n : int or array_like of int, (n_level,)
-        Runs that collapsed or stood. Unfinished runs and solver failures belong to neither.
+        Runs that collapsed or survived. Unfinished runs and solver failures belong to neither.
         Levels with n = 0 are left out.
 
     Raises
     ------
-    InputError
-        If an argument has the wrong shape or a value that cannot be.
-    FitError
-        If the likelihood has no maximum with beta > 0; the message states what is known instead.
+    InputError, FitError
+        If an argument is not valid; if the likelihood has no maximum with beta > 0: the message
+        states what is known instead.
 
     Examples
     --------
@@ -55,26 +58,12 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     (1.0761, 0.4292)
     """
     im, collapses, n = checked_stripes(im, collapses, n)
-    used = n > 0
-    im, collapses, n = im[used], collapses[used], n[used]
+    im, collapses, n = (part[n > 0] for part in (im, collapses, n))
     _require_overlap(im, collapses, n)
-    curve = likeliest_curve(im, collapses, n)
-    if curve is None:
-        raise FitError(
-            "the fraction of collapses does not rise with intensity over the levels from {} to "
-            "{}, so no lognormal curve fits; add levels or records",
-            im.min(),
-            im.max(),
-        )
-    return curve
-
-
-def likeliest_curve(im: FloatArray, collapses: FloatArray, n: FloatArray) -> Fragility | None:
-    """Curve of counts (n_level,) as of `fit_stripes`, not checked; None without a maximum."""
     line = binomial_lines(np.log(im), collapses, n)
-    # Where the line is as good as level the median lies beyond all numbers.
-    if line.degenerate[0] or line.slope[0] <= np.abs(line.intercept[0]) / _LARGEST_LOG:
-        return None
+    # A line that is nearly level has its median beyond all numbers.
+    if not line.slope[0] > np.abs(line.intercept[0]) / _LARGEST_LOG:
+        raise FitError(_LEVEL, im.min(), im.max())
     coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
     likelihood = float(coefficients.sum() - line.loss[0])
     known = _parameters(line.intercept[0], line.slope[0], line.information[0])
@@ -109,10 +98,8 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
     Raises
     ------
-    InputError
-        If a capacity or the limit is not a positive number.
-    FitError
-        If the data do not determine a dispersion > 0.
+    InputError, FitError
+        If an argument is not valid; if the data do not determine a dispersion > 0.
 
     Examples
     --------
@@ -137,18 +124,16 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     if np.all(values[known] == limit):
         why = f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0"
         raise FitError(f"{why}; resolve the capacities more finely")
-    fit = _fit(np.where(known, values, limit), np.where(known, values, np.inf), "ida_truncated")
-    return replace(fit, n_levels=int(np.unique(values[known]).size))
+    fit = fit_brackets(np.where(known, values, limit), np.where(known, values, np.inf))
+    return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
 
 
 def _fit_moments(values: FloatArray) -> Fragility:
     """Curve from the mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
     if np.all(logs == logs[0]):
-        raise FitError(
-            f"all {n} capacities are {np.exp(logs[0]):g}, so beta tends to 0 and no "
-            "dispersion can be estimated; add records"
-        )
+        why = f"all {n} capacities are {np.exp(logs[0]):g}, so beta tends to 0"
+        raise FitError(f"{why}; add records")
     mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
     z = (logs - mean) / deviation
     covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
@@ -158,7 +143,7 @@ def _fit_moments(values: FloatArray) -> Fragility:
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
-    """Lognormal curve of capacities of which each is known to lie between two intensities.
+    """Fit a lognormal curve to capacities that each lie between two intensities.
 
     Maximum likelihood of interval-censored data: the capacity of a record lies in
     (lower, upper]. The covariance is the inverse of the observed information.
@@ -170,35 +155,16 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
         lowest level tried), `upper` inf (none up to the highest). Equal values are a capacity
         known exactly.
 
-    Returns
-    -------
-    Fragility
-        Of kind ``"brackets"``; ``n_total`` counts records, ``n_levels`` distinct ends.
-
     Raises
     ------
     InputError, FitError
-        If an argument cannot be; if the likelihood has no maximum with beta > 0.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.fit import fit_brackets
-    >>> curve = fit_brackets([0.0, 0.2, 0.3, 0.4, 0.4], [0.2, 0.3, 0.4, 0.5, float("inf")])
-    >>> round(curve.theta, 3), round(curve.beta, 3)
-    (0.317, 0.467)
+        If an argument is not valid; if the likelihood has no maximum with beta > 0.
     """
-    return _fit(*checked_brackets(lower, upper), kind="brackets")
-
-
-def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
+    lower, upper = checked_brackets(lower, upper)
     last, first = lower.max(), upper.min()
     if last <= first:
-        raise FitError(
-            f"one capacity between {{}} and {{}} would agree with all {lower.size} records, so "
-            "beta tends to 0 and no dispersion can be estimated; add levels there, or records",
-            last,
-            first,
-        )
+        why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
+        raise FitError(f"{why}, so beta tends to 0; add levels there, or records", last, first)
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         raise FitError(
             "no capacity is bracketed from both sides, which does not separate theta from beta; "
@@ -206,46 +172,87 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
         )
     with np.errstate(divide="ignore"):
         low, high = np.log(lower), np.log(upper)
-    ends = np.concatenate([low[np.isfinite(low)], high[np.isfinite(high)]])
-    # A bracket of almost no width is taken as its middle, with the density times the width.
-    narrow = (high > low) & (high - low < _EXACT * ends.std())
-    constant = float(np.log((high - low)[narrow]).sum())
-    low[narrow] = high[narrow] = 0.5 * (low + high)[narrow]
-    pairs, number = np.unique(np.stack([low, high]), axis=1, return_counts=True)
-    ones = np.ones((pairs.shape[1], 1))
-    found = normal_lines(ones, pairs[0], pairs[1], number[None].astype(float))
-    a, b = np.array([-found.coefficients[0, 0], 1.0]) / found.deviation[0]
+    ends = np.concatenate([low, high])
+    mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), low, high)
+    a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
-    known = _parameters(a, b, found.information[0] * sign)
-    likelihood = constant - float(found.loss[0])
-    return Fragility(*known, likelihood, int(np.unique(ends).size), lower.size, kind)
+    known = _parameters(a, b, information[0] * sign)
+    n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
+    return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
     """Raise FitError where the data are separated (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
-    low, high, fell, stood = im.min(), im.max(), im[collapses > 0], im[collapses < n]
-    if not fell.size:
+    low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]
+    if not collapsed.size:
         why = "no run collapsed at any level: theta lies above {}, the highest level tried"
         raise FitError(f"{why}; add higher levels", high)
-    if not stood.size:
-        why = "every run collapsed at every level: theta lies below {}, the lowest level"
-        raise FitError(f"{why} tried; add lower levels", low)
+    if not survived.size:
+        why = "every run collapsed at every level: theta lies below {}, the lowest level tried"
+        raise FitError(f"{why}; add lower levels", low)
     if low == high:
         why = "all runs are at one level, im = {}, which cannot separate theta from beta"
         raise FitError(f"{why}; add levels", low)
-    first, last = fell.min(), stood.max()
+    first, last = collapsed.min(), survived.max()
+    why = "(perfect separation), so beta tends to 0"
     if first > last:
-        raise FitError(
-            "all runs stand up to {0} and all collapse from {1} (perfect separation), so beta "
-            "tends to 0: theta lies between {0} and {1}; add levels between them",
-            last,
-            first,
-        )
+        text = f"all runs stand up to {{0}} and all collapse from {{1}} {why}: theta lies between"
+        raise FitError(f"{text} {{0}} and {{1}}; add levels between them", last, first)
     if first == last:
-        raise FitError(
-            "only the level {0} has both collapses and standing runs (perfect separation), so "
-            "beta tends to 0 and theta to {0}; add levels close to it",
-            first,
-        )
+        text = f"only the level {{0}} has collapses and standing runs {why} and theta to {{0}}"
+        raise FitError(f"{text}; add levels close to it", first)
+
+
+def fit_cloud(
+    im: ArrayLike, collapsed: ArrayLike, event: ArrayLike | None = None, *,
+    seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
+) -> dict[str, Any]:  # fmt: skip
+    """Fit collapse by logistic regression on ln im.
+
+    Parameters
+    ----------
+    im : array_like, (n_run,)
+        Intensity of each record at its own amplitude (a cloud), any unit, > 0.
+    collapsed : array_like of bool, (n_run,)
+        Runs without a verdict must be left out before.
+    event : array_like, (n_run,), optional
+        Earthquake of each record; records of one event are resampled together.
+    seed, resamples, confidence
+        Of the bootstrap of records, from which the intervals are.
+
+    Returns
+    -------
+    dict of str to float or (float, float)
+        ``intercept`` and ``slope`` of logit P = intercept + slope ln im; the equivalents of a
+        lognormal curve: ``theta``, the 50 % point, and ``beta``, ln(84 % point / 16 % point) / 2;
+        ``theta_interval`` and ``beta_interval``.
+
+    Raises
+    ------
+    InputError, FitError
+        If an argument is not valid; if the likelihood has no maximum with a curve that rises.
+    """
+    values = positive(im, "im")
+    codes = shaped(collapsed, (values.size,), "collapsed")
+    if not np.isin(codes, (0, 1)).all():
+        raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
+    _require_overlap(values, codes.astype(float), np.ones(values.size))
+    # Each run once, then as drawn.
+    times = draws_of_records(event, values.size, seed, resamples)
+    weight = np.vstack([np.ones(values.size), times])
+    lines = binomial_lines(np.log(values), weight * codes, weight, "logistic")
+    kept = ~lines.degenerate
+    if not kept[0]:
+        raise FitError(_LEVEL, values.min(), values.max())
+    if kept.sum() < 2:
+        raise FitError("no resample of the cloud determines a curve; add records")
+    a, b = lines.intercept[kept], lines.slope[kept]
+    points = np.stack([np.exp(-a / b), logit(ndtr(1.0)) / b])
+    ends = np.quantile(points[:, 1:], tails(confidence), axis=1, method="inverted_cdf")
+    theta, beta = points[:, 0].tolist()
+    return {
+        "intercept": float(a[0]), "slope": float(b[0]), "theta": theta, "beta": beta,
+        "theta_interval": tuple(ends[:, 0].tolist()), "beta_interval": tuple(ends[:, 1].tolist()),
+    }  # fmt: skip

@@ -11,10 +11,9 @@ from scipy.special import ndtri
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive, shaped
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.lines import LOG_ROOT_TWO_PI, Terms, least, log_between
 from archfrag.fragility.posterior import fit_posterior
+from archfrag.fragility.probit import interval_terms, least
 
-_FAR = 40.0
 _FLAT = 1e-6
 
 
@@ -29,16 +28,9 @@ class LimitState:
     none: FitError | None = None  #: why there is no likeliest curve
 
 
-@dataclass(frozen=True)
-class LimitStates:
-    """Curves of limit states, from the least to the most severe."""
-
-    states: tuple[LimitState, ...]
-    common_beta: bool  #: whether the curves have one beta, because they would have crossed
-    message: str
-
-
-def fit_limit_states(exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]) -> LimitStates:
+def fit_limit_states(
+    exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]
+) -> tuple[list[LimitState], str]:
     """Fit a lognormal curve to each of several ordered limit states.
 
     A state counts as exceeded where it or a more severe one is, so the fractions are ordered by
@@ -60,40 +52,34 @@ def fit_limit_states(exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]) -
         Intensity of each run, any unit, > 0.
     names : sequence of str, (n_state,)
 
-    Raises
-    ------
-    InputError
-        If shapes or values cannot be.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.limit_states import fit_limit_states
-    >>> rocks = [[0, 1, 1, 1], [0, 0, 1, 1], [1, 0, 1, 1]]
-    >>> falls = [[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 1]]
-    >>> exceeded = [[list(cell) for cell in zip(*rows)] for rows in zip(rocks, falls)]
-    >>> found = fit_limit_states(exceeded, [0.1, 0.2, 0.3, 0.4], ["motion", "collapse"])
-    >>> [state.fit.theta < 0.3 for state in found.states]
-    [True, True]
+    Returns
+    -------
+    (list of LimitState, str)
+        From the least to the most severe; how the curves were ordered. InputError if shapes or
+        values are not valid.
     """
-    codes, intensity = _checked(exceeded, im)
-    n_state = codes.shape[2]
+    codes, intensity = np.asarray(exceeded), positive(im, "im")
+    if codes.ndim != 3 or codes.size == 0:
+        raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
+    shape, n_state = codes.shape[:2], codes.shape[2]
+    intensity = np.broadcast_to(shaped(intensity, shape[2 - intensity.ndim :], "im"), shape)
     labels = shaped(list(names), (n_state,), "names").tolist()
     flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
     states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
-    known = {i: fit for i, state in enumerate(states) if (fit := state.fit) is not None}
-    crossing = _crossing(states, levels)
-    message = "The curves of all limit states are ordered at the levels that were run."
-    if crossing:
-        fits = _ordered(np.log(intensity.ravel()), flat[:, list(known)], list(known.values()))
-        for i, fit in zip(known, fits, strict=True):
-            none = None if fit.kind == "ordered" else states[i].none
-            states[i] = replace(states[i], fit=fit, none=none)
-        message = (
-            f"Fitted one by one, the curves of {crossing} cross within the levels that were "
-            f"run; all have one beta of {fits[0].beta:.3g} instead."
-        )
-    return LimitStates(tuple(states), bool(crossing), message)
+    known = [i for i, state in enumerate(states) if state.fit is not None]
+    crossing = _crossing([states[i] for i in known], levels[[0, -1]])
+    if not crossing:
+        return states, "The curves of all limit states are ordered at the levels that were run."
+    alone = [fit for state in states if (fit := state.fit) is not None]
+    fits = _ordered(np.log(intensity.ravel()), flat[:, known], alone)
+    for i, fit in zip(known, fits, strict=True):
+        none = None if fit.kind == "ordered" else states[i].none
+        states[i] = replace(states[i], fit=fit, none=none)
+    return states, (
+        f"Fitted one by one, the curves of {crossing} cross within the levels that were "
+        f"run; all have one beta of {fits[0].beta:.3g} instead."
+    )
 
 
 def nest_exceedance(codes: IntArray) -> IntArray:
@@ -124,24 +110,32 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
     return LimitState(name, fit, FitError(text, *at))
 
 
-def _crossing(states: list[LimitState], levels: FloatArray) -> str:
-    """Names of a pair of neighbours that cross within the levels, or nothing."""
-    ends = levels[[0, -1]]
-    known = [(s.name, s.fit) for s in states if s.fit is not None]
-    z = [(name, np.log(ends / fit.theta) / fit.beta) for name, fit in known]
-    for (milder, upper), (worse, lower) in pairwise(z):
+def _crossing(states: Sequence[LimitState], ends: FloatArray) -> str:
+    """Names of a pair of neighbours that cross between two levels, or nothing."""
+    z = [np.log(ends / each.fit.theta) / each.fit.beta for each in states if each.fit]
+    for (milder, upper), (worse, lower) in pairwise(zip(states, z)):
         if np.any(lower > upper + 1e-9):
-            return f"{milder} and {worse}"
+            return f"{milder.name} and {worse.name}"
     return ""
 
 
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
-    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross."""
-    group, merged = _separated(nested)
+    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross.
+
+    States are fitted as one if no run exceeds the milder and spares the more severe one: the
+    likelihood of different thetas has no maximum then.
+    """
+    group, columns = [0], [nested[:, 0]]
+    for codes in nested.T[1:]:
+        if np.any((columns[-1] == 1) & (codes == 0)):
+            columns.append(codes)
+        else:
+            columns[-1] = np.where(columns[-1] < 0, codes, columns[-1])
+        group.append(len(columns) - 1)
     fits = None
     # A state with a maximum of its own gives the joint likelihood one.
     if any(fit.kind == "stripes" for fit in alone):
-        fits = _ordered_probit(x, merged)
+        fits = _ordered_probit(x, np.stack(columns, axis=1))
     if fits is None:
         beta = float(np.sqrt(np.mean([fit.beta**2 for fit in alone])))
         theta = np.maximum.accumulate([fit.theta for fit in alone])
@@ -152,93 +146,41 @@ def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> lis
     ]
 
 
-def _separated(nested: IntArray) -> tuple[list[int], IntArray]:
-    """Group of each state, and the codes of the groups, (n_run, n_group).
-
-    States belong to one group if no run exceeds the milder and spares the more severe one: the
-    likelihood of different thetas has no maximum then.
-    """
-    group, columns = [0], [nested[:, 0]]
-    for codes in nested.T[1:]:
-        if np.any((columns[-1] == 1) & (codes == 0)):
-            columns.append(codes)
-        else:
-            columns[-1] = np.where(columns[-1] < 0, codes, columns[-1])
-        group.append(len(columns) - 1)
-    return group, np.stack(columns, axis=1)
-
-
 def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
-    """Ordered probit with one slope, P(state i exceeded) = Phi(a_i + b x); None if it falls."""
+    """Likeliest curves with one slope and an intercept each; None without a maximum.
+
+    A run that reached `reached` states and is known to be spared from state `spared` on lies
+    between their two thresholds.
+    """
     n_state = nested.shape[1]
-    used = (nested >= 0).any(axis=1)
-    x, nested = x[used], nested[used]
+    decided = (nested >= 0).any(axis=1)
+    x, nested = x[decided], nested[decided]
+    kinds = np.stack([(nested == 1).sum(axis=1), n_state - (nested == 0).sum(axis=1)], axis=1)
+    cells, count = np.unique(np.column_stack([x, kinds]), axis=0, return_counts=True)
     centre, width = x.mean(), x.std()
-    reached = (nested == 1).sum(axis=1)
-    spared = n_state - (nested == 0).sum(axis=1)
-    cells, count = np.unique(np.stack([x, reached, spared]), axis=1, return_counts=True)
-    u = (cells[0] - centre) / width
-    reached, spared = cells[1].astype(np.int64), cells[2].astype(np.int64)
+    u, (reached, spared) = (cells[:, 0] - centre) / width, cells[:, 1:].astype(int).T
+    # Rows of bounds in (intercepts, slope); without one where no state, or each, is reached.
+    rows = np.hstack([np.eye(n_state)[np.minimum(spared, n_state - 1)], u[:, None]])
+    low = np.where((spared < n_state)[:, None], rows, np.nan)
+    rows = np.hstack([np.eye(n_state)[np.maximum(reached - 1, 0)], u[:, None]])
+    high = np.where((reached > 0)[:, None], rows, np.nan)
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)
     start = np.append(ndtri(np.maximum.accumulate(fractions[::-1])[::-1]), 1.0)
     start[:-1] -= 1e-3 * np.arange(n_state)
-
-    def terms(p: FloatArray, _: IntArray) -> Terms:
-        loss, *derivatives = _derivatives(p[0], u, reached, spared, count)
-        return np.array([loss]), derivatives[0][None], derivatives[1][None]
-
-    found, (losses, _, hessians) = least(terms, start[None])
-    p, loss, hessian = found[0], float(losses[0]), hessians[0]
-    slope = p[-1]
+    given = low[None], high[None], count[None].astype(float)
+    found, (losses, _, hessians) = least(lambda p, _: interval_terms(p, *given), start[None])
+    p, loss, slope = found[0], float(losses[0]), float(found[0, -1])
     if not (slope > _FLAT and np.isfinite(loss)):
         return None
-    inverse = np.linalg.inv(hessian)
+    inverse = np.linalg.inv(hessians[0])
     fits = []
-    for a, codes, unit in zip(p, nested.T, np.eye(n_state + 1)):
+    for i, codes in enumerate(nested.T):
         # ln theta = centre - width a / slope, beta = width / slope.
-        jacobian = np.outer([-width / slope, 0.0], unit)
-        jacobian[:, -1] = width * a / slope**2, -width / slope**2
-        theta, beta = float(np.exp(centre - width * a / slope)), float(width / slope)
+        jacobian = np.zeros((2, n_state + 1))
+        jacobian[0, i] = -width / slope
+        jacobian[:, -1] = width * p[i] / slope**2, -width / slope**2
+        theta, beta = float(np.exp(centre - width * p[i] / slope)), float(width / slope)
         covariance = jacobian @ inverse @ jacobian.T
         sizes = int(np.unique(x).size), int(np.count_nonzero(codes >= 0))
         fits.append(Fragility(theta, beta, covariance, -loss, *sizes, "ordered"))
     return fits
-
-
-def _derivatives(
-    p: FloatArray, u: FloatArray, reached: IntArray, spared: IntArray, count: IntArray
-) -> tuple[float, FloatArray, FloatArray]:
-    """Loss, gradient and Hessian of -sum count ln(Phi(upper) - Phi(lower)), which is convex
-    (Pratt 1981, J. Am. Stat. Assoc. 76).
-
-    A run that reached `reached` states and is known to be spared from state `spared` on lies
-    between the two thresholds; where one of them is none, Phi is 1 or 0.
-    """
-    n_state = p.size - 1
-    a = np.concatenate([[_FAR], p[:-1], [-_FAR]])
-    top, bottom = reached == 0, spared == n_state
-    upper = a[reached] + np.where(top, 0.0, p[-1] * u)
-    lower = a[spared + 1] + np.where(bottom, 0.0, p[-1] * u)
-    if np.any(upper <= lower):
-        return np.inf, np.zeros_like(p), np.eye(p.size)
-    log_p = log_between(lower, upper)
-    f = np.where(top, 0.0, np.exp(-0.5 * upper**2 - LOG_ROOT_TWO_PI - log_p))
-    g = np.where(bottom, 0.0, np.exp(-0.5 * lower**2 - LOG_ROOT_TWO_PI - log_p))
-    by_upper, by_lower = np.zeros((u.size, p.size)), np.zeros((u.size, p.size))
-    rows = np.arange(u.size)
-    by_upper[rows[~top], reached[~top] - 1] = 1.0
-    by_lower[rows[~bottom], spared[~bottom]] = 1.0
-    by_upper[:, -1], by_lower[:, -1] = np.where(top, 0.0, u), np.where(bottom, 0.0, u)
-    first = f[:, None] * by_upper - g[:, None] * by_lower
-    hessian = (first * count[:, None]).T @ first
-    hessian += (by_upper * (count * f * upper)[:, None]).T @ by_upper
-    hessian -= (by_lower * (count * g * lower)[:, None]).T @ by_lower
-    return float(-count @ log_p), -(count @ first), hessian
-
-
-def _checked(exceeded: ArrayLike, im: ArrayLike) -> tuple[IntArray, FloatArray]:
-    codes, intensity = np.asarray(exceeded), positive(im, "im")
-    if codes.ndim != 3 or codes.size == 0:
-        raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
-    shape = codes.shape[:2]
-    return codes, np.broadcast_to(shaped(intensity, shape[2 - intensity.ndim :], "im"), shape)

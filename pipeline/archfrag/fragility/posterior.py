@@ -5,27 +5,37 @@ information of the design, which is proper for a probit line at two levels or mo
 the posterior proper where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the
 American Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103). For fragility
 curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.07343).
+
+Each posterior is summed on one plain grid of ln beta and u = (ln theta - m) / root(beta^2 + d^2)
+with m and d the middle and the width of where runs begin to collapse: given beta, the scatter of
+ln theta grows with beta.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
 from scipy.special import log_ndtr, ndtr
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import checked_brackets
+from archfrag.errors import FitError
+from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import checked_stripes
-from archfrag.fragility.curve import Band, FloatArray, Fragility, log_intensity, tails
-from archfrag.fragility.fit import likeliest_curve
-from archfrag.fragility.grid import LineGrid, line_grid
-from archfrag.fragility.lines import log_between
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray, log_intensity, tails
+from archfrag.fragility.fit import fit_brackets
 
-Terms = tuple[FloatArray, FloatArray]
-_HALF = np.array([0.5])
-_SCATTERS = 16  # standard deviations that are tried
-_ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
+# Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
+Terms = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+_ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
+_SEARCH = 25  # of the grids that find where the posterior is, each way
+_DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
+_HALVINGS = 30
+_MOST_LEVELS = 150  # of runs that each have a level of their own
+_SCATTERS = 16  # standard deviations between runs that are tried
+ONE_LEVEL = "runs that collapsed or stood are at 1 level; a posterior needs two"
+_ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
 
 
 @dataclass(frozen=True)
@@ -36,33 +46,65 @@ class Posterior:
     #: from half the width of their central 68 %, as their tails are not normal; the log-likelihood
     #: is that of the medians, without binomial coefficients.
     fragility: Fragility
-    grid: LineGrid  #: distribution of the probit line in (ln im - centre) / width
-    centre: float
-    width: float
+    beta: FloatArray  #: (n_row,), rising
+    log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
+    density: FloatArray  #: (n_row, n_node), probability of one step of ln theta at each node
     #: Standard deviation of ln capacity between single runs of a record, which beta includes.
     scatter: float = 0.0
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the median capacity, unit of the levels."""
-        ends = self.centre + self.width * self.grid.log_medians(np.array(tails(confidence)))
-        low, high = np.exp(ends)
+        low, high = np.exp(self.log_thetas(tails(confidence)))
         return float(low), float(high)
 
     def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the dispersion."""
-        high, low = self.width / self.grid.slopes(np.array(tails(confidence)))
+        low, high = self.betas(tails(confidence))
         return float(low), float(high)
 
-    def band(self, im: ArrayLike, confidence: float = 0.9) -> Band:
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Central credible interval of the probability of collapse at each `im`, >= 0."""
         logs = log_intensity(im)
-        x = (np.atleast_1d(logs).ravel() - self.centre) / self.width
-        inside = np.isfinite(x)
-        found = np.zeros((2, x.size))
-        found[:, np.isposinf(x)] = 1.0
-        found[:, inside] = ndtr(self.grid.probits(x[inside], np.array(tails(confidence))))
-        lower, upper = found.reshape(2, *logs.shape)
-        return Band(lower, upper, confidence)
+        level = np.array(tails(confidence)).reshape(2, *[1] * logs.ndim)
+        x = np.where(np.isfinite(logs), logs, 0.0)
+        z = (x[..., None, None] - self.log_theta[:, [0, -1]]) / self.beta[:, None]
+        z = _root(
+            lambda z: 1.0 - self._below(x[..., None] - z[..., None] * self.beta) - level,
+            np.broadcast_to(z.min(axis=(-1, -2)), level.shape[:1] + x.shape),
+            np.broadcast_to(z.max(axis=(-1, -2)), level.shape[:1] + x.shape),
+        )
+        lower, upper = np.where(np.isfinite(logs), ndtr(z), logs > 0.0)
+        return lower[()], upper[()]
+
+    def log_thetas(self, level: ArrayLike) -> FloatArray:
+        """Quantiles of ln theta, shape of `level`."""
+        level, ones = np.asarray(level), np.ones(self.beta.size)
+        ends = (np.full(level.shape, end) for end in (self.log_theta.min(), self.log_theta.max()))
+        return _root(lambda t: self._below(t[..., None] * ones) - level, *ends)
+
+    def betas(self, level: Sequence[float]) -> FloatArray:
+        """Quantiles of beta, (n,)."""
+        row = np.arange(self.beta.size)
+        below = PchipInterpolator(row, self._cumulative[:, -1]).antiderivative()
+        total = below(row[-1])
+        place = [below.solve(each * total, extrapolate=False)[0] for each in level]
+        return np.exp(np.interp(place, row, np.log(self.beta)))
+
+    @property
+    def _cumulative(self) -> FloatArray:
+        """Probability of each row up to each node, (n_row, n_node)."""
+        middle = 0.5 * (self.density[:, 1:] + self.density[:, :-1])
+        return np.pad(np.cumsum(middle, axis=1), ((0, 0), (1, 0)))
+
+    def _below(self, limit: FloatArray) -> FloatArray:
+        """P(ln theta <= limit) with a limit for each row, (..., n_row)."""
+        first, step = self.log_theta[:, 0], self.log_theta[:, 1] - self.log_theta[:, 0]
+        last = self.density.shape[1] - 1
+        place = np.clip((limit - first) / step, 0.0, last)
+        node = np.minimum(place.astype(np.int64), last - 1)
+        t, row = place - node, np.arange(first.size)
+        low, high = self.density[row, node], self.density[row, node + 1]
+        return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(axis=-1)
 
 
 def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
@@ -72,38 +114,38 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
     curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest
     level. Jeffreys' alone lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes
     beta too small; the factor cures this as the right Haar measure does for capacities, and
-    stops growing where beta exceeds what the levels span, so that the prior stays proper. It
-    assumes nothing of the arch but that levels were chosen to span the curve; it depends on the
-    design, so that it moves a little when runs are added. Arguments as for `fit_stripes`; all
-    runs may have collapsed, or none, but they must be at two levels or more (else FitError).
+    stops growing where beta exceeds what the levels span, so that the prior stays proper.
+    Arguments as for `fit_stripes`; all runs may have collapsed, or none, but they must be at two
+    levels or more (else FitError).
     """
     im, collapses, n = checked_stripes(im, collapses, n)
-    levels, place = np.unique(im[n > 0], return_inverse=True)
-    _require_two(levels)
-    k: FloatArray = np.bincount(place, collapses[n > 0]).astype(float)
-    m: FloatArray = np.bincount(place, n[n > 0]).astype(float)
-    x, centre, width = _scaled(np.log(levels))
+    x, place = np.unique(np.log(im[n > 0]), return_inverse=True)
+    if x.size > _MOST_LEVELS:  # neighbours together, at their mean
+        group = np.arange(x.size) * _MOST_LEVELS // x.size
+        x, place = np.bincount(group, x) / np.bincount(group), group[place]
+    if x.size < 2:
+        raise FitError(ONE_LEVEL)
+    k, m = (np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
+    span = x[-1] - x[0]
+    borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
+    start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
-    def terms(a: FloatArray, b: FloatArray) -> Terms:
-        z = a[..., None] + b[:, None, None] * x
+    def terms(log_theta: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        z = (x - log_theta[..., None]) / beta[..., None]
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
-        likelihood = np.where(z > 0.0, large, small) @ k
-        likelihood += np.where(z > 0.0, small, large) @ (m - k)
+        collapse, survival = np.where(z > 0.0, (large, small), (small, large))
+        likelihood = collapse @ k + survival @ (m - k)
         weight = m * np.exp(-z * z - small - large)
         total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
-        tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
         determinant = np.maximum(total * second - first**2, 1e-250)
-        return likelihood, 0.5 * np.log(determinant) + tilt[:, None]
+        return likelihood, 0.5 * np.log(determinant) - np.log(beta * (1.0 + beta / span))
 
-    slopes = _known_slopes(np.exp(x), k, m)
-    return _summed(terms, x, (centre, width), int(m.sum()), slopes)
+    return _summed(terms, x, start, int(m.sum()))
 
 
-def fit_capacity_posterior(
-    lower: ArrayLike, upper: ArrayLike, n_effective: float | None = None
-) -> Posterior:
-    """Posterior of the curve of records whose capacities lie in brackets, lower < upper.
+def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) -> Posterior:
+    """Posterior of the curve of records with a decided run each.
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
     normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
@@ -112,164 +154,169 @@ def fit_capacity_posterior(
     1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where hardly a record is
     bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
     what the levels resolve and what they span. The likelihood is raised to the power
-    `n_effective` / n where records are worth fewer independent ones.
+    `n_effective` / n where records count as fewer independent ones. FitError if nothing bounds
+    theta from one side.
+
+    If some records survive above a level at which they collapsed, it is a probit with a record
+    effect: ln capacity of a run is that of its record, normal about ln theta, and an error of the
+    run, normal with the standard deviation `scatter`; beta^2 is the sum of both variances, as
+    P(collapse | im) is that of a single run. The scatter is estimated first (`run_scatter`), and
+    its error widens what is known of beta.
     """
-    lower, upper = checked_brackets(lower, upper)
-    if np.any(lower == upper):
-        raise InputError(
-            f"the capacity {lower[lower == upper][0]:g} is exact; brackets of some width are "
-            "needed (for exact capacities see capacity_band)"
-        )
+    levels, collapses, n = found.at_levels()
     why = "nothing bounds theta from"
-    if not lower.any():
-        raise FitError(f"{why} below: add levels below {{}}, the lowest tried", upper.min())
-    if np.isposinf(upper).all():
-        raise FitError(f"{why} above: add levels above {{}}, the highest tried", lower.max())
-    ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
-    _require_two(ends)
-    x, centre, width = _scaled(np.log(ends))
-    pairs, number = np.unique(np.stack([lower, upper]), axis=1, return_counts=True)
-    power = number * (1.0 if n_effective is None else n_effective / lower.size)
+    if not found.lower.any():
+        raise FitError(f"{why} below: add levels below {{}}, the lowest tried", found.upper.min())
+    if np.isposinf(found.upper).all():
+        raise FitError(f"{why} above: add levels above {{}}, the highest tried", found.lower.max())
+    share = float(n_effective or len(n)) / len(n)
+    if found.contradictions.any():
+        scatter, error = run_scatter(found)
+        x, (runs, number) = np.log(levels), _distinct(collapses, n)
+        start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
+        power = share * number.astype(float)
+        known = _of_cells(*_chances(x, runs, scatter), power, x, start)
+        return _with_scatter(known, scatter, error)
     with np.errstate(divide="ignore"):
-        low, high = (np.log(pairs) - centre) / width
-    closed = np.isfinite(high - low)
-    resolved = np.median(np.repeat((high - low)[closed], number[closed])) if closed.any() else 0.0
-    resolved = max(float(resolved), float(np.diff(x).min()))
-    span = float(x[-1] - x[0])
+        pairs, number = np.unique(np.log([found.lower, found.upper]), axis=1, return_counts=True)
+    low, high = pairs
+    x = np.unique(pairs[np.isfinite(pairs)])
+    if x.size < 2:
+        raise FitError(ONE_LEVEL)
+    ends = np.concatenate([[-np.inf], x, [np.inf]])
+    chance = ((ends[:-1] >= low[:, None]) & (ends[1:] <= high[:, None])).astype(float)
+    known_width = np.repeat(high - low, number)
+    known_width = known_width[np.isfinite(known_width)]
+    resolved = max(np.median(known_width) if known_width.size else 0.0, np.diff(x).min())
+    start = float(np.median(x)), float(resolved)
+    return _of_cells(ends, chance, share * number.astype(float), x, start)
 
-    def terms(a: FloatArray, b: FloatArray) -> Terms:
-        z_low, z_high = (a[..., None] + b[:, None, None] * end for end in (low, high))
-        prior = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
-        return log_between(z_low, z_high) @ power, -prior[:, None]
 
-    n = lower.size if n_effective is None else max(1, round(n_effective))
-    return _summed(terms, x, (centre, width), n)
-
-
-def fit_scattered_posterior(
-    levels: ArrayLike, fell: ArrayLike, stood: ArrayLike, borders: tuple[float, float],
-    n_effective: float | None = None,
-) -> Posterior:  # fmt: skip
-    """Posterior of the curve of records that are not all monotone.
-
-    Probit with a record effect: ln capacity of a run is that of its record, normal about
-    ln theta, and an error of the run, normal with the standard deviation `scatter`; beta^2 is the
-    sum of both variances, as P(collapse | im) is that of a single run. The scatter is estimated
-    first, and its error widens what is known of beta. Prior and `n_effective` are those of
-    `fit_capacity_posterior`, which this equals where the scatter is 0.
-
-    Parameters
-    ----------
-    levels : array_like, (n_level,)
-        Increasing, > 0.
-    fell, stood : array_like of bool, (n_record, n_level)
-        Runs that collapsed, and that stood; at least one record stands above a level at which it
-        collapsed. Cells that were not run are neither.
-    borders : (float, float)
-        Median and standard deviation of the records' ln capacities, for the scatter alone.
-    n_effective : float, optional
-    """
-    logs = np.log(np.asarray(levels, dtype=float))
-    _require_two(logs)
-    runs, number = np.unique(np.stack([fell, stood], axis=1), axis=0, return_counts=True)
-    fallen, standing = runs[:, 0].astype(float), runs[:, 1].astype(float)
-    scatter, error = _scatter_of_runs(logs, fallen, standing, number, borders)
-    ends, chance = _chances(logs, fallen, standing, scatter)
-    x, centre, width = _scaled(logs)
-    ends = (ends - centre) / width
-    power = number * (1.0 if n_effective is None else n_effective / number.sum())
-    resolved, span = float(np.median(np.diff(x))), float(x[-1] - x[0])
-
-    def terms(a: FloatArray, b: FloatArray) -> Terms:
-        mass = np.diff(ndtr(a[..., None] + b[:, None, None] * ends), axis=-1)
-        prior = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
-        return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power, -prior[:, None]
-
-    n = int(number.sum()) if n_effective is None else max(1, round(n_effective))
-    known = _summed(terms, x, (centre, width), n)
+def _with_scatter(known: Posterior, scatter: float, error: float) -> Posterior:
+    """The posterior of records' capacities, made that of single runs."""
     fit = known.fragility
     beta = float(np.hypot(fit.beta, scatter))
-    # The variances of both squares add up.
+    # The variances of both squares add up: ln beta is stretched about its median.
     stretch = float(np.hypot(1.0, error / (2.0 * fit.beta * fit.standard_errors[1])))
     scale = np.array([1.0, stretch * fit.beta / beta])
     curve = replace(fit, beta=beta, covariance=fit.covariance * np.outer(scale, scale))
-    grid = known.grid.flatter((scatter / width) ** 2, width / beta, stretch)
-    return Posterior(curve, grid, centre, width, scatter)
+    betas = beta * (np.hypot(known.beta, scatter) / beta) ** stretch
+    return replace(known, fragility=curve, beta=betas, scatter=scatter)
 
 
-def _scatter_of_runs(
-    logs: FloatArray, fell: FloatArray, stood: FloatArray, number: NDArray,
-    borders: tuple[float, float],
-) -> tuple[float, float]:  # fmt: skip
-    """Standard deviation between runs of a record, and the standard error of its square.
+def run_scatter(found: Brackets) -> tuple[float, float]:
+    """Standard deviation of ln capacity between runs of a record, and the error of its square.
 
-    ln capacities of records are taken as normal with the median and deviation of `borders`.
+    The likeliest one over a grid; ln capacities of records are taken as normal, by their brackets.
     """
-    median, deviation = borders
-    tried = np.geomspace(0.2 * min(np.diff(logs).min(), deviation), deviation, _SCATTERS)
-    found = []
-    for scatter in tried:
-        ends, chance = _chances(logs, fell, stood, scatter)
-        mass = np.diff(ndtr((ends - median) / deviation))
-        found.append(np.log(np.maximum(chance @ mass, 1e-300)) @ number)
-    weight = np.exp(np.array(found) - max(found))
+    levels, collapses, n = found.at_levels()
+    x, (runs, number) = np.log(levels), _distinct(collapses, n)
+    if x.size < 2:
+        raise FitError(ONE_LEVEL)
+    line = fit_brackets(found.lower, found.upper)
+    tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), line.beta, _SCATTERS)
+    likelihood = np.empty(_SCATTERS)
+    for i, scatter in enumerate(tried):
+        ends, chance = _chances(x, runs, scatter)
+        mass = np.diff(ndtr((ends - np.log(line.theta)) / line.beta))
+        likelihood[i] = np.log(np.maximum(chance @ mass, 1e-300)) @ number
+    weight = np.exp(likelihood - likelihood.max())
     weight /= weight.sum()
     error = np.sqrt(weight @ tried**4 - (weight @ tried**2) ** 2)
     return float(np.exp(weight @ np.log(tried))), float(error)
 
 
-def _chances(
-    logs: FloatArray, fell: FloatArray, stood: FloatArray, scatter: float
-) -> tuple[FloatArray, FloatArray]:
+def _distinct(collapses: FloatArray, n: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Distinct records by collapses and survivals, (2, n_kind, n_level), and their numbers."""
+    return np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
+
+
+def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
     """Ends of cells of a record's ln capacity (n_cell + 1,), and the probability of the runs of
     each record where it lies in each cell, (n_record, n_cell).
     """
-    gaps = np.diff(logs)
-    parts = np.ceil(gaps / (0.5 * scatter)).astype(int)
-    within = [first + gap * np.arange(n) / n for first, gap, n in zip(logs, gaps, parts)]
+    parts = np.ceil(np.diff(x) / (0.5 * scatter)).astype(int)
+    within = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(x[:-1], x[1:], parts)]
     beyond = scatter * np.arange(0.5, 3.1, 0.5)
-    ends = np.concatenate([logs[0] - beyond[::-1], *within, logs[-1:], logs[-1] + beyond])
+    ends = np.concatenate([x[0] - beyond[::-1], *within, x[-1:], x[-1] + beyond])
     step = 0.25 * scatter
     middle = np.concatenate([[ends[0] - step], 0.5 * (ends[1:] + ends[:-1]), [ends[-1] + step]])
-    z = (logs[:, None] - middle) / scatter
-    chance = np.exp(fell @ log_ndtr(z) + stood @ log_ndtr(-z))
+    z = (x[:, None] - middle) / scatter
+    chance = np.exp(runs[0] @ log_ndtr(z) + runs[1] @ log_ndtr(-z))
     return np.concatenate([[-np.inf], ends, [np.inf]]), chance
 
 
-def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
-    """Slopes beyond which there is nothing, where runs are many and the likelihood narrow."""
-    curve = likeliest_curve(levels, k, m)
-    if curve is None or not curve.standard_errors[1] < 0.2 * curve.beta:
-        return None
-    reach = np.exp(9.0 * curve.standard_errors[1] / curve.beta)
-    return 1.0 / (curve.beta * reach), reach / curve.beta
-
-
-def _require_two(levels: FloatArray) -> None:
-    if levels.size < 2:
-        raise FitError("runs that collapsed or stood are at 1 level; a posterior needs two")
-
-
-def _scaled(logs: FloatArray) -> tuple[FloatArray, float, float]:
-    centre, width = float(logs.mean()), float(logs.std())
-    return (logs - centre) / width, centre, width
-
-
-def _summed(
-    terms: Callable[[FloatArray, FloatArray], Terms], x: FloatArray, scale: tuple[float, float],
-    n: int, slopes: tuple[float, float] | None = None,
+def _of_cells(
+    ends: FloatArray, chance: FloatArray, power: FloatArray, x: FloatArray,
+    start: tuple[float, float],
 ) -> Posterior:  # fmt: skip
-    """The posterior of a log-likelihood and log-prior, with its medians."""
-    centre, width = scale
-    grid = line_grid(lambda a, b: np.add(*terms(a, b)), x, slopes)
-    low, high = width * grid.log_medians(_ONE_SIGMA)
-    beta_high, beta_low = width / grid.slopes(_ONE_SIGMA)
-    errors = np.array([0.5 * (high - low), 0.5 * (beta_high - beta_low)])
-    together = grid.correlation()
-    correlation = np.array([[1.0, together], [together, 1.0]])
-    middle, slope = grid.log_medians(_HALF), grid.slopes(_HALF)
-    theta, beta = float(np.exp(centre + width * middle[0])), float(width / slope[0])
-    likelihood = float(terms(-slope[:, None] * middle, slope)[0][0, 0])
-    covariance = correlation * np.outer(errors, errors)
-    curve = Fragility(theta, beta, covariance, likelihood, x.size, n, "posterior")
-    return Posterior(curve, grid, centre, width)
+    """Posterior of records by the probability of their runs in cells of ln capacity.
+
+    `x` are the ln levels (n_level,), `start` a guess of ln theta and the distance that levels
+    resolve.
+    """
+    span, resolved = x[-1] - x[0], start[1]
+
+    def terms(log_theta: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mass = np.diff(ndtr((ends - log_theta[..., None]) / beta[..., None]), axis=-1)
+        prior = -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / span) ** 2)
+        return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power, prior
+
+    return _summed(terms, x, start, max(1, round(power.sum())))
+
+
+def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> Posterior:
+    """Sum a posterior on a grid about the ln levels `x` and take its medians."""
+    (middle, width), span = start, x[-1] - x[0]
+
+    def density(log_beta: FloatArray, u: FloatArray) -> tuple[FloatArray, ...]:
+        beta = np.exp(log_beta)[:, None]
+        scale = np.hypot(beta, width)
+        log_theta = middle + u * scale
+        value = np.add(*terms(log_theta, beta)) + np.log(scale)
+        return beta[:, 0], log_theta, value - value.max()
+
+    reach = 9.0 + span / width
+    box = [(np.log(0.05 * np.diff(x).min()), np.log(1e4 * span)), (-reach, reach)]
+    for _ in range(20):
+        axes = [np.linspace(*ends, _SEARCH) for ends in box]
+        kept = density(*axes)[2] > -_DEPTH
+        held = [np.flatnonzero(kept.any(axis=1 - axis)) for axis in (0, 1)]
+        box = [
+            (axis[max(at[0] - 1, 0)], axis[min(at[-1] + 1, _SEARCH - 1)])
+            for axis, at in zip(axes, held)
+        ]
+        if min(at.size for at in held) > _SEARCH // 2:
+            break
+    beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
+    weight = np.exp(value)
+    weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
+    curve = Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
+    known = Posterior(curve, beta, log_theta, weight)
+    t, b = known.log_thetas([0.5, *_ONE_SIGMA]), known.betas([0.5, *_ONE_SIGMA])
+    # The correlation is of values cut at their 1 and 99 % quantiles.
+    cut = [0.01, 0.99]
+    pair = np.stack([
+        np.clip(log_theta, *known.log_thetas(cut)).ravel(),
+        np.repeat(np.clip(beta, *known.betas(cut)), _NODES),
+    ])
+    errors = 0.5 * np.array([t[2] - t[1], b[2] - b[1]])
+    covariance = np.cov(pair, aweights=weight.ravel())
+    covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
+    likelihood = float(terms(t[:1, None], b[:1, None])[0][0, 0])
+    curve = replace(
+        curve, theta=float(np.exp(t[0])), beta=float(b[0]), covariance=covariance,
+        log_likelihood=likelihood,
+    )  # fmt: skip
+    return replace(known, fragility=curve)
+
+
+def _root(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Where increasing functions cross zero, by halving."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        less = function(middle) < 0.0
+        low, high = np.where(less, middle, low), np.where(less, high, middle)
+    return 0.5 * (low + high)

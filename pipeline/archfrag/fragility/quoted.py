@@ -1,28 +1,19 @@
-"""Which band a report quotes, chosen for each design by its coverage.
+"""The band that a report quotes, for records at several levels and for single runs.
 
-The table is docs/evidence/data/bands_coverage.csv.
+docs/evidence/data/bands_coverage.csv shows how often it holds the truth.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import Brackets, find_brackets
-from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import Band, FloatArray, Fragility, shaped
-from archfrag.fragility.fit import fit_brackets
-from archfrag.fragility.posterior import (
-    Posterior,
-    fit_capacity_posterior,
-    fit_posterior,
-    fit_scattered_posterior,
-)
+from archfrag.errors import FitError
+from archfrag.fragility.brackets import Brackets
+from archfrag.fragility.curve import FloatArray, Fragility, shaped
+from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 
-SAME_RECORDS = ("stripes", "ida", "two_stage")
-OWN_MOTIONS = ("scattered",)
 _RHO_ERRORS = 0.5
 
 
@@ -33,63 +24,55 @@ class QuotedBand:
     curve: Fragility  #: medians of theta and beta, kind "posterior"
     theta: tuple[float, float]  #: interval, in the unit of the levels
     beta: tuple[float, float]  #: interval
-    band: Band  #: of the probability of collapse
+    lower: FloatArray  #: of the band of the probability of collapse, shape of the intensities
+    upper: FloatArray
     method: str  #: name of the method, for a caption
     assumptions: str
-    n_independent: float  #: records or runs that the data are worth
-    n_islands: int  #: runs against the bracket of their record (see `Brackets`)
+    n_independent: float  #: effective number of records or runs
+    n_contradictions: int  #: runs that contradict the bracket of their record
 
 
 def quoted_band(
-    design: str, verdict: ArrayLike, intensity: ArrayLike, im: ArrayLike, *,
+    found: Brackets, im: ArrayLike, *,
     confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
 ) -> QuotedBand:  # fmt: skip
-    """Curve of a study with the band and the intervals that its report quotes.
+    """Curve of records that were run at several levels, with its band and intervals.
 
     Parameters
     ----------
-    design : str
-        ``"stripes"``, ``"ida"`` or ``"two_stage"``: the same records serve at all levels, and
-        are what is independent. ``"scattered"``: each run has a motion of its own.
-    verdict : array_like of int
-        Codes of `Verdict`, (n_record, n_level); for ``"scattered"`` any shape. Only runs that
-        collapsed or stood are used.
-    intensity : array_like
-        Levels (n_level,), > 0; for ``"scattered"`` of each run, the shape of `verdict`.
+    found : Brackets
+        The same records serve at all levels, so records are independent and runs are not.
     im : array_like
         Intensities at which the band is wanted, any shape, >= 0.
     confidence : float
         Between 0 and 1.
     groups : array_like, (n_record,), optional
         Label of what rows have in common, such as the event of each record. Rows of one group
-        are worth fewer, by how alike their capacities are.
+        count as fewer, by how alike their capacities are.
     unit : str
         What a group is, for `assumptions`.
 
     Raises
     ------
     InputError, FitError
-        If an argument cannot be; if no run is decided, there is one group only, or nothing bounds
-        theta from one side: the message states which levels to add.
+        If an argument is not valid; if no run is decided, there is one group only, or nothing
+        bounds theta from one side: the message states which levels to add.
 
     Examples
     --------
+    >>> from archfrag.fragility.brackets import find_brackets
     >>> from archfrag.fragility.quoted import quoted_band
     >>> verdict = [[0, 0, 1, 1], [0, 1, 1, 1], [0, 0, 0, 1], [0, 0, 1, 1]]
-    >>> quoted = quoted_band("stripes", verdict, [0.2, 0.4, 0.6, 0.8], 0.5)
-    >>> bool(quoted.band.lower < 0.5 < quoted.band.upper), quoted.n_independent
+    >>> quoted = quoted_band(find_brackets(verdict, [0.2, 0.4, 0.6, 0.8]), 0.5)
+    >>> bool(quoted.lower < 0.5 < quoted.upper), quoted.n_independent
     (True, 4.0)
     """
-    known, n_rows, number, n_islands = quoted_posterior(design, verdict, intensity, groups)
-    method = "posterior of capacities, right Haar prior"
+    known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"
-    if design in OWN_MOTIONS:
-        method = "posterior of independent runs, Jeffreys prior"
-        what = "runs are independent, each with a motion of its own"
-    elif groups is not None:
+    if groups is not None:
         what = (
-            f"{unit}s are independent, their {n_rows} rows of runs worth {number:.3g} "
-            f"independent ones by how alike capacities within {unit}s are"
+            f"{unit}s are independent. Capacities within {unit}s resemble each other, so "
+            f"{np.count_nonzero(found.decided)} rows of runs count as {number:.3g}"
         )
     if known.scatter:
         what += (
@@ -98,64 +81,45 @@ def quoted_band(
         )
     return QuotedBand(
         known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        known.band(im, confidence), method, f"Capacity is lognormal, and {what}.", number,
-        n_islands,
+        *known.band(im, confidence), "posterior of capacities, right Haar prior",
+        f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
     )  # fmt: skip
 
 
-def quoted_posterior(
-    design: str, verdict: ArrayLike, intensity: ArrayLike, groups: ArrayLike | None = None
-) -> tuple[Posterior, int, float, int]:
-    """What `quoted_band` is made of, with its arguments and errors.
+def quoted_runs(
+    level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
+) -> QuotedBand:
+    """Curve of decided runs, (n_run,), that each have a motion of their own.
 
-    Returns
-    -------
-    (Posterior, int, float, int)
-        And the number of records (or runs) that decide, what they are worth, and of islands.
+    The other arguments and errors are those of `quoted_band`.
     """
-    if design in SAME_RECORDS:
-        every = find_brackets(verdict, intensity, "count" if design == "stripes" else "fewest")
-        found = every.known()
-        number = float(found.lower.size)
-        if groups is not None:
-            labels = shaped(groups, every.lower.shape, "groups")
-            number = independent_records(found, labels[every.decided > 0])
-        if found.contradictions.any():
-            line = fit_brackets(found.lower, found.upper)
-            codes, order = np.asarray(verdict)[every.decided > 0], np.argsort(intensity)
-            fell, stood = codes == Verdict.COLLAPSED, codes == Verdict.STANDING
-            used = order[(fell | stood).any(axis=0)[order]]
-            posterior = fit_scattered_posterior(
-                np.asarray(intensity)[used],
-                fell[:, used],
-                stood[:, used],
-                (np.log(line.theta), line.beta),
-                number,
-            )
-        else:
-            posterior = fit_capacity_posterior(found.lower, found.upper, number)
-        return posterior, found.lower.size, number, int(found.contradictions.sum())
-    if design not in OWN_MOTIONS:
-        raise InputError(
-            f"design is {design!r}; a band is quoted for "
-            + ", ".join(repr(name) for name in SAME_RECORDS + OWN_MOTIONS)
-        )
-    if groups is not None:
-        raise InputError(f"groups are of records, which do not repeat in the design {design!r}")
-    codes = np.asarray(verdict)
-    levels = shaped(intensity, codes.shape, "intensity").astype(float)
-    count_verdicts(codes.reshape(1, -1))
-    decided = (codes == Verdict.COLLAPSED) | (codes == Verdict.STANDING)
-    fell = (codes[decided] == Verdict.COLLAPSED).astype(float)
-    if not fell.size:
+    if not np.size(level):
         raise FitError("no run collapsed or stood, so there is nothing to fit")
-    return fit_posterior(levels[decided], fell, 1), fell.size, float(fell.size), 0
+    known = fit_posterior(level, collapsed, 1)
+    return QuotedBand(
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        *known.band(im, confidence), "posterior of independent runs, Jeffreys prior",
+        "Capacity is lognormal, and runs are independent, each with a motion of its own.",
+        float(np.size(level)), 0,
+    )  # fmt: skip
+
+
+def capacity_posterior(
+    found: Brackets, groups: ArrayLike | None = None
+) -> tuple[Posterior, float]:
+    """Posterior that `quoted_band` quotes, and the effective number of records."""
+    known = found.known()
+    number = float(known.lower.size)
+    if groups is not None:
+        labels = shaped(groups, found.lower.shape, "groups")
+        number = independent_records(known, labels[found.decided > 0])
+    return fit_capacity_posterior(known, number), number
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     """Labels of groups from names of earthquakes; a record without one is its own.
 
-    None where no two records are of one, or all are: one earthquake does not show how
+    None if no two records are of one earthquake, or all are: one earthquake does not show how
     earthquakes differ.
     """
     names = np.asarray(event).astype(str)
@@ -167,12 +131,12 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
 
 
 def independent_records(found: Brackets, groups: ArrayLike) -> float:
-    """Independent records that records of two or more shared events are worth.
+    """Effective number of records, some of which share an event.
 
     n / (1 + (m - 1) rho) with m = sum n_i^2 / n the records of an event (Kish 1965, Survey
-    Sampling) and rho the correlation within events, by analysis of variance of ln capacity. As
-    rho is poorly known from a small number of events, half its standard error is added: without
-    it 90 % bands held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
+    Sampling) and rho the correlation within events, by analysis of variance of ln capacity. A
+    small number of events hardly shows rho, so half its standard error is added: without it 90 %
+    bands held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
     """
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
@@ -196,12 +160,11 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
 
 
 def _expected_logs(found: Brackets) -> FloatArray:
-    """Mean of ln capacity within each bracket, by the curve of all."""
-    curve = fit_capacity_posterior(found.lower, found.upper).fragility
+    """Mean of ln capacity within each bracket, by the curve of all, standardised."""
+    monotone = replace(found, contradictions=0 * found.contradictions)
+    curve = fit_capacity_posterior(monotone).fragility
     with np.errstate(divide="ignore"):
-        low, high = (
-            (np.log(end) - np.log(curve.theta)) / curve.beta for end in (found.lower, found.upper)
-        )
+        low, high = (np.log(end / curve.theta) / curve.beta for end in (found.lower, found.upper))
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
     inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
     return np.clip(inside, low, high)

@@ -12,14 +12,107 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, Fragility, Mixture, positive, rising, tails
-from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.fragility.lines import log_between
+from archfrag.fragility.curve import (
+    FloatArray,
+    Fragility,
+    log_intensity,
+    positive,
+    rising,
+    tails,
+)
+from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 # A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
 # of it is seen to be from below the hazard curve.
 _LARGEST_LOG = 600.0
+
+
+@dataclass(frozen=True)
+class HazardCurve:
+    """Annual frequency of exceedance at several intensities, and a rule between and beyond.
+
+    Between two points ln rate is linear in ln im: the rate is a power of the intensity there.
+    Below the first point the first power goes on, above the last one the last power that falls.
+    A hazard curve that bends downwards in these scales is overestimated by both extensions.
+    InputError if the arrays are not as stated.
+    """
+
+    im: FloatArray  #: (n,), intensities, increasing, > 0
+    #: (n,), of exceedance [1/year], not increasing, and not constant. Points with a rate of 0 or
+    #: infinity are left out.
+    rate: FloatArray
+
+    def __post_init__(self) -> None:
+        im, rate = np.asarray(self.im, dtype=float), np.asarray(self.rate, dtype=float)
+        if im.shape != rate.shape or im.ndim != 1:
+            raise InputError(
+                f"the hazard curve's im has shape {im.shape}, its rate {rate.shape}; two lists of "
+                "at least two points are needed"
+            )
+        known = ~((rate == 0.0) | (rate == np.inf))
+        if (n := np.count_nonzero(known)) < 2:
+            raise InputError(
+                f"the hazard curve has {n} of {rate.size} points with a rate above 0 that is "
+                "known; at least two are needed"
+            )
+        for name, check, values in (("im", rising, im), ("rate", positive, rate)):
+            object.__setattr__(self, name, check(values[known], f"the hazard curve's {name}"))
+        for i in np.flatnonzero(np.diff(self.rate) > 0.0)[:1]:
+            raise InputError(
+                f"the hazard curve's rate of exceedance rises from {self.rate[i]:g} to "
+                f"{self.rate[i + 1]:g} at im = {self.im[i + 1]:g}; it never rises with intensity"
+            )
+        if self.rate[0] == self.rate[-1]:
+            raise InputError(
+                f"the hazard curve's rate is {self.rate[0]:g} at all its points, so it holds "
+                "nothing of how often stronger motions occur"
+            )
+
+    @classmethod
+    def from_exceedance(cls, im: ArrayLike, probability: ArrayLike, years: float) -> "HazardCurve":
+        """Curve from probabilities of exceedance in a time, motions being a Poisson process.
+
+        rate = -ln(1 - probability) / years. Points with a probability of 1, whose rate is not
+        known, or of 0 are left out.
+        """
+        probability = np.asarray(probability, dtype=float)
+        bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
+        if bad.size:
+            raise InputError(f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1")
+        if not 0.0 < years < np.inf:
+            raise InputError(f"the hazard curve is for {years:g} years; a positive time is needed")
+        with np.errstate(divide="ignore"):
+            return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
+
+    def rate_at(self, im: ArrayLike) -> FloatArray:
+        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year].
+
+        At im = 0 it is infinite where the first power is above 0.
+        """
+        x = log_intensity(im)
+        return _rate_at(x, *self.pieces(x))
+
+    def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Where the hazard is one power, the pieces that hold each ln im, or begin there.
+
+        ln im at which each is anchored, ln rate there, and the power with which it falls.
+        """
+        knots = np.log(self.im)
+        between = -np.diff(np.log(self.rate)) / np.diff(knots)
+        slopes = np.concatenate([between[:1], between, between[between > 0.0][-1:]])
+        place = np.searchsorted(knots, x, side="right")
+        anchor = np.maximum(place - 1, 0)
+        return knots[anchor], np.log(self.rate[anchor]), slopes[place]
+
+
+def _rate_at(
+    x: FloatArray, anchor: FloatArray, log_rate: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Rates at one ln im of each piece."""
+    with np.errstate(invalid="ignore"):
+        fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
+    return np.exp(log_rate - fall)
 
 
 @dataclass(frozen=True)
@@ -82,26 +175,18 @@ def collapse_rate(
         Intensity in the unit of the curve.
     curve : Fragility
     draws : (array_like, array_like), each (n_draw,), optional
-        theta and beta as uncertain as they are, from `parameter_draws` or a bootstrap; the band
-        runs between the quantiles of their rates. What the extension below the first point of
-        the hazard curve adds to each is at most the hazard's rate at this point. Of a `Mixture`
-        they are those of its lognormal curve, and their rates are taken in proportion to its rate.
+        theta and beta from `parameter_draws`; the band runs between the quantiles of their rates.
+        What the extension below the first point of the hazard curve adds to each is at most the
+        hazard's rate at this point. Of the curve of a class they are those of its lognormal
+        curve, and their rates are taken in proportion.
     confidence : float
-        Two-sided, between 0 and 1.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be.
+        Two-sided, between 0 and 1 (else InputError).
 
     Examples
     --------
-    A hazard that is one power, k0 im^-k, has rate k0 theta^-k exp(k^2 beta^2 / 2).
-
     >>> import numpy as np
     >>> from archfrag.fragility.curve import Fragility
-    >>> from archfrag.fragility.hazard_curve import HazardCurve
-    >>> from archfrag.fragility.risk import collapse_rate
+    >>> from archfrag.fragility.risk import HazardCurve, collapse_rate
     >>> im = np.array([0.1, 0.3, 1.0])
     >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
     >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
@@ -117,7 +202,7 @@ def collapse_rate(
         each = _lognormal(hazard, np.log(hazard.im), *draws)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
         rates = each.sum(axis=-1)
-        if isinstance(curve, Mixture):
+        if curve.members is not None:
             at = np.log(hazard.im)
             rates *= rate / float(_lognormal(hazard, at, curve.theta, curve.beta).sum())
         if below + above <= MOST_OUTSIDE:
@@ -126,20 +211,10 @@ def collapse_rate(
 
 
 def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
-    """Rate of collapse by motions of each range of intensity.
+    """Rate of collapse by motions of each range of intensity, (n_edge + 1,) [1/year].
 
-    Parameters
-    ----------
-    hazard, curve
-        As of `collapse_rate`.
-    edges : array_like, (n_edge,)
-        Increasing, > 0; else InputError.
-
-    Returns
-    -------
-    ndarray, (n_edge + 1,)
-        [1/year], from 0 to the first edge, between edges, and from the last edge on; they add up
-        to the rate of collapse.
+    From 0 to the first of the `edges`, (n_edge,), which increase and are > 0, between edges, and
+    from the last on. The rates add up to the rate of collapse.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
@@ -149,57 +224,18 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
 
 
 def parameter_draws(
-    fit: Fragility, seed: int, n_record: int | None = None, draws: int = 4000
+    fit: Fragility, seed: int, draws: int = 4000
 ) -> tuple[FloatArray, FloatArray]:
     """theta and beta, (draws,) each, as uncertain as the data leave them.
 
-    Where the data are the capacities of n records, or n records serve at all levels (which hold
-    no more than their n capacities do): from the distributions of mean and variance of a normal
-    sample, (n - 1) s^2 / sigma^2 being chi-squared and the mean normal about the true one by
-    sigma / sqrt(n) (the reference posterior; Box and Tiao 1973, section 2.4). Otherwise (ln theta,
-    ln beta) are normal with the covariance of the fit, as they also are where that is the wider
-    one, for instance as the levels end below the median.
-
-    Parameters
-    ----------
-    fit : Fragility
-        Of kind ``"posterior"`` or ``"mixture"``: its covariance is that of the posterior, which
-        already knows what the data are worth, and nothing is widened.
-    seed : int
-        Of numpy's default generator.
-    n_record : int, optional
-        Records that served at all levels; None if every run had a record of its own.
-    draws : int
-
-    Raises
-    ------
-    InputError
-        If the covariance is not finite.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archfrag.fragility.curve import Fragility
-    >>> from archfrag.fragility.risk import parameter_draws
-    >>> fit = Fragility(0.5, 0.4, np.eye(2) * 1e-4, 0.0, 1, 1, "stripes")
-    >>> [round(float(np.median(draws)), 2) for draws in parameter_draws(fit, seed=1)]
-    [0.5, 0.4]
+    (ln theta, ln beta) are normal with the covariance of the fit; `seed` is of numpy's default
+    generator. InputError if the covariance is not finite.
     """
-    generator = np.random.default_rng(seed)
-    count = {"ida": fit.n_total, "posterior": None, "mixture": None}.get(fit.kind, n_record)
-    variances = np.diag(fit.covariance)
-    scale = np.ones(2)
-    if count is not None and count > 1:
-        of_sample = fit.beta**2 * np.array([1.0 / count, 0.5 / (count - 1)])
-        if fit.kind == "ida" or np.all(variances <= of_sample):
-            beta = fit.beta * np.sqrt((count - 1) / generator.chisquare(count - 1, draws))
-            noise = generator.standard_normal(draws) / np.sqrt(count)
-            return fit.theta * np.exp(beta * noise), beta
-        scale = np.sqrt(np.maximum(of_sample / variances, 1.0))
-    jacobian = np.diag(scale / np.array([1.0, fit.beta]))
-    covariance = jacobian @ fit.covariance @ jacobian.T
+    jacobian = np.diag([1.0, 1.0 / fit.beta])
+    covariance = jacobian @ fit.covariance @ jacobian
     if not np.isfinite(covariance).all():
         raise InputError("the fit's covariance is not finite, so its rate has no band")
+    generator = np.random.default_rng(seed)
     shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
     return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
 
@@ -215,15 +251,15 @@ def _lognormal(
     theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
     log_theta = np.log(theta)
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
-    pieces = hazard.pieces(left)
-    k = pieces.slope
+    pieces = anchor, log_rate, k = hazard.pieces(left)
     a, b = (left - log_theta) / beta, (right - log_theta) / beta
-    log_centre = pieces.log_rate - k * (log_theta - pieces.anchor) + 0.5 * (k * beta) ** 2
+    log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     lower, upper = (
-        np.where(known, ndtr(z) * pieces.rate_at(np.where(known, x, pieces.anchor)), 0.0)
-        for x, z, known in ((left, a, left > -np.inf), (right, b, right < np.inf))
-    )
+        np.where(np.isfinite(x), ndtr(z) * _rate_at(np.where(np.isfinite(x), x, anchor), *pieces),
+                 0.0)
+        for x, z in ((left, a), (right, b))
+    )  # fmt: skip
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
     return np.where(k > 0.0, np.maximum(lower - upper + moved, 0.0), 0.0)

@@ -60,8 +60,6 @@ def follow_joints(model, state, work, where, loss_limit):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
     work : archfrag.mechanics.model.Work
         With the solution of the step, and the faces where it has led.
     where : mask

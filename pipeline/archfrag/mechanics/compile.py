@@ -51,9 +51,11 @@ class KernelCache(NullCache):
         if not file.is_file() or py_func.__closure__:
             self._folder = None
             return
-        place = file.relative_to(HOME) if file.is_relative_to(HOME) else file
+        place, made_of = file, tuple(sorted(file.parent.glob("*.py")))
+        if file.is_relative_to(HOME):  # the folder's name holds what else it is made of
+            place, made_of = file.relative_to(HOME), (file,)
         line = py_func.__code__.co_firstlineno
-        self._what = f"{place}:{line} {sorted(options.items())} {_digest_of_file(file)}"
+        self._what = f"{place}:{line} {sorted(options.items())} {_digest_of(made_of)}"
 
     @property
     def cache_path(self) -> str | None:
@@ -140,8 +142,8 @@ def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
 
 
 @functools.cache
-def _digest_of_file(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+def _digest_of(files: tuple[Path, ...]) -> str:
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 @functools.cache

@@ -1,34 +1,18 @@
 """Energy balance of a run: works of the joints by the law that explains them, and the error."""
 
-from archfrag.mechanics.compile import inlined
-from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.placing import at_point
+from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.numbers import larger, opposite, select, some
 from archfrag.mechanics.status import Energy
 
 
-@inlined
-def _mode_normal(j, work):
-    """Normal and contact point, from the pivot, of a joint in its present mode."""
-    at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
-    second, back, side = at_1 & opposite(at_0), work.slide[j] < 0.0, work.side_normal
-    nx = select(back, side[j, 0, MINUS, 0], side[j, 0, PLUS, 0])
-    ny = select(back, side[j, 0, MINUS, 1], side[j, 0, PLUS, 1])
-    nx = select(second, select(back, side[j, 1, MINUS, 0], side[j, 1, PLUS, 0]), nx)
-    ny = select(second, select(back, side[j, 1, MINUS, 1], side[j, 1, PLUS, 1]), ny)
-    nx = select(at_0 & at_1, work.normal[j, 0], nx)
-    ny = select(at_0 & at_1, work.normal[j, 1], ny)
-    px = select(second, work.point[j, 1, 0], work.point[j, 0, 0]) - work.pivot[j, 0]
-    py = select(second, work.point[j, 1, 1], work.point[j, 0, 1]) - work.pivot[j, 1]
-    return nx, ny, px, py
-
-
-@inlined
+@kernel
 def contact_works(state, work):
     """Work done at the joints over a step, by the law that explains it.
 
     Parameters
     ----------
-    state : archfrag.mechanics.model.State
     work : archfrag.mechanics.model.Work
         With relative velocities before the step in `earlier`, after it in `relative`.
 
@@ -49,7 +33,8 @@ def contact_works(state, work):
         impact += select(fresh, done, 0.0)
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
         if some(slides):
-            nx, ny, px, py = _mode_normal(j, work)
+            nx, ny, px, py = contact_of(j, work)
+            px, py = px - work.pivot[j, 0], py - work.pivot[j, 1]
             ax, ay = at_point(ux, uy, u, px, py)
             rubbed = select(slides, (fy * nx - fx * ny) * (ay * nx - ax * ny), 0.0)
             friction += rubbed
@@ -86,12 +71,20 @@ def record_step(state, work, where):
 
 
 @inlined
+def kinetic_energy(model, velocity):
+    """Kinetic energy of all bodies [J]."""
+    kinetic = 0.0
+    for i in range(1, velocity.shape[0] - 1):
+        ux, uy, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * (w * w))
+    return kinetic
+
+
+@inlined
 def energies_of(model, state):
     """Kinetic and potential energy [J]."""
-    kinetic = potential = 0.0
+    potential = 0.0
     for i in range(1, state.position.shape[0] - 1):
-        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
-        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
         rise = state.position[i, 1] - model.centroid[i, 1]
         potential += model.gravity * model.mass[i] * rise
-    return kinetic, potential
+    return kinetic_energy(model, state.velocity), potential

@@ -1,8 +1,153 @@
-"""Ground acceleration between its samples, and its exact impulse over a step."""
+"""Ground motions of many runs: impulses over steps, segments between samples, and rest."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import lane, width, with_lane
+
+# Loads beyond the range of rest by less than this part of gravity leave forces that no contact
+# problem distinguishes from rounding: a motion would start from that, not from them.
+BEYOND = 1e-11
+
+
+class Kick(NamedTuple):
+    """What the ground takes from the velocities of free bodies in a step."""
+
+    x: float  # integral of the ground acceleration [m/s]
+    y: float
+
+
+class Segment(NamedTuple):
+    """Ground acceleration that is linear in time: at the beginning, and its rate."""
+
+    end: float  # until when [s]; inf after the record
+    x: float  # [m/s2]
+    slope_x: float  # [m/s3]
+    y: float
+    slope_y: float
+
+
+class Grounds(NamedTuple):
+    """Ground motions one after the other: linear between samples, zero outside them."""
+
+    horizontal: np.ndarray  # (n_sample,) of all motions [m/s2]
+    vertical: np.ndarray  # (n_sample,) upwards [m/s2]
+    impulse_x: np.ndarray  # (n_sample,) integral from each motion's first sample [m/s]
+    impulse_y: np.ndarray  # (n_sample,)
+    next_break: np.ndarray  # (n_sample,) int64: the next of its motion at which the slope changes
+    first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
+    time_step: np.ndarray  # (n_motion,) [s]
+
+
+def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
+    total = np.zeros(wave.shape)
+    if np.any(wave):
+        np.add(wave[1:], wave[:-1], out=total[1:])
+        total *= 0.5 * dt
+        np.cumsum(total, out=total)
+    return total
+
+
+def _breaks(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    last, largest = x.size - 1, max(np.abs(x).max(), np.abs(y).max())
+    following = np.full(x.size, last)
+    bend = sum(np.abs(part[:-2] - 2.0 * part[1:-1] + part[2:]) for part in (x, y))
+    bent = np.flatnonzero(bend > 1e-12 * largest) + 1
+    following[bent - 1] = bent
+    return np.append(np.minimum.accumulate(following[:-1][::-1])[::-1], last)
+
+
+def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -> Grounds:
+    """Arrays of ground motions, each (horizontal, vertical or None, time step)."""
+    x = [np.ascontiguousarray(given, float) for given, _, _ in motions]
+    # Zeros that are only read take no memory.
+    y = [
+        np.zeros(wave.shape) if given is None or not np.any(given) else np.asarray(given, float)
+        for wave, (_, given, _) in zip(x, motions)
+    ]
+    step = np.array([float(dt) for _, _, dt in motions])
+
+    def joined(waves: Sequence[np.ndarray]) -> np.ndarray:
+        return waves[0] if len(waves) == 1 else np.concatenate(waves)
+
+    return Grounds(
+        joined(x),
+        joined(y),
+        joined([_integral(wave, dt) for wave, dt in zip(x, step)]),
+        joined([_integral(wave, dt) for wave, dt in zip(y, step)]),
+        joined([_breaks(a, b) for a, b in zip(x, y)]),
+        np.cumsum([0, *(wave.size for wave in x)]),
+        step,
+    )
+
+
+def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
+    """One of several ground motions, multiplied by a factor."""
+    part = slice(*grounds.first[number : number + 2])
+    scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
+    return grounds_of([(*scaled, grounds.time_step[number])])
+
+
+@inlined
+def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step):
+    """Integral of one motion from its first sample to `time` [m/s]."""
+    place = time * per_step
+    if place <= 0.0:
+        return 0.0
+    i = first + int(place)
+    if i >= last:
+        return impulse[last]
+    part = place - (i - first)
+    slope = acceleration[i + 1] - acceleration[i]
+    return impulse[i] + time_step * part * (acceleration[i] + 0.5 * part * slope)
+
+
+@kernel
+def kick_between(grounds, clock, start, end):
+    """What the ground motion takes from the velocities between two instants [s]."""
+    x = y = 0.0 * start
+    for k in range(width(clock[Clock.TIME])):
+        motion = int(lane(clock[Clock.MOTION], k))
+        factor = lane(clock[Clock.FACTOR], k)
+        a, b = lane(start, k), lane(end, k)
+        first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+        dt = grounds.time_step[motion]
+        per = 1.0 / dt
+        wave, total = grounds.horizontal, grounds.impulse_x
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        x = with_lane(x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+        wave, total = grounds.vertical, grounds.impulse_y
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+    return Kick(x, y)
+
+
+@inlined
+def end_of_motion(grounds, clock, follow):
+    """When a run that has not ended before does [s]."""
+    end = 0.0 * clock[Clock.TIME]
+    for k in range(width(clock[Clock.TIME])):
+        m = int(lane(clock[Clock.MOTION], k))
+        size = grounds.first[m + 1] - grounds.first[m] - 1
+        end = with_lane(end, k, size * grounds.time_step[m] + follow)
+    return end
+
+
+@kernel
+def segment_at(time, grounds):
+    """The piece from `time` on in which the first ground motion is linear in time."""
+    dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
+    i = int(np.floor(time / dt + 1e-9))
+    if i >= grounds.first[1] - 1:
+        return Segment(np.inf, 0.0, 0.0, 0.0, 0.0)
+    part = time - i * dt
+    rate_x, rate_y = (x[i + 1] - x[i]) / dt, (y[i + 1] - y[i]) / dt
+    end = grounds.next_break[i] * dt
+    return Segment(end, x[i] + rate_x * part, rate_x, y[i] + rate_y * part, rate_y)
 
 
 @kernel
@@ -22,52 +167,29 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     return margin
 
 
-@allocating
-def find_breaks(ground):
-    """For each sample the next one at which the ground acceleration changes its slope.
-
-    Parameters
-    ----------
-    ground : archfrag.mechanics.types.GroundMotion
-
-    Returns
-    -------
-    ndarray, (n_sample,) int64
-    """
-    n = ground.horizontal.size
-    out = np.empty(n, np.int64)
-    largest = max(np.max(np.abs(ground.horizontal)), np.max(np.abs(ground.vertical)))
-    out[n - 1] = n - 1
-    following = n - 1
-    for i in range(n - 2, -1, -1):
-        out[i] = following
-        if i > 0:
-            x, y = ground.horizontal, ground.vertical
-            bend = abs(x[i - 1] - 2.0 * x[i] + x[i + 1]) + abs(y[i - 1] - 2.0 * y[i] + y[i + 1])
-            if bend > 1e-12 * largest:
-                following = i
-    return out
-
-
 @kernel
-def segment_at(time, ground, next_break):
-    """Where the ground acceleration is linear in time.
-
-    Returns
-    -------
-    end : float
-        Until when [s]; inf after the record.
-    horizontal, horizontal_rate, vertical, vertical_rate : float
-        Acceleration at `time` and its rate [m/s2], [m/s3].
-    """
-    dt = ground.time_step
-    last = ground.horizontal.size - 1
-    i = int(np.floor(time / dt + 1e-9))
-    if i >= last:
-        return np.inf, 0.0, 0.0, 0.0, 0.0
-    part = time - i * dt
-    horizontal_rate = (ground.horizontal[i + 1] - ground.horizontal[i]) / dt
-    vertical_rate = (ground.vertical[i + 1] - ground.vertical[i]) / dt
-    horizontal = ground.horizontal[i] + horizontal_rate * part
-    vertical = ground.vertical[i] + vertical_rate * part
-    return next_break[i] * dt, horizontal, horizontal_rate, vertical, vertical_rate
+def end_rest(model, grounds, clock, plus, minus):
+    """Until when a chain at rest stays so; leave, for_good."""
+    m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
+    first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
+    wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity
+    time = clock[Clock.TIME]
+    i = first + int(time / dt)
+    if i < last:
+        part = time / dt - (i - first)
+        x = factor * (wave[i] + part * (wave[i + 1] - wave[i]))
+        y = factor * (rise[i] + part * (rise[i + 1] - rise[i]))
+        margin = rest_margin(x, y, g, plus, minus) + BEYOND * g
+        if margin < 0.0:
+            return time, False
+        while i < last:
+            i += 1
+            following = rest_margin(factor * wave[i], factor * rise[i], g, plus, minus)
+            following += BEYOND * g
+            here = (i - first) * dt
+            if following < 0.0:
+                return time + (here - time) * margin / (margin - following), False
+            time, margin = here, following
+    return max(clock[Clock.TIME], (last - first) * dt), rest_margin(
+        0.0, 0.0, g, plus, minus
+    ) >= 0.0

@@ -1,23 +1,92 @@
-"""Contact modes of a joint as numbers, in histories and logs of the mechanism.
+"""Signorini's and Coulomb's laws of a joint (Eqs 5, 6, 14, 20, 23-25), and its mode as a number.
 
-A joint has two corners, 0 (intrados) and 1 (extrados). Which of them touch, and whether they
-stick or slide, is its *mode*: 0 open; 1 to 3 touching at corner 0, 4 to 6 at corner 1, 7 to 9 at
-both, each sticking, with friction along the tangent, or with friction against it.
+What a joint bears, and how its corners part, is measured here for all that ask: the iteration on
+the modes and the path of solutions (`contact`), the margins of events, the energy balance and the
+residual. A joint has two corners, 0 (intrados) and 1 (extrados). Which of them touch, and whether
+they stick or slide, is its mode: 0 open; 1 to 3 touching at corner 0, 4 to 6 at corner 1, 7 to 9
+at both, each sticking, with friction along the tangent, or with friction against it.
 """
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import inlined
+from archfrag.mechanics.numbers import fused, larger, opposite, select
 
-OPEN = 0
-CLOSED_STICK = 7
-
-
-@kernel
-def corner_mode(corner, slip):
-    """Mode of a joint that touches at one corner only; `slip` is the sense of its friction."""
-    return 1 + 3 * corner + (0 if slip == 0 else (1 if slip > 0 else 2))
+OPEN, CLOSED_STICK = 0, 7
+# Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
+PLUS, MINUS = 0, 1
 
 
-@kernel
-def closed_mode(slip):
-    """Mode of a joint that touches at both corners."""
-    return CLOSED_STICK + (0 if slip == 0 else (1 if slip > 0 else 2))
+@inlined
+def mode_number(touch_0, touch_1, slide):
+    """Mode of a joint by which corners touch and the sense of its friction."""
+    corners = int(touch_0) + 2 * int(touch_1)
+    sense = 0 if slide == 0.0 else (1 if slide > 0.0 else 2)
+    return 3 * corners - 2 + sense if corners > 0 else OPEN
+
+
+@inlined
+def corner_mode(corner, slide):
+    """Mode of a joint that touches at one corner only."""
+    return mode_number(1 - corner, corner, slide)
+
+
+@inlined
+def set_mode(work, j, mode):
+    """Write a mode into ``work.touch`` and ``work.slide``."""
+    corners, sense = (mode + 2) // 3, (mode + 2) % 3
+    work.touch[j, 0], work.touch[j, 1] = corners & 1, corners >> 1
+    work.slide[j] = 0.0 if corners == 0 or sense == 0 else (1.0 if sense == 1 else -1.0)
+
+
+@inlined
+def opening_rate(j, k, ux, uy, work):
+    """Opening rate of a corner whose faces part at (ux, uy): the larger of Eqs 23a and 23b."""
+    side = work.side_normal
+    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
+    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
+    return larger(plus, minus)
+
+
+@inlined
+def slip_normal(j, k, backwards, work):
+    """Normal at a corner of a joint that slides `backwards`, against the tangent, or not."""
+    side = work.side_normal
+    nx = select(backwards, side[j, k, MINUS, 0], side[j, k, PLUS, 0])
+    ny = select(backwards, side[j, k, MINUS, 1], side[j, k, PLUS, 1])
+    return nx, ny
+
+
+@inlined
+def contact_of(j, work):
+    """Normal and contact point of a joint in its present mode; nx, ny, px, py."""
+    at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+    closed, second, backwards = at_0 & at_1, at_1 & opposite(at_0), work.slide[j] < 0.0
+    ax, ay = slip_normal(j, 0, backwards, work)
+    bx, by = slip_normal(j, 1, backwards, work)
+    nx = select(closed, work.normal[j, 0], select(second, bx, ax))
+    ny = select(closed, work.normal[j, 1], select(second, by, ay))
+    px = select(second, work.point[j, 1, 0], work.point[j, 0, 0])
+    py = select(second, work.point[j, 1, 1], work.point[j, 0, 1])
+    return nx, ny, px, py
+
+
+@inlined
+def closed_forces(j, work):
+    """Normal forces at both corners of a closed joint, their sum, and the force along it.
+
+    The resultant acts at the contact centre: e of Eq 14 is the second over the sum.
+    """
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    normal, tangential = fx * nx + fy * ny, fy * nx - fx * ny
+    px, py = work.point[j, 0, 0] - work.pivot[j, 0], work.point[j, 0, 1] - work.pivot[j, 1]
+    difference = work.reaction[j, 2] / (px * ny - py * nx)
+    return 0.5 * (normal + difference), 0.5 * (normal - difference), normal, tangential
+
+
+@inlined
+def cone_rays(j, model, ax, ay, bx, by):
+    """Borders of Coulomb's cones about two normals (Eq 20): along the tangent, and against it."""
+    across, along = model.ray[j, 0], model.ray[j, 1]
+    high_x, high_y = across * ax - along * ay, across * ay + along * ax
+    low_x, low_y = across * bx + along * by, across * by - along * bx
+    return high_x, high_y, low_x, low_y

@@ -4,6 +4,9 @@ The arrays of state and workspace hold one run or, as `archfrag.mechanics.number
 Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
 i the i-th body, row n_body + 1 the ground behind the last. Joint j lies between rows j and j + 1;
 a chain with a free end has no joint before the last row.
+
+Kernels take model, state, work, options and output in this order; `model`, `state` and `work` are
+those below unless a docstring says otherwise.
 """
 
 from collections.abc import Callable
@@ -45,13 +48,14 @@ class State(NamedTuple):
     position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
     velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
     touch: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
+    force: np.ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
     slide: np.ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
     slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
     bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
     lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
     lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
     lost_rotation: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
-    impact: np.ndarray  # (n_joint,) steps for which a new contact still counts as an impact
+    impact: np.ndarray  # (n_joint,) one while an impact goes on after a step, else zero
     loss: np.ndarray  # (len(Loss),) by archfrag.mechanics.status.Loss
     clock: np.ndarray  # (len(Clock),)
     # (len(Count),) by archfrag.mechanics.status.Count
@@ -124,7 +128,7 @@ OF_JOINTS = {
 }  # fmt: skip
 OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
 WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
-STATE_SHAPES = ((3,), (3,), (2,)) + ((),) * (len(State._fields) - 3)
+STATE_SHAPES = ((3,), (3,), (2,), (3,)) + ((),) * (len(State._fields) - 4)
 MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
 
 

@@ -35,75 +35,68 @@ class RestLimit(NamedTuple):
 
 
 @allocating
-def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravity, free_end):
-    """Inequalities ``a x <= b`` of rest; joint and bit of a mechanism of each; scales.
+def resultants(mass, centroid, n_joint, gravity, weight, size):
+    """Force and moment about the origin at each joint, (n_joint, 3, 5): x, y, moment.
 
-    The four unknowns are made dimensionless: forces by the weight, moments by weight times size.
+    Columns: by the force and the moment at joint 0 (of a chain with a free end not used), by the
+    load factor, constant. Forces are over the weight, moments over weight times size.
     """
-    n_joint = point.shape[0]
-    weight = 0.0
-    for i in range(mass.size):
-        weight += mass[i] * gravity
-    size = 0.0
-    for j in range(n_joint):
-        for c in range(2):
-            size = max(size, abs(point[j, c, 0]), abs(point[j, c, 1]))
-    a = np.zeros((8 * n_joint, N_UNKNOWN))
-    b = np.zeros(8 * n_joint)
-    joint = np.zeros(8 * n_joint, np.int64)
-    kind = np.zeros(8 * n_joint, np.int8)
-    fx, fy, mo = np.zeros(5), np.zeros(5), np.zeros(5)
-    if free_end:
-        # Columns: the three unknowns at joint 0 stay unused; k; constant.
+    part = np.zeros((n_joint, 3, 5))
+    if n_joint == mass.size:
         for i in range(mass.size):
             w = mass[i] * gravity / weight
-            fx[3] += w
-            fy[4] += w
-            mo[3] -= w * centroid[i, 1] / size
-            mo[4] += w * centroid[i, 0] / size
+            part[0, 0, 3] += w
+            part[0, 1, 4] += w
+            part[0, 2, 3] -= w * centroid[i, 1] / size
+            part[0, 2, 4] += w * centroid[i, 0] / size
     else:
-        fx[0] = fy[1] = mo[2] = 1.0
+        part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
+    for j in range(1, n_joint):
+        w = mass[j - 1] * gravity / weight
+        part[j] = part[j - 1]
+        part[j, 0, 3] -= w
+        part[j, 1, 4] -= w
+        part[j, 2, 3] += w * centroid[j - 1, 1] / size
+        part[j, 2, 4] -= w * centroid[j - 1, 0] / size
+    return part
+
+
+@allocating
+def joint_inequalities(part, point, normal, candidate, friction):
+    """Inequalities ``a x <= b`` of rest; joint and bit of a mechanism of each.
+
+    `part` is that of `resultants`, `point` over its size.
+    """
+    n_joint = part.shape[0]
+    a, b = np.zeros((8 * n_joint, N_UNKNOWN)), np.zeros(8 * n_joint)
+    joint, kind = np.zeros(8 * n_joint, np.int64), np.zeros(8 * n_joint, np.int8)
     count = 0
-    row_0, row_1, shear = np.empty(5), np.empty(5), np.empty(5)
     for j in range(n_joint):
         nx, ny = normal[j, 0], normal[j, 1]
-        x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
-        x1, y1 = point[j, 1, 0] / size, point[j, 1, 1] / size
+        x0, y0, x1, y1 = point[j, 0, 0], point[j, 0, 1], point[j, 1, 0], point[j, 1, 1]
         length = (y1 - y0) * nx - (x1 - x0) * ny
-        for k in range(5):
-            row_0[k] = (mo[k] - (x1 * fy[k] - y1 * fx[k])) / length
-            row_1[k] = -(mo[k] - (x0 * fy[k] - y0 * fx[k])) / length
-            shear[k] = nx * fy[k] - ny * fx[k]
+        fx, fy, moment = part[j, 0], part[j, 1], part[j, 2]
+        row_0 = (moment - (x1 * fy - y1 * fx)) / length
+        row_1 = -(moment - (x0 * fy - y0 * fx)) / length
         for c in range(2):
             row = row_0 if c == 0 else row_1
-            bit = HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
             for sense in (-1.0, 1.0):
-                if sense > 0.0 and candidate[j, c]:
-                    continue
-                a[count], b[count] = sense * row[:4], -sense * row[4]
-                joint[count], kind[count] = j, bit
-                count += 1
+                if sense < 0.0 or not candidate[j, c]:
+                    a[count], b[count] = sense * row[:4], -sense * row[4]
+                    joint[count], kind[count] = j, HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
+                    count += 1
         if not np.isinf(friction[j]):
             for sense in (-1.0, 1.0):
-                for k in range(4):
-                    a[count, k] = sense * shear[k] - friction[j] * (row_0[k] + row_1[k])
-                b[count] = friction[j] * (row_0[4] + row_1[4]) - sense * shear[4]
+                row = sense * (nx * fy - ny * fx) - friction[j] * (row_0 + row_1)
+                a[count], b[count] = row[:4], -row[4]
                 joint[count], kind[count] = j, SLIDING
                 count += 1
-        if j < mass.size:
-            w = mass[j] * gravity / weight
-            fx[3] -= w
-            fy[4] -= w
-            mo[3] += w * centroid[j, 1] / size
-            mo[4] -= w * centroid[j, 0] / size
     for q in range(count):
-        norm = 0.0
-        for k in range(4):
-            norm = max(norm, abs(a[q, k]))
+        norm = np.abs(a[q]).max()
         if norm > 0.0:
             a[q] /= norm
             b[q] /= norm
-    return a[:count], b[:count], joint[:count], kind[:count], weight, size
+    return a[:count], b[:count], joint[:count], kind[:count]
 
 
 @allocating
@@ -192,34 +185,24 @@ def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sens
     -------
     RestLimit
     """
-    n_joint = point.shape[0]
-    free_end = n_joint == mass.size
-    a, b, joint, kind, weight, size = joint_inequalities(
-        mass, centroid, point, normal, candidate, friction, gravity, free_end
-    )
-    if free_end:
+    n_joint, weight, size = point.shape[0], 0.0, np.abs(point).max()
+    for i in range(mass.size):
+        weight += mass[i] * gravity
+    part = resultants(mass, centroid, n_joint, gravity, weight, size)
+    a, b, joint, kind = joint_inequalities(part, point / size, normal, candidate, friction)
+    if n_joint == mass.size:
         a[:, :3] = 0.0
     mechanism = np.zeros(n_joint, np.int8)
     reaction = np.zeros((n_joint, 3))
     found, x, active, multiplier, iterations = largest_load_factor(a, b, sense)
-    k = x[3]
     for i in range(N_UNKNOWN):
         if found and active[i] < b.size and multiplier[i] > 1e-9:
             mechanism[joint[active[i]]] |= kind[active[i]]
-    load_factor = np.inf * sense if abs(k) > NO_LIMIT else k
-    fx, fy, mo = x[0] * weight, x[1] * weight, x[2] * weight * size
-    if free_end:
-        fx = fy = mo = 0.0
-        for i in range(mass.size):
-            w = mass[i] * gravity
-            fx += k * w
-            fy += w
-            mo += w * centroid[i, 0] - k * w * centroid[i, 1]
     for j in range(n_joint):
-        reaction[j, 0], reaction[j, 1], reaction[j, 2] = fx, fy, mo
-        if j < mass.size:
-            w = mass[j] * gravity
-            fx -= k * w
-            fy -= w
-            mo += k * w * centroid[j, 1] - w * centroid[j, 0]
+        for c in range(3):
+            total = part[j, c, 4]
+            for k in range(N_UNKNOWN):
+                total += part[j, c, k] * x[k]
+            reaction[j, c] = total * (weight * size if c == 2 else weight)
+    load_factor = np.inf * sense if abs(x[3]) > NO_LIMIT else x[3]
     return RestLimit(found, load_factor, mechanism, reaction, iterations)

@@ -10,13 +10,13 @@ import math
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import (
-    MINUS,
-    PLUS,
     clearance,
     corner_offset,
+    corner_velocity,
     place_contacts,
     relative_velocity,
 )
+from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 
 # Corners closer than this, over the joint's length, touch.
 TOUCHING = 1e-6
@@ -25,10 +25,8 @@ TOUCHING = 1e-6
 @inlined
 def _approach(j, k, work, scale):
     """Rate at which a corner that may touch closes, by the law that is kept more nearly (Eq 5)."""
-    ux, uy, side = work.parting[j, k, 0], work.parting[j, k, 1], work.side_normal
-    plus = side[j, k, PLUS, 0] * ux + side[j, k, PLUS, 1] * uy
-    minus = side[j, k, MINUS, 0] * ux + side[j, k, MINUS, 1] * uy
-    return max(0.0, -max(plus, minus)) / scale if work.candidate[j, k] > 0.5 else 0.0
+    rate = opening_rate(j, k, work.parting[j, k, 0], work.parting[j, k, 1], work)
+    return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
 
 
 @inlined
@@ -46,14 +44,14 @@ def _if_corner(j, k, model, work, scale, force):
     moment = work.reaction[j, 2] / force
     common = max(abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale))
     ux, uy = work.parting[j, k, 0] / scale, work.parting[j, k, 1] / scale
-    across, along = model.ray[j, 0], model.ray[j, 1]
-    size = 1.0 / math.sqrt(across * across + along * along)
+    size = 1.0 / math.sqrt(model.ray[j, 0] ** 2 + model.ray[j, 1] ** 2)
+    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
     best, outside = math.inf, 0.0
     for side in range(2):
         sense = 1.0 - 2.0 * side
         nx, ny = work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
-        rx = (across * nx - sense * along * ny) * size
-        ry = (across * ny + sense * along * nx) * size
+        rx, ry = (hx * size, hy * size) if side == PLUS else (lx * size, ly * size)
         beyond = rx * fy - ry * fx
         outside = max(outside, sense * beyond)
         if work.known[j] == -sense:
@@ -70,11 +68,9 @@ def _if_corner(j, k, model, work, scale, force):
 def _if_closed(j, model, work, scale, force):
     """Violation of the laws by a joint taken to bear at both corners (Eqs 5, 6)."""
     nx, ny = work.normal[j, 0], work.normal[j, 1]
-    px, py = _arm(j, 0, work)
-    fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
-    normal, tangential = nx * fx + ny * fy, nx * fy - ny * fx
-    difference = work.reaction[j, 2] / force / (px * ny - py * nx)
-    tension = max(0.0, -0.5 * (normal + difference), -0.5 * (normal - difference))
+    force_0, force_1, normal, tangential = closed_forces(j, work)
+    normal, tangential = normal / force, tangential / force
+    tension = max(0.0, -force_0 / force, -force_1 / force)
     parts = work.parting[j]
     rate = max(abs(nx * parts[0, 0] + ny * parts[0, 1]), abs(nx * parts[1, 0] + ny * parts[1, 1]))
     slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
@@ -99,7 +95,6 @@ def contact_residual(model, work, scale, force):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     work : archfrag.mechanics.model.Work
         With contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions.
     scale, force : float
@@ -142,8 +137,6 @@ def state_residual(model, state, work):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
     work : archfrag.mechanics.model.Work
         With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
         overwritten.
@@ -173,9 +166,7 @@ def state_residual(model, state, work):
                 # Only the gap counts; how the faces slide past each other does not.
                 work.parting[j, k, 0], work.parting[j, k, 1] = gap * nx, gap * ny
                 continue
-            rx, ry = _arm(j, k, work)
-            ux = work.relative[j, 0] - work.relative[j, 2] * ry
-            uy = work.relative[j, 1] + work.relative[j, 2] * rx
+            ux, uy = corner_velocity(j, k, work.relative, work)
             rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
             ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
             work.parting[j, k, 0] = ex / length[j] - rate * ny

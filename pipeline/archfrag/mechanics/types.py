@@ -1,4 +1,4 @@
-"""Arrays that kernels take and return: constant Chain and Motion, changing State arrays."""
+"""What methods take and return: a chain, options, buffers for a history, results."""
 
 from typing import NamedTuple
 
@@ -25,19 +25,10 @@ class Chain(NamedTuple):
     gravity: float  # [m/s2]
 
 
-class GroundMotion(NamedTuple):
-    """Ground acceleration, linear between samples and zero outside them."""
-
-    horizontal: np.ndarray  # (n_sample,) [m/s2]
-    vertical: np.ndarray  # (n_sample,) upwards [m/s2]; all zero if there is none
-    time_step: float  # [s]
-    factor: float = 1.0  # by which methods that scale motions themselves multiply it
-
-
 class Options(NamedTuple):
     """What every method is given; each uses what concerns it."""
 
-    time_step: float  # at impacts, where steps grow between them [s]
+    time_step: float  # the shortest: at impacts, where steps grow between them [s]
     tolerance: float  # relative error allowed by methods with step control [1]
     accuracy: float  # relative error beyond which a run is refused, by its own measures [1]
     follow: float  # how long to go on past the end of the ground motion [s]
@@ -46,7 +37,12 @@ class Options(NamedTuple):
     check_interval: int  # steps between measurements of the contact residual
     frame_interval: float  # least time between frames of the history [s]
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
-    largest_step: float = 0.0  # between impacts [s]; zero: all steps are equal
+    largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
+    # What follows from these and the arch; see `archfrag.methods.common.ready`.
+    still: float = 0.0  # speed below which the chain may be at rest [m/s]
+    rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
+    rest_minus: float = np.nan
+    first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
 
 
 class Frames(NamedTuple):
@@ -73,23 +69,17 @@ class MechanismLog(NamedTuple):
     mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
 
 
-class Diagnostics(NamedTuple):
-    """What a run counts while it goes on; filled by every method alike."""
+class Results(NamedTuple):
+    """What runs end in, a row for each; every method returns them."""
 
-    # (len(Count),) int64, by archfrag.mechanics.status.Count
+    status: np.ndarray  # (n_run,) archfrag.mechanics.status.Status
+    end_time: np.ndarray  # (n_run,) [s]
+    collapse_time: np.ndarray  # (n_run,) [s]; nan if none
+    collapse_joint: np.ndarray  # (n_run,); -1 if none
+    collapse_mode: np.ndarray  # (n_run,) archfrag.mechanics.status.CollapseMode
+    loss: np.ndarray  # (n_run, len(Loss))
+    # (n_run, len(Count)) by archfrag.mechanics.status.Count
     count: np.ndarray  # type: ignore[assignment]
-    energy: np.ndarray  # (len(Energy),) by archfrag.mechanics.status.Energy [J]
-    model_time: np.ndarray  # (len(Model),) simulated time in each model [s]
-    peak: np.ndarray  # (len(Peak),) by archfrag.mechanics.status.Peak
-
-
-class Outcome(NamedTuple):
-    """What every method returns."""
-
-    status: int  # archfrag.mechanics.status.Status
-    end_time: float  # [s]
-    collapse_time: float  # [s]; nan if none
-    collapse_joint: int  # -1 if none
-    collapse_mode: int  # archfrag.mechanics.status.CollapseMode
-    loss: np.ndarray  # (len(Loss),) by archfrag.mechanics.collapse.Loss
-    diagnostics: Diagnostics
+    energy: np.ndarray  # (n_run, len(Energy)) [J]
+    model_time: np.ndarray  # (n_run, len(Model)) simulated time in each model [s]
+    peak: np.ndarray  # (n_run, len(Peak))

@@ -7,7 +7,8 @@
    bodies, and for a history of `SMALL_CHAIN` bodies under a ground motion with rare breaks: there
    events are rare, so that they cost little and give peaks and histories exactly.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows
-   is made again by the other method, and then by equal steps; what none of them holds is refused.
+   is made again by the other method, and then by equal steps. If none of them holds it, the run
+   is refused.
 
 The mechanism log of a run states which of them moved it when.
 """
@@ -17,13 +18,12 @@ from types import ModuleType
 
 import numpy as np
 
-from archfrag.mechanics.model import model_of
+from archfrag.mechanics.ground import Grounds
 from archfrag.mechanics.status import Count, Status
-from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
-from archfrag.methods.base import is_accurate, refuse
+from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
+from archfrag.methods.common import is_accurate, new_results, refuse
 from archfrag.methods.event_driven import front as events
 from archfrag.methods.time_stepping import front as stepper
-from archfrag.methods.time_stepping.service import Results
 
 # Energy below this, over weight times the longest joint's length, is rounding.
 ROUNDING = 1e-12
@@ -33,25 +33,22 @@ FEWEST_BODIES, SMALL_CHAIN, MOST_BREAKS = 2, 10, 50
 # Where events follow each other more closely than so many steps, all voussoirs are stepped; these
 # steps are longer by `STEADY` than those at impacts.
 SWITCH_STEPS, STEADY = 3.0, 2.0
+# Equal steps that are made again are shorter by this factor.
+SHORTER = 0.25
 
 
-def count_breaks(*parts: np.ndarray) -> int:
-    """Number of samples at which the components of a ground acceleration are not linear in time.
-
-    Parameters
-    ----------
-    *parts : ndarray, (n_sample,)
+def count_breaks(grounds: Grounds) -> int:
+    """Number of samples at which the ground acceleration is not linear in time.
 
     Examples
     --------
     >>> import numpy as np
+    >>> from archfrag.mechanics.ground import grounds_of
     >>> from archfrag.methods.auto import count_breaks
-    >>> count_breaks(np.where(np.arange(900) < 300, 1.0, 0.0), np.zeros(900))
+    >>> count_breaks(grounds_of([(np.where(np.arange(900) < 300, 1.0, 0.0), None, 0.01)]))
     2
     """
-    largest = max(float(np.abs(part).max()) for part in parts)
-    bend = sum(np.abs(np.diff(part, 2)) for part in parts)
-    return int(np.count_nonzero(bend > 1e-12 * largest))
+    return int(np.unique(grounds.next_break).size) - 1
 
 
 def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bool:
@@ -77,16 +74,6 @@ def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bo
     return rare and tolerance <= COARSEST
 
 
-def _rests(ground: GroundMotion, factor: float, gravity: float, rest: tuple) -> bool:
-    """Whether the body force never leaves the range of rest [g]; then nothing is integrated."""
-    vertical, horizontal = gravity + factor * ground.vertical, factor * ground.horizontal
-    if not vertical.min() > 0.0:
-        return False
-    return bool(
-        (rest[0] * vertical > horizontal).all() and (rest[1] * vertical > -horizontal).all()
-    )
-
-
 def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
     """Methods and their options, each for runs that the one before did not make well enough."""
     steady = options.time_step
@@ -95,6 +82,8 @@ def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Optio
     close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
     fine = options._replace(tolerance=min(options.tolerance, COARSE), crowding=0.0)
     located, equal = (stepper, options), (stepper, options._replace(largest_step=0.0))
+    if options.largest_step <= options.time_step:  # equal ones at once: shorter ones
+        equal = stepper, options._replace(time_step=SHORTER * options.time_step, largest_step=0.0)
     if not by_events:
         return [located, (events, fine._replace(time_step=steady)), equal]
     return [(events, options._replace(time_step=steady, crowding=close)), located, equal]
@@ -107,7 +96,7 @@ def _made_well(
     make: Callable[[ModuleType, Options, np.ndarray], Results],
 ) -> Results:
     """Runs, again by the next attempt where they are not accurate; refused after the last."""
-    results, rows = stepper.new_results(n_run), np.arange(n_run)
+    results, rows = new_results(n_run), np.arange(n_run)
     for number, (method, given) in enumerate(attempts):
         made = make(method, given, rows)
         made.count[:, Count.REFINED] = number
@@ -122,55 +111,37 @@ def _made_well(
 
 
 def run_many(
-    chain: Chain,
-    grounds: Sequence[GroundMotion],
-    motion: np.ndarray,
-    factor: np.ndarray,
-    options: Options,
+    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Results:
     """Many runs; as `archfrag.methods.time_stepping.front.run_many`."""
     by_events = goes_by_events(chain.mass.size, options.tolerance)
-    results, runs = stepper.new_results(len(motion)), np.arange(len(motion))
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
-        chosen = runs[rows]
-        return method.run_many(chain, grounds, motion[chosen], factor[chosen], given)
+        return method.run_many(chain, grounds, motion[rows], factor[rows], given)
 
-    if by_events:
-        # Steps find out by themselves where nothing moves, at less cost.
-        rest = stepper.rest_of(model_of(chain), options, stepper.joined_grounds(grounds))
-        still = np.array([
-            _rests(grounds[k], by, chain.gravity, rest) for k, by in zip(motion, factor)
-        ], dtype=bool)  # fmt: skip
-        for gathered, part in zip(results, make(stepper, options, np.flatnonzero(still))):
-            gathered[still] = part
-        runs = np.flatnonzero(~still)
-    made = _made_well(chain, _attempts(options, by_events), runs.size, make)
-    for gathered, part in zip(results, made):
-        gathered[runs] = part
-    return results
+    return _made_well(chain, _attempts(options, by_events), len(motion), make)
 
 
 def run(
     chain: Chain,
-    ground: GroundMotion,
+    grounds: Grounds,
+    factor: float,
     position: np.ndarray,
     velocity: np.ndarray,
     from_rest: bool,
     options: Options,
     frames: Frames,
     log: MechanismLog,
-) -> Outcome:
+) -> Results:
     """Integrate one chain under one ground motion; arguments as `time_stepping.front.run`."""
     start = position.copy(), velocity.copy()
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
         position[:], velocity[:] = start
-        return method.results_of(chain, ground, position, velocity, from_rest, given, frames, log)
+        return method.run(
+            chain, grounds, factor, position, velocity, from_rest, given, frames, log
+        )
 
-    n_break = count_breaks(ground.horizontal, ground.vertical) if frames.time.size else np.inf
+    n_break = count_breaks(grounds) if frames.time.size else np.inf
     by_events = goes_by_events(chain.mass.size, options.tolerance, n_break)
-    if by_events and from_rest:
-        rest = stepper.rest_of(model_of(chain), options, stepper.joined_grounds([ground]))
-        by_events = not _rests(ground, ground.factor, chain.gravity, rest)
-    return stepper.outcome_of(_made_well(chain, _attempts(options, by_events), 1, make), 0)
+    return _made_well(chain, _attempts(options, by_events), 1, make)

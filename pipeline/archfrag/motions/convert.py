@@ -17,8 +17,9 @@ from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
-from archfrag.motions.channels import Channel, Options, read_channels
+from archfrag.motions.channels import Reading, read_channels
 from archfrag.motions.index import index_table, write_index
+from archfrag.motions.partners import channel_code, instrument, is_vertical
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
@@ -36,120 +37,91 @@ def convert_record(
     folder: str | Path,
     form: str = "mseed",
     unit: str = "m/s2",
-    options: Options | None = None,
+    options: Reading | None = None,
 ) -> list[Path]:
-    """Write the channels of a record file in another format.
+    """Write the channels of a record file in another format, and return the files written.
 
-    Parameters
-    ----------
-    path : path
-        A record.
-    folder : path
-        Made if needed. The source is never replaced, other files of the same name are.
-    form : str
-        ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
-        acceleration).
-    unit : str
-        ``m/s2`` or ``g``.
-    options : archfrag.motions.channels.Options, optional
-        What to know of the record: unit in the file, inventory, what to accept, columns.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If `form` or `unit` is none of those, or the source would be replaced.
-    RecordError
-        If the record cannot be used.
-    OutputError
-        If a file cannot be written; it is not there then.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> import archfrag as af
-    >>> from archfrag.motions.convert import convert_record
-    >>> lines = ["PEER", "Event, 1/1/1999, Station, 90", "ACCELERATION IN UNITS OF G"]
-    >>> lines += ["NPTS=  4, DT=  .0100 SEC", " .1E+00 -.2E+00 .1E+00 .0E+00"]
-    >>> _ = Path("before.AT2").write_text("\\n".join(lines) + "\\n")
-    >>> [written] = convert_record("before.AT2", "converted", "mseed", "m/s2")
-    >>> float(af.read_motion(written).acceleration[0].round(6))
-    0.980665
+    `form` is ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
+    acceleration), `unit` ``m/s2`` or ``g``. The folder is made if needed. The source is never
+    replaced, other files of the same name are. InputError for another form or unit or where the
+    source would be replaced, RecordError if the record cannot be used, OutputError if a file
+    cannot be written; it is not there then.
     """
     for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
         if value not in allowed:
             raise InputError(f"{word} {value!r} is none that is written: {', '.join(allowed)}")
-    file, options = Path(path), options or Options()
+    file, options = Path(path), options or Reading()
     options = options._replace(accept=accepted_words(options.accept, str(file)))
     channels, entry = read_channels(file, options)
     accept = (*options.accept, *(entry.accept if entry else ()))
     for channel in channels:
-        doubts = doubtful_motion(channel.code, channel.samples, channel.dt, channel.unit_in_file)
-        accept_or_refuse(file, accept, doubts)
+        accept_or_refuse(file, accept, doubtful_motion(channel, channel.data))
     place = make_folder(Path(folder))
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
     for group in groups:
-        code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
-        target = place / f"{record_name(file)}{code}{SUFFIXES[form]}"
+        code = _plain(channel_code(group[0])) or len(written) + 1
+        middle = "" if len(groups) == 1 else f".{code}"
+        target = place / f"{record_name(file)}{middle}{SUFFIXES[form]}"
         if os.path.realpath(target) == os.path.realpath(file) or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if rows.get(target.stem, {}).get("source", file.name) != file.name:
             elsewhere = "the index there has it from elsewhere"
             raise InputError(f"{target}: {elsewhere}; name another folder")
         with replacing(target) as part:
-            _WRITERS[form](part, group, unit, file)
+            if form == "mseed":
+                _write_miniseed(part, group, unit)
+            else:
+                lines = (_at2 if form == "at2" else _columns)(group[0], unit, file)
+                part.write_text("\n".join(lines) + "\n", encoding="ascii")
         written.append(target)
-        if not all(channel.vertical for channel in group):
+        if not all(map(is_vertical, group)):
             rows[target.stem] = _row(target, group, unit, file) | {"accept": " ".join(accept)}
     write_index(place, rows.values())
     return written
 
 
-def _row(target: Path, group: Sequence[Channel], unit: str, source: Path) -> dict[str, Any]:
-    first = group[0]
+def _row(target: Path, group: Sequence[Trace], unit: str, source: Path) -> dict[str, Any]:
+    first = group[0].stats
     return {
         "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-        "event": _facts(first)["event"],
+        "event": _facts(group[0])["event"],
         **{key: first.record[key] for key in _HEADER if key in first.record},
-        "dt_s": first.dt, "unit": unit, "channels": " ".join(channel.code for channel in group),
+        "dt_s": float(first.delta), "unit": unit,
+        "channels": " ".join(map(channel_code, group)),
         "source": source.name, "source_sha256": sha256_of(source),
-        "steps": " ".join(first.log),
+        "steps": " ".join(first.record.log),
     }  # fmt: skip
 
 
-def _write_miniseed(part: Path, group: Sequence[Channel], unit: str, _: Path) -> None:
+def _write_miniseed(part: Path, group: Sequence[Trace], unit: str) -> None:
     factor, stream = unit_factor(unit, str(part)), Stream()
     names = ("network", "station", "location", "channel")
     for codes, channel in zip(_seed_codes(group), group, strict=True):
-        data = np.ascontiguousarray(channel.samples / factor, dtype=np.float64)
-        timing = {"delta": channel.dt, "starttime": channel.start}
+        data = np.ascontiguousarray(channel.data / factor, dtype=np.float64)
+        timing = {key: channel.stats[key] for key in ("delta", "starttime")}
         stream.append(Trace(data, {**dict(zip(names, codes)), **timing}))
     stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
 
 
-def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
+def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
     """Network, station, location and channel of each: its own if SEED can hold them, or new."""
     own = []
     for channel in group:
-        stats = channel.trace.stats
+        stats = channel.stats
         names = (_plain(stats.network)[:2] or "XX", _plain(stats.station)[:5])
-        own.append((*names, str(stats.location).strip(), channel.code))
+        own.append((*names, str(stats.location).strip(), channel_code(channel)))
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{o[2]}:{o[3]}") for o in own)
     if held and len(set(own)) == len(own):
         return own
-    horizontals = {channel.group: 0 for channel in group}
+    horizontals = {instrument(channel): 0 for channel in group}
     instruments, codes = list(horizontals), []
     for (network, station, _, _), channel in zip(own, group, strict=True):
-        place = f"{instruments.index(channel.group):02d}" if len(instruments) > 1 else ""
-        horizontals[channel.group] += not channel.vertical
-        code = "HNZ" if channel.vertical else f"HN{horizontals[channel.group]}"
-        codes.append((network, station, place, code))
+        its, vertical = instrument(channel), is_vertical(channel)
+        place = f"{instruments.index(its):02d}" if len(instruments) > 1 else ""
+        horizontals[its] += not vertical
+        codes.append((network, station, place, "HNZ" if vertical else f"HN{horizontals[its]}"))
     if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
         raise InputError(
             f"miniSEED has no codes for these {len(group)} channels; convert to at2 or text"
@@ -157,44 +129,39 @@ def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
     return codes
 
 
-def _write_at2(part: Path, group: Sequence[Channel], unit: str, source: Path) -> None:
-    channel, facts = group[0], _facts(group[0])
-    values = channel.samples / unit_factor(unit, str(part))
+def _at2(channel: Trace, unit: str, source: Path) -> list[str]:
+    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
     date = _ISO.sub(r"\2/\3/\1", facts["date"], count=1)
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
-    names = [word.replace(",", " ") for word in (*words, channel.code) if word]
+    names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
     header = [
-        f"{_made(source)}; {' '.join(channel.log)}",
+        f"{_made(source)}; {' '.join(channel.stats.record.log)}",
         ", ".join(names),
         f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
-        f"NPTS= {values.size:6d}, DT= {channel.dt!r} SEC",
+        f"NPTS= {values.size:6d}, DT= {float(channel.stats.delta)!r} SEC",
     ]
     starts = range(0, values.size, _AT2_COLUMNS)
     rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
-    part.write_text("\n".join((*map(_line, header), *rows)) + "\n", encoding="ascii")
+    return [*map(_line, header), *rows]
 
 
-def _write_columns(part: Path, group: Sequence[Channel], unit: str, source: Path) -> None:
-    channel, facts = group[0], _facts(group[0])
-    values = channel.samples / unit_factor(unit, str(part))
+def _columns(channel: Trace, unit: str, source: Path) -> list[str]:
+    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
+    dt = float(channel.stats.delta)
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         _made(source),
         *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
-        f"component: {channel.code}; dt = {channel.dt!r} s; {values.size} samples",
-        *(f"step: {step}" for step in channel.log),
+        f"component: {channel_code(channel)}; dt = {dt!r} s; {values.size} samples",
+        *(f"step: {step}" for step in channel.stats.record.log),
     ]
-    lines = (f"# {_line(text)}" for text in header)
-    time = np.arange(values.size) * channel.dt
+    time = np.arange(values.size) * dt
     rows = (f"{t:.10g} {v!r}" for t, v in zip(time.tolist(), values.tolist(), strict=True))
-    part.write_text("\n".join((*lines, *rows)) + "\n", encoding="ascii")
+    return [*(f"# {_line(text)}" for text in header), *rows]
 
 
-_WRITERS = {"mseed": _write_miniseed, "at2": _write_at2, "text": _write_columns}
-
-
-def _facts(channel: Channel) -> dict[str, str]:
-    stats, record = channel.trace.stats, channel.record
+def _facts(channel: Trace) -> dict[str, str]:
+    stats, record = channel.stats, channel.stats.record
     date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
     found = {"event": record.get("event", ""), "date": date,
              "station": record.get("station") or stats.station}  # fmt: skip

@@ -20,11 +20,10 @@ PERIODS = (
     4.0, 5.0, 7.5, 10.0,
 )  # fmt: skip
 # Column, measure, and what a value in its unit is in SI.
-_MEASURES = (
-    ("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01),
+_PEAKS = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01))
+_INTEGRALS = (
     ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
-    ("D5_75_s", "D5_75", 1.0), ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
-    ("ASI_gs", "ASI", STANDARD_GRAVITY),
+    ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
 )  # fmt: skip
 _FACTS = {
     "file": ("file",), "event": ("event",), "station": ("station",),
@@ -35,51 +34,21 @@ _NUMBERS = ("magnitude", "distance_km", "vs30_mps")
 _TEXTS = ("record", "file", "event", "station", "component")
 
 
-def period_column(period: float) -> str:
-    """Column of Sa at a period [s], in g: ``T0.100S``."""
-    return f"T{period:.3f}S"
-
-
 def measure_records(
     motions: Iterable[Motion], periods: Sequence[float] = PERIODS
 ) -> "pd.DataFrame":
-    """Measure records, one row each.
+    """Measure records, one row each, taken one after the other.
 
-    Parameters
-    ----------
-    motions : iterable of Motion
-        Taken one after the other, so that not all need to be in memory.
-    periods : sequence of float [s]
-        Of Sa, 5 % damping; each with no more than three decimals.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
-        ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
-        ``T0.100S`` and so on [g], ``arias_mps``, ``CAV_mps``, ``CAVstd_mps``, ``D5_75_s``,
-        ``D5_95_s``, ``HI_cm``, ``ASI_gs`` and ``pulse``; where a motion has both horizontal
-        components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known of a
-        record is missing.
-
-    Raises
-    ------
-    InputError
-        If two periods would have the same column.
-
-    Examples
-    --------
-    >>> import numpy as np, archfrag as af
-    >>> from archfrag.motions.flatfile import measure_records
-    >>> motion = af.Motion(9.80665 * np.sin(np.arange(0.0, 20.0, 0.01)), 0.01, id="sine")
-    >>> table = measure_records([motion], periods=[0.5])
-    >>> float(table["PGA_g"][0].round(3)), "T0.500S" in table
-    (1.0, True)
+    Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
+    ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
+    ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s``, ``HI_cm`` and ``pulse``; where a motion has both
+    horizontal components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known
+    of a record is missing. InputError if two periods would have the same column.
     """
     import pandas as pd
 
-    columns = [period_column(period) for period in periods]
-    if len(set(columns)) < len(columns):
+    if len({f"{period:.3f}" for period in periods}) < len(periods):
         raise InputError(
             f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
             "its columns by them"
@@ -88,23 +57,14 @@ def measure_records(
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
-    """Write a table of `measure_records` as CSV, to six digits, complete or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a table of `measure_records` as CSV, to six digits, complete or not at all."""
     write_csv(Path(path), [table], float_format="%.6g")
 
 
 def read_flatfile(path: str | Path) -> "pd.DataFrame":
     """Read a flatfile; columns that are not ours are kept.
 
-    Raises
-    ------
-    InputError
-        If it is missing, no CSV with a column ``record``, or a column of numbers holds text.
+    InputError if it is missing, no CSV with a column ``record``, or holds text for numbers.
     """
     import pandas as pd
 
@@ -125,14 +85,13 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
 
 
 def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
-    wanted = list(_MEASURES)
-    spectrum = [(period_column(t), f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    wanted[3:3] = spectrum
+    spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
+    wanted = [*_PEAKS, *spectrum, *_INTEGRALS]
     if motion.across is not None:
         wanted += [
             (f"{kind}_{column}", f"{kind}({name})", unit)
             for kind in ("RotD50", "RotD100")
-            for column, name, unit in (*_MEASURES[:2], *spectrum)
+            for column, name, unit in (*_PEAKS[:2], *spectrum)
         ]
     values = measure_all(motion, [name for _, name, _ in wanted])
     row: dict[str, Any] = {"record": motion.id}
@@ -148,7 +107,7 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with numbers, texts and truth values as such, whatever is missing."""
     import pandas as pd
 
-    from archfrag.motions.selection.candidates import TRUTH
+    from archfrag.motions.selection.select import TRUTH
 
     if "pulse" in table:
         words = table["pulse"].map(lambda word: TRUTH.get(str(word).lower()))

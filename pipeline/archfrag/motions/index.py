@@ -1,7 +1,6 @@
 """The table of records that lie beside each other: ``index.csv``, one row for each file."""
 
 import csv
-import hashlib
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,7 +27,6 @@ COLUMNS = (
 LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
 _BEYOND: Any = None  # key of cells without a column
 _NEEDED = ("id", "file", "unit")
-_FILLED = ("id", "file")
 _NUMBERS = {
     **dict.fromkeys(("Mw", "distance_km", "Vs30_mps", "dt_s"), float),
     **dict.fromkeys(("seed", "event_seed", "site_seed"), int),
@@ -45,23 +43,10 @@ def goes_with_records(path: Path) -> bool:
 class IndexEntry:
     """One row of an index.
 
-    Attributes
-    ----------
-    id : str
-    path : Path
-        The record; the ``file`` of a row is relative to the folder of the index.
-    unit : str
-        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``; empty where the file
-        or its StationXML states it.
-    sha256 : str
-        Of the file, or of its first bytes in hexadecimal; empty if not given.
-    metadata : dict
-        The other columns: ``Mw``, ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None,
-        ``seed``, ``event_seed`` and ``site_seed`` as int or None, others as text.
-    accept : tuple of str
-        What to let pass in this record, see `archfrag.motions.read.read_motion`.
-    columns : archfrag.Columns, optional
-        Where the numbers of a plain text are.
+    `path` is the record; `unit` is empty where the file or its StationXML states it; `sha256` is
+    that of the file, or its first digits; `metadata` are the other columns (``Mw``,
+    ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None, seeds as int or None, others as
+    text); `accept` and `columns` are as in `archfrag.motions.read.read_motion`.
     """
 
     id: str
@@ -81,11 +66,8 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     state what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
     called ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
 
-    Raises
-    ------
-    RecordError
-        If the file is missing, a needed column or value is, two rows have the same id, a number
-        is none, or a unit or a word of ``accept`` or ``columns`` is unknown.
+    RecordError if the file, a needed column or a value is missing, two rows have the same id, or a
+    number, unit or word is not one.
     """
     source = Path(path)
     if source.is_dir():
@@ -107,17 +89,16 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     """Names of the columns and rows of a table in CSV."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
     reader = csv.DictReader(io.StringIO(text, newline=""), restkey=_BEYOND, restval="")
-    rows = []
+    names, rows = reader.fieldnames or (), []
     try:
         for line, row in enumerate(reader, start=2):
             if any(map(str.strip, row.pop(_BEYOND, ()))):
-                columns = len(reader.fieldnames or ())
-                more = f"has more cells than the {columns} columns of the first line"
+                more = f"has more cells than the {len(names)} columns of the first line"
                 raise RecordError(f"{source}, line {line}: {more}")
             rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
     except csv.Error as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
-    return reader.fieldnames or (), rows
+    return names, rows
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
@@ -148,10 +129,7 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
     """Rows of the index of a folder as they stand in it, by their id; none if there is no index.
 
-    Raises
-    ------
-    RecordError
-        If there is one that cannot be used.
+    RecordError if there is one that cannot be used.
     """
     path = Path(folder) / INDEX_NAME
     if not path.exists():
@@ -164,16 +142,10 @@ def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
     import pandas as pd
 
-    table = list(rows)
-    path = Path(folder) / INDEX_NAME
+    table, path = list(rows), Path(folder) / INDEX_NAME
     columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
     write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])
     return path
-
-
-def sha256(content: bytes) -> str:
-    """SHA-256 of a content in hexadecimal."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def check_sha256(entry: IndexEntry) -> None:
@@ -194,7 +166,7 @@ def check_sha256(entry: IndexEntry) -> None:
 
 def _entry(values: dict[str, str], source: Path, line: int) -> IndexEntry:
     place = f"{source}, line {line}"
-    for column in _FILLED:
+    for column in ("id", "file"):
         if not values[column]:
             raise RecordError(f"{place}: {column} is empty")
     name = values["id"]
@@ -208,29 +180,21 @@ def _entry(values: dict[str, str], source: Path, line: int) -> IndexEntry:
     metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
     for column, kind in _NUMBERS.items():
         if column in values:
-            metadata[column] = _number(values[column], kind, f"{place}: {column}")
+            shown = f"{place}: {column} = {values[column]!r}"
+            try:
+                metadata[column] = kind(values[column]) if values[column] else None
+            except ValueError:
+                raise RecordError(f"{shown} is not a number") from None
+            if not np.isfinite(metadata[column] or 0.0):
+                raise RecordError(f"{shown} is not a finite number")
     columns = None
     if values.get("columns"):
-        from archfrag.motions.formats.columns import parse_columns
+        from archfrag.motions.formats.columns import parse_columns  # imports obspy
 
         try:
             columns = parse_columns(values["columns"])
         except InputError as error:
             raise RecordError(f"{place}: {error}") from None
-    return IndexEntry(
-        id=values["id"], path=source.parent / values["file"], unit=values["unit"],
-        sha256=values.get("sha256", ""), metadata=metadata, columns=columns,
-        accept=accepted_words(values.get("accept", "").split(), place),
-    )  # fmt: skip
-
-
-def _number(text: str, kind: type, place: str) -> float | int | None:
-    if not text:
-        return None
-    try:
-        value = kind(text)
-    except ValueError:
-        raise RecordError(f"{place} = {text!r} is not a number") from None
-    if not np.isfinite(value):
-        raise RecordError(f"{place} = {text!r} is not a finite number")
-    return value
+    accept = accepted_words(values.get("accept", ""), place)
+    path, digest = source.parent / values["file"], values.get("sha256", "")
+    return IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)

@@ -1,45 +1,15 @@
 """What a record file holds, channel by channel, with all that is wrong with it."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from obspy import Inventory
+from obspy import Inventory, Trace
 
-from archfrag.motions import channels
+from archfrag.motions.channels import Reading, examine
 from archfrag.motions.formats.columns import Columns
+from archfrag.motions.motion import Motion
+from archfrag.motions.partners import channel_code, is_vertical
 from archfrag.motions.plausible import doubtful_motion
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One channel of a file; without `samples` [m/s2] where its unit is unknown."""
-
-    code: str  # of the component as the file names it
-    station: str
-    start: str  # time of the first sample (UTC) in ISO 8601; empty if the file does not state it
-    dt: float  # [s]
-    announced: int  # samples by the header
-    count: int  # samples in the file
-    unit: str  # in the file: of acceleration, ``counts``, or empty if nothing states it
-    level: str  # ``raw``, ``processed`` or empty: what kind of volume it is by its header
-    vertical: bool
-    samples: NDArray[np.float64] | None
-    faults: tuple[str, ...]  # what is wrong or doubtful
-
-
-@dataclass(frozen=True, eq=False)
-class Inspection:
-    """A file: its format, what its header states of the event, its channels and its faults."""
-
-    path: Path
-    format: str
-    event: str
-    date: str
-    magnitude: float | None
-    channels: tuple[Channel, ...]
-    faults: tuple[str, ...]
 
 
 def inspect_record(
@@ -48,62 +18,52 @@ def inspect_record(
     *,
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
-) -> Inspection:
+) -> dict[str, Any]:
     """What is in a record file and what is wrong with it; only an unreadable one is refused.
 
-    Parameters
-    ----------
-    path : path
-    unit : str, optional
-        Of the samples, where the file does not state it.
-    inventory : path or obspy.Inventory, optional
-        StationXML of a record in counts.
-    columns : Columns, optional
-        Where the numbers of a plain text are.
+    `unit`, `inventory` and `columns` are as in `archfrag.motions.read.read_motion`.
 
     Returns
     -------
-    Inspection
+    dict
+        ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` of the file, and
+        ``channels``, for each: ``code`` of the component, ``station``, ``start`` of the first
+        sample (UTC, empty if unknown), ``dt`` [s], ``announced`` and held samples (``count``),
+        ``unit`` in the file (empty if nothing states it), ``level`` (``raw``, ``processed`` or
+        empty), ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``, a
+        Motion; the last two are None where the unit is unknown.
 
     Raises
     ------
     RecordError
         If the file is missing, in no format that is read, or damaged.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from archfrag.motions.inspection import inspect_record
-    >>> lines = ["PEER", "Event, 1/1/1999, Station, 90", "ACCELERATION IN UNITS OF G"]
-    >>> lines += ["NPTS=  5, DT=  .0100 SEC", " .1E+00 -.2E+00 .1E+00 .0E+00"]
-    >>> _ = Path("short.AT2").write_text("\\n".join(lines) + "\\n")
-    >>> inspect_record("short.AT2").channels[0].faults
-    ('the header announces 5 samples of channel 90, the file holds only 4',)
     """
-    found = channels.examine(Path(path), channels.Options(unit, inventory, (), columns))
-    record = found.channels[0].record
-    messages = () if found.format == "COLUMNS" else found.messages
-    return Inspection(
-        Path(path), found.format, str(record.get("event", "")), str(record.get("date", "")),
-        record.get("magnitude"), tuple(map(_channel, found.channels)),
-        (*messages, *found.unequal, *filter(None, (found.gap,))),
-    )  # fmt: skip
+    traces, unequal, gap = examine(Path(path), Reading(unit, inventory, (), columns))
+    stats = traces[0].stats
+    record = stats.record
+    return {
+        "file": str(path), "format": stats._format,
+        **{key: str(record.get(key, "")) for key in ("event", "date")},
+        "magnitude": record.get("magnitude"), "channels": list(map(_channel, traces)),
+        "faults": [*record.messages, *unequal, *filter(None, (gap,))],
+    }  # fmt: skip
 
 
-def _channel(found: channels.Channel) -> Channel:
-    stats, unit = found.trace.stats, found.unit_in_file
-    known = found.samples.size > 0
-    faults = [*(text for _, text in found.doubts), *found.faults]
-    if known:
-        doubts = doubtful_motion(found.code, found.samples, found.dt, unit)
-        faults += [text for _, text in doubts]
+def _channel(trace: Trace) -> dict[str, Any]:
+    stats, record = trace.stats, trace.stats.record
+    unit, dt = record.unit_in_file, float(stats.delta)
+    faults = [*(text for _, text in record.doubts), *record.faults]
+    motion = None
+    if unit:
+        faults += [text for _, text in doubtful_motion(trace, trace.data)]
+        motion = Motion(trace.data, dt) if record.held > 1 else None
     names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-    return Channel(
-        code=found.code,
-        station=str(found.record.get("station") or ".".join(names)),
-        start=str(found.start) if found.start.timestamp != 0.0 else "",
-        dt=found.dt, announced=found.announced, count=found.held, unit=unit,
-        level=str(found.record.get("level") or ("raw" if unit == "counts" else "")),
-        vertical=found.vertical, samples=found.samples if known else None,
-        faults=tuple(dict.fromkeys(faults)),
-    )  # fmt: skip
+    return {
+        "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
+        "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
+        "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
+        "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
+        "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+        "duration": (record.held - 1) * dt,
+        "PGA": float(abs(trace.data).max()) if unit else None, "motion": motion,
+    }  # fmt: skip

@@ -9,7 +9,6 @@ from archfrag.motions.units import STANDARD_GRAVITY
 _PART = 2**16  # samples at a time
 STANDARD_WINDOW = 1.0  # [s] of the standardised cumulative absolute velocity
 STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # [m/s2]
-FIV3_WINDOW, FIV3_CORNER = 0.7, 0.85  # of a period, over a frequency
 _Samples = NDArray[np.float64]
 
 
@@ -50,13 +49,13 @@ def arias_times(motion: Motion, fractions: tuple[float, ...]) -> tuple[float, ..
     return tuple(float(np.interp(part * husid[-1], husid, motion.time)) for part in fractions)
 
 
-def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
-    """Time in which the Arias intensity grows from one fraction of its total to another [s].
+def significant_duration(motion: Motion) -> float:
+    """Time in which the Arias intensity grows from 5 to 95 % of its total [s].
 
-    Trifunac and Brady (1975), BSSA 65(3), with 5 and 95 %; linear between samples. A record
-    without motion has no duration: 0.
+    Trifunac and Brady (1975), BSSA 65(3); linear between samples. A record without motion has no
+    duration: 0.
     """
-    begin, finish = arias_times(motion._replaced(across=None), (start, end))
+    begin, finish = arias_times(motion._replaced(across=None), (0.05, 0.95))
     return finish - begin
 
 
@@ -83,32 +82,6 @@ def cav_standardised(motion: Motion) -> float:
         if _largest(window) >= STANDARD_LEVEL:
             total += float(_absolute(window, dt).sum())
     return total
-
-
-def fiv3(motion: Motion, period: float) -> float:
-    """Filtered incremental velocity of a period [s], in m/s.
-
-    The acceleration is low-passed (Butterworth of order 2, corner 0.85 / period, causal) and
-    integrated over windows of 0.7 period that begin at each sample; the measure is the larger of
-    the sum of the three highest maxima and that of the three lowest minima. Dávalos and Miranda
-    (2019), EESD 48(12).
-    """
-    from scipy.signal import butter, find_peaks, sosfilt
-
-    record, dt = motion.acceleration, motion.dt
-    corner = FIV3_CORNER / period
-    if corner < 0.5 / dt:
-        record = sosfilt(butter(2, corner, fs=1.0 / dt, output="sos"), record)
-    count = max(1, int(FIV3_WINDOW * period / dt + 1e-9))
-    velocity = integral(record, dt)
-    gained = velocity[count:] - velocity[:-count]
-    if gained.size < 3:
-        return 0.0
-    sums = [0.0]
-    for sense in (1.0, -1.0):
-        peaks = np.sort(sense * gained[find_peaks(sense * gained)[0]])[-3:]
-        sums.append(float(peaks[peaks > 0.0].sum()))
-    return max(sums)
 
 
 def _husid(motion: Motion, both: bool = False) -> _Samples:

@@ -1,11 +1,12 @@
 """One ground motion: what the ground does to the springings of an arch."""
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 
@@ -54,58 +55,43 @@ class Motion:
     log: tuple[str, ...] = ()
     across: NDArray[np.float64] | None = None
 
-    def __init__(
-        self,
-        acceleration: ArrayLike,
-        dt: float,
-        vertical: ArrayLike | None = None,
-        id: str = "",
-        metadata: Mapping[str, Any] | None = None,
-        log: tuple[str, ...] = (),
-        across: ArrayLike | None = None,
-    ) -> None:
-        given = (acceleration, vertical, across)
+    def __post_init__(self) -> None:
         try:
-            copies = [None if a is None else np.array(a, dtype=np.float64) for a in given]
+            for key, samples in self.components.items():
+                if samples is not None:
+                    object.__setattr__(self, key, np.array(samples, dtype=np.float64))
         except (TypeError, ValueError):
-            raise RecordError(f"{id or 'motion'}: acceleration must be a row of numbers") from None
-        self._take(copies[0], dt, copies[1], id, metadata, log, copies[2])
+            name = self.id or "motion"
+            raise RecordError(f"{name}: acceleration must be a row of numbers") from None
+        object.__setattr__(self, "metadata", dict(self.metadata or {}))
+        object.__setattr__(self, "log", tuple(self.log))
+        self._check()
 
-    def _take(
-        self, acceleration: Any, dt: float, vertical: Any = None, id: str = "",
-        metadata: Mapping[str, Any] | None = None, log: tuple[str, ...] = (), across: Any = None,
-    ) -> None:  # fmt: skip
-        """Set all fields; components are taken as they are, without a copy."""
-        name, size = id or "motion", np.size(acceleration)
+    def _check(self) -> None:
+        """Refuse a time step or components that no motion can have."""
+        name = self.id or "motion"
         try:
-            step = float(dt)
+            step = float(self.dt)
         except (TypeError, ValueError):
             step = np.nan
         if not (np.isfinite(step) and step > 0.0):
             needed = "must be a positive number of seconds"
-            raise RecordError(f"{name}: time step dt = {dt} s {needed}")
+            raise RecordError(f"{name}: time step dt = {self.dt} s {needed}")
+        object.__setattr__(self, "dt", step)
         words = ("acceleration", "vertical", "other horizontal component")
-        for word, samples in zip(words, (acceleration, vertical, across)):
+        for word, samples in zip(words, self.components.values()):
             if samples is not None:
-                _check_samples(samples, name, word, size)
-        fields = (acceleration, step, vertical, id, dict(metadata or {}), tuple(log), across)
-        for key, value in zip(self.__dataclass_fields__, fields, strict=True):
-            object.__setattr__(self, key, value)
+                _check_samples(samples, name, word, np.size(self.acceleration))
 
     def _replaced(self, **changes: Any) -> "Motion":
         """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
 
         Arrays must be of float64 and are not to be changed afterwards.
         """
-        return Motion._owning(
-            **({key: getattr(self, key) for key in self.__dataclass_fields__} | changes)
-        )
-
-    @classmethod
-    def _owning(cls, *fields: Any, **named: Any) -> "Motion":
-        """A motion of arrays that nobody changes afterwards: no copy is made of them."""
-        motion = object.__new__(cls)
-        motion._take(*fields, **named)
+        motion = copy.copy(self)
+        for key, value in changes.items():
+            object.__setattr__(motion, key, value)
+        motion._check()
         return motion
 
     def _changed(
@@ -120,7 +106,7 @@ class Motion:
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
-        """Acceleration, vertical and across by name; None where there is none."""
+        """Acceleration, vertical and across by name; None if there is none."""
         return {key: getattr(self, key) for key in ("acceleration", "vertical", "across")}
 
     @property

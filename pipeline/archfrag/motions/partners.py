@@ -5,11 +5,15 @@ import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from archfrag.errors import RecordError
 from archfrag.motions.motion import Motion
+
+if TYPE_CHECKING:
+    from obspy import Trace
 
 VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
 HORIZONTAL = re.compile(
@@ -37,8 +41,34 @@ _COMMON = ("event", "date", "station")
 _Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
+def channel_code(trace: "Trace") -> str:
+    """Name of the component: by the header of the record, or the channel code."""
+    return str(trace.stats.get("record", {}).get("component", trace.stats.channel)).strip()
+
+
+def instrument(trace: "Trace") -> str:
+    """What channels of one instrument have in common."""
+    stats, code = trace.stats, channel_code(trace)
+    if stats._format == "KNET":
+        return f"{stats.station}.{code[2:]}"
+    family = code[:-1] if len(code) == 3 and code.isalnum() and not code.isdigit() else ""
+    return f"{stats.network}.{stats.station}.{stats.location}.{family}"
+
+
+def is_vertical(trace: "Trace") -> bool:
+    """Whether a channel is vertical, by its header or its code."""
+    stated = trace.stats.record.get("vertical")
+    return VERTICAL.fullmatch(channel_code(trace)) is not None if stated is None else bool(stated)
+
+
+def is_horizontal(trace: "Trace") -> bool:
+    """Whether a channel is known to be horizontal, by its header or its code."""
+    stated = trace.stats.record.get("vertical")
+    return HORIZONTAL.fullmatch(channel_code(trace)) is not None if stated is None else not stated
+
+
 def quadrant(text: str) -> float | None:
-    """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is none."""
+    """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is not one."""
     found = _QUADRANT.fullmatch(text)
     if found is None:
         return None
@@ -54,16 +84,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     is no third such name: numbered files are no components. Their vertical is of the same name
     with ``UP``, ``Z`` or the like in the place of the direction.
 
-    Parameters
-    ----------
-    names : sequence of str
-
-    Returns
-    -------
-    dict
-        Name of the other horizontal component by that of each; they are mutual.
-    dict
-        Name of the vertical component by that of each horizontal one.
+    Returns the name of the other horizontal component by that of each (they are mutual), and the
+    name of the vertical one by that of each horizontal one.
 
     Examples
     --------
@@ -85,7 +107,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}
     for (before, after), members in frames.items():
-        paired = len(members) == 2 and _at_right_angles(*members)
+        paired = len(members) == 2 and members[0][1] == members[1][1]
+        paired = paired and (members[0][2] - members[1][2]) % 180.0 == 90.0
         for (one, *_), (other, *_) in (members, members[::-1]) if paired else ():
             pairs.setdefault(one, set()).add(other)
         upward = [known[n] for up in _UPWARD if (n := f"{before}{up}{after}") in known]
@@ -104,10 +127,6 @@ def _direction(code: str) -> tuple[int, float] | None:
     return None if azimuth is None or azimuth > 360.0 else (0, azimuth)
 
 
-def _at_right_angles(one: _Direction, other: _Direction) -> bool:
-    return one[1] == other[1] and (one[2] - other[2]) % 180.0 == 90.0
-
-
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
     """Files that by their names are the vertical component of another one among them."""
     folders: dict[Path, list[str]] = {}
@@ -119,35 +138,22 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
 
 
 def with_vertical(motion: Motion, upward: Motion) -> Motion:
-    """A motion with its vertical component from another file, cut to the time of both.
+    """Join a motion with its vertical component, cut to the time of both.
 
-    Parameters
-    ----------
-    motion, upward : Motion
-        The latter with its vertical component in the place of the horizontal one.
-
-    Raises
-    ------
-    RecordError
-        If headers state different stations or events, time steps differ, or they have no time in
-        common.
+    `upward` has that in the place of its horizontal one. RecordError if headers state different
+    stations or events, time steps differ, or they have no time in common.
     """
-    joined = _joined(motion, upward, "vertical")
-    code = upward.metadata.get("component", "")
-    labels = {"vertical_component": code, "vertical_file": upward.metadata.get("file", ""),
-              "vertical_trace": upward.metadata.get("trace", "")}  # fmt: skip
-    log = (*joined.log, *(f"Vertical {code}: {step}" for step in upward.log))
-    return joined._replaced(metadata={**joined.metadata, **labels}, log=log)
+    labels = {f"vertical_{key}": upward.metadata.get(key, "") for key in ("component", "trace")}
+    if upward.metadata.get("file") != motion.metadata.get("file"):
+        labels["vertical_file"] = upward.metadata.get("file", "")
+    return _joined(motion, upward, "vertical", labels)
 
 
 def with_across(motion: Motion, other: Motion) -> Motion:
-    """A motion with the other horizontal component; parameters and errors as `with_vertical`."""
-    joined = _joined(motion, other, "across")
-    code = other.metadata.get("component", "")
+    """Join a motion with its other horizontal component; errors are those of `with_vertical`."""
     keys = ("component", "azimuth", "trace", "file")
-    found = {f"{key}_across": other.metadata[key] for key in keys if other.metadata.get(key)}
-    log = (*joined.log, *(f"Other horizontal {code}: {step}" for step in other.log))
-    return joined._replaced(metadata={**joined.metadata, **found}, log=log)
+    labels = {f"{key}_across": other.metadata[key] for key in keys if other.metadata.get(key)}
+    return _joined(motion, other, "across", labels)
 
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
@@ -170,42 +176,45 @@ def folder_names(folder: Path) -> list[str]:
         return []
 
 
-def common_span(
-    name: str, steps: tuple[float, float], later: int, sizes: tuple[int, int]
-) -> tuple[slice, slice, int]:
-    """Samples that two rows have in common, of which the second begins that much later."""
-    if not np.isclose(*steps, rtol=1e-6, atol=0.0):
-        raise RecordError(f"{name}: time steps {steps[0]:g} s and {steps[1]:g} s must be equal")
-    first, its_first = max(0, later), max(0, -later)
-    count = min(sizes[0] - first, sizes[1] - its_first)
-    if count < 2:
-        raise RecordError(f"{name}: have no time in common")
-    return slice(first, first + count), slice(its_first, its_first + count), count
-
-
-def _joined(motion: Motion, other: Motion, key: str) -> Motion:
+def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
+    """A motion with another component, and what was found and accepted in reading that."""
     own, its = motion.metadata, other.metadata
-    its_name = its.get("file") or other.id
-    name = f"{motion.id} and {its_name}"
-    for fact in _COMMON:
+    its_name, code = its.get("file") or other.id, its.get("component", "")
+    name = f"{motion.id} and {its_name} ({code})"
+    one_file = own.get("file") == its.get("file")
+    for fact in () if one_file else _COMMON:
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
             raise RecordError(
                 f"{name}: do not belong together, {fact} is {one!r} of the one and {two!r} of "
                 "the other"
             )
+    if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
+        raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
     timed = own.get("start_time") and its.get("start_time")
     later = round((_start(other) - _start(motion)) / motion.dt) if timed else 0
     sizes = motion.acceleration.size, other.acceleration.size
-    kept, its_kept, count = common_span(name, (motion.dt, other.dt), later, sizes)
-    log = motion.log
+    first, its_first = max(0, later), max(0, -later)
+    count = min(sizes[0] - first, sizes[1] - its_first)
+    if count < 2:
+        raise RecordError(f"{name}: have no time in common")
+    word = "Vertical" if key == "vertical" else "Other horizontal"
+    passed = its.get("accepted", ())
+    its_log = other.log[1:] if one_file else other.log
+    steps = (step if step in passed else f"{word} {code}: {step}" for step in its_log)
+    log = (*motion.log, *steps)
     if count < max(sizes):
-        log = (*log, f"Cut to the {count} samples in common with {its_name}.")
+        log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
     arrays = {
-        part: samples if samples is None else samples[kept]
+        part: samples if samples is None else samples[first : first + count]
         for part, samples in motion.components.items()
     }
-    return motion._replaced(**(arrays | {key: other.acceleration[its_kept]}), log=log)
+    arrays[key] = other.acceleration[its_first : its_first + count]
+    metadata = {**own, **labels}
+    for found in ("faults", "accepted"):
+        if both := [*own.get(found, ()), *its.get(found, ())]:
+            metadata[found] = list(dict.fromkeys(both))
+    return motion._replaced(**arrays, metadata=metadata, log=log)
 
 
 def _start(motion: Motion) -> float:

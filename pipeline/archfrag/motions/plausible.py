@@ -3,13 +3,17 @@
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
+from archfrag.motions.partners import channel_code
 from archfrag.motions.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from obspy import Trace
 
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
@@ -19,8 +23,8 @@ LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
 Doubt = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 
-def check_name(path: Path) -> None:
-    """Raise RecordError for a file whose name no result could hold: one that is not UTF-8."""
+def record_size(path: Path) -> int:
+    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -29,11 +33,6 @@ def check_name(path: Path) -> None:
             f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
             "made of its name"
         ) from None
-
-
-def record_size(path: Path) -> int:
-    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
-    check_name(path)
     for right, what in (
         (path.exists(), "there is no such file"),
         (not path.is_dir(), "this is a folder; a record is one file"),
@@ -50,27 +49,28 @@ def record_size(path: Path) -> int:
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
-    """The words of an `accept`, in the order of ``ACCEPTABLE``."""
-    given = [words] if isinstance(words, str) else list(words)
+    """The words of an `accept`, commas or blanks between, in the order of ``ACCEPTABLE``."""
+    listed = [words] if isinstance(words, str) else words
+    given = [word for text in listed for word in text.replace(",", " ").split()]
     for word in given:
         if word not in ACCEPTABLE:
             raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
     return tuple(word for word in ACCEPTABLE if word in given)
 
 
-def doubtful_motion(
-    channel: str, acceleration: NDArray[np.float64], dt: float, unit: str
-) -> Iterator[Doubt]:
-    """What is implausible about a component, in m/s2 now and in `unit` in its file."""
+def doubtful_motion(channel: "Trace", acceleration: NDArray[np.float64]) -> Iterator[Doubt]:
+    """What is implausible about a channel and its samples, or some of them, in m/s2."""
+    code, dt = channel_code(channel), float(channel.stats.delta)
     low, high = TIME_STEP_RANGE
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
-        text = f"time step of channel {channel} is {dt:g} s, outside {low:g} to {high:g} s"
+        text = f"time step of channel {code} is {dt:g} s, outside {low:g} to {high:g} s"
         yield "time_step", text
     low, high = PGA_RANGE
     peak = float(np.abs(acceleration).max()) / STANDARD_GRAVITY
     if not low <= peak <= high:
-        text = f"peak of channel {channel} is {peak:.4g} g by its unit {unit}"
+        unit = channel.stats.record.unit_in_file
+        text = f"peak of channel {code} is {peak:.4g} g by its unit {unit}"
         yield "pga", f"{text}, outside {low:g} to {high:g} g"
 
 

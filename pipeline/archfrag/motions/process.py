@@ -1,31 +1,32 @@
 """What may be done to a motion before it is used; each step writes a line in its log.
 
-A step does the same to all components of a motion. None changes the motion that it is given.
-What its settings may be is in `archfrag.study.processing`; what depends on the motion, too, is
-checked here.
+A step does the same to all components of a motion and does not change the motion that it is
+given. What its settings may be is in `archfrag.study.file.processing`; what depends on the motion,
+too, is checked here.
 """
 
 import itertools
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, RecordError
 from archfrag.motions.integrals import arias_times, integral
 from archfrag.motions.motion import Motion
+from archfrag.motions.partners import AZIMUTHS, quadrant
 from archfrag.motions.units import STANDARD_GRAVITY
 
 Samples = NDArray[np.float64]
 _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
+_LEAST_SINE = 0.5  # of the angle between two components that a plane can be made of
 
 
 def demean(motion: Motion) -> Motion:
-    """Subtract from each component its mean over all samples.
-
-    Raw records of digital instruments have an offset that can exceed the motion.
-    """
+    """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
     rows = (samples for samples in motion.components.values() if samples is not None)
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
     return motion._changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
@@ -33,37 +34,27 @@ def demean(motion: Motion) -> Motion:
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-    return motion._changed(lambda a: _without(a, _fitted(a, (0, 1))), "Linear trend removed.")
+    return motion._changed(lambda a: a - _fitted(a, (0, 1))(_unit(a)), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
     """Subtract the derivative of the polynomial that fits the velocity best (least squares).
 
-    The polynomial is zero at the first sample, where the record is at rest. Order 2 is that of
-    Graizer (1979); see Boore (2001), BSSA 91(5).
-
-    Parameters
-    ----------
-    order : int
-        Of the polynomial, from 1 to 5.
+    The polynomial, of an `order` from 1 to 5, is zero at the first sample, where the record is at
+    rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
 
     def corrected(a: Samples) -> Samples:
         velocity = _fitted(integral(a, 1.0), range(1, order + 1))
-        return _without(a, velocity.deriv() / (a.size - 1))
+        return a - (velocity.deriv() / (a.size - 1))(_unit(a))
 
     return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
-    """Bring the ends to zero by half a cosine wave.
+    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record.
 
-    Parameters
-    ----------
-    fraction : float
-        Of the record at each end, above 0 and at most 0.5.
-    side : str
-        ``both``, ``left`` or ``right``.
+    `side` is ``both``, ``left`` or ``right``.
     """
     count = max(1, int(fraction * motion.acceleration.size))
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
@@ -88,20 +79,9 @@ def bandpass(
 ) -> Motion:
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
-    Parameters
-    ----------
-    lowest, highest : float or None [Hz]
-        Corners; without the one it is a low-pass, without the other a high-pass. Two passes
-        together halve the amplitude there, one leaves 0.71 of it.
-    order : int
-        Order of one pass, from 1 to 10.
-    causal : bool
-        Forwards only.
-
-    Raises
-    ------
-    InputError
-        Unless 0 < lowest < highest < 1 / (2 dt).
+    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Two
+    passes together halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is
+    that of one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
@@ -129,10 +109,7 @@ def bandpass(
 def cut(motion: Motion, start: float, end: float) -> Motion:
     """Keep the samples from `start` to `end` [s], both counted from the first sample.
 
-    Raises
-    ------
-    InputError
-        Unless 0 <= start < end and two samples remain.
+    InputError unless 0 <= start < end and two samples remain.
     """
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
@@ -153,23 +130,14 @@ def trim_by_arias(
     The intensity is that of both horizontal components together where there are two.
     """
     first, last = arias_times(motion, (start, end))
-    return _around(motion, first, last, margin)
+    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
 
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
-    """Keep from the first to the last time that `threshold` [m/s2] is reached, and a margin.
+    """Keep from the first to the last time that a horizontal component reaches a threshold.
 
-    Parameters
-    ----------
-    threshold : float [m/s2]
-        Of any horizontal component.
-    margin : float [s]
-        Kept before and after.
-
-    Raises
-    ------
-    InputError
-        If none does, or fewer than two samples remain.
+    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it,
+    or fewer than two samples remain.
     """
     reached = np.abs(motion.acceleration) >= threshold
     if motion.across is not None:
@@ -179,25 +147,16 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
             f"{motion.id or 'motion'}: no sample reaches the threshold {threshold:g} m/s2 "
             f"({threshold / STANDARD_GRAVITY:.4g} g) that it is to be trimmed by"
         )
-    first, last = int(reached.argmax()), reached.size - 1 - int(reached[::-1].argmax())
-    return _around(motion, first * motion.dt, last * motion.dt, margin)
+    first, last = motion.dt * np.flatnonzero(reached)[[0, -1]]
+    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
 
 def resample(motion: Motion, dt: float) -> Motion:
-    """Give the motion another time step, band-limited: what both can hold stays as it is.
+    """Give the motion another time step [s], band-limited: what both can hold stays as it is.
 
     A polyphase filter with a Kaiser window (scipy's `resample_poly`) of 64 zero crossings: up to
-    0.9 of the lower of both Nyquist frequencies nothing changes by more than 0.01 %.
-
-    Parameters
-    ----------
-    dt : float [s]
-        Its ratio to the motion's must be one of integers up to 1000.
-
-    Raises
-    ------
-    InputError
-        If it is not.
+    0.9 of the lower of both Nyquist frequencies nothing changes by more than 0.01 %. InputError
+    if the ratio of the steps is not one of integers up to 1000.
     """
     from scipy.signal import firwin, resample_poly
 
@@ -220,24 +179,84 @@ def resample(motion: Motion, dt: float) -> Motion:
     return changed._replaced(dt=motion.dt * down / up)
 
 
+def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
+    """Turn the motion of the ground into another vertical plane, and across it.
+
+    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
+    which the components' own azimuths must be known (``azimuth`` and ``azimuth_across`` of the
+    metadata), or by an `angle` [degrees] from the first component towards the other one, which is
+    then taken to be perpendicular. RecordError if there is one component only, an azimuth is not
+    known, or both are nearly parallel; InputError unless one of `azimuth` and `angle` is given.
+    """
+    name = motion.id or "motion"
+    if (azimuth is None) == (angle is None):
+        raise InputError("rotate: one of azimuth and angle is needed")
+    if motion.across is None:
+        raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
+    codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_across")]
+    own = [0.0, 90.0]
+    if azimuth is not None:
+        for place, (key, code) in enumerate(zip(("azimuth", "azimuth_across"), codes)):
+            given = motion.metadata.get(key)
+            value = azimuth_of_code(code) if given in (None, "") else float(given)
+            if value is None:
+                raise RecordError(
+                    f"{name}: the azimuth of component {code!r} is not known, so that it cannot "
+                    "be rotated to one; rotate by an angle from it"
+                )
+            own[place] = value
+    wanted = float(angle or 0.0) if azimuth is None else azimuth
+    one, other = np.deg2rad(own)
+    sine = np.sin(other - one)
+    if abs(sine) < _LEAST_SINE:
+        raise RecordError(
+            f"{name}: components {codes[0]} and {codes[1]} have azimuths {own[0]:g} and "
+            f"{own[1]:g} degrees, too close to each other to be rotated"
+        )
+    along = np.deg2rad(wanted)
+    # a(azimuth) = N cos + E sin holds for both components; solved for the wanted direction.
+    first, second = (
+        np.float64(np.sin(other - direction) / sine) * motion.acceleration
+        + np.float64(np.sin(direction - one) / sine) * motion.across
+        for direction in (along, along + 0.5 * np.pi)
+    )
+    labels: dict[str, str | float] = {
+        "component": f"{wanted:g}", "component_across": f"{wanted + 90.0:g}",
+    }  # fmt: skip
+    words = f"by {wanted:g} degrees from {codes[0]} towards {codes[1]}"
+    if azimuth is not None:
+        labels |= {"azimuth": wanted % 360.0, "azimuth_across": (wanted + 90.0) % 360.0}
+        words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
+    log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
+    about = {**motion.metadata, **labels}
+    return motion._replaced(acceleration=first, across=second, metadata=about, log=log)
+
+
+def azimuth_of_code(code: str) -> float | None:
+    """Azimuth [degrees] by the name of a component: ``N``, ``EW1``, ``HNE``, ``180``, ``S45E``."""
+    text = code.strip().upper().lstrip("-+")
+    if (bearing := quadrant(text)) is not None:
+        return bearing
+    if re.fullmatch(r"\d{1,3}", text):
+        return float(text) % 360.0 if len(text) > 1 else None
+    if re.fullmatch(r"[A-Z][A-Z][NE]", text):
+        text = text[-1]
+    return AZIMUTHS.get(re.sub(r"\d$", "", text))
+
+
 def velocity(motion: Motion) -> Samples:
     """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
     return integral(motion.acceleration, 1.0) * motion.dt
 
 
-def _around(motion: Motion, first: float, last: float, margin: float) -> Motion:
-    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
-
-
-def _fitted(values: Samples, powers: Sequence[int]) -> np.polynomial.Polynomial:
+def _fitted(values: Samples, powers: Sequence[int]) -> Polynomial:
     """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
     exponents = np.array(powers)
-    rows = (np.arange(values.size) / (values.size - 1)) ** exponents[:, None]
+    rows = _unit(values) ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return np.polynomial.Polynomial(coefficients)
+    return Polynomial(coefficients)
 
 
-def _without(samples: Samples, shape: np.polynomial.Polynomial) -> Samples:
-    """Samples less a polynomial over the record brought to 0 to 1."""
-    return samples - shape(np.arange(samples.size) / (samples.size - 1))
+def _unit(values: Samples) -> Samples:
+    return np.arange(values.size) / (values.size - 1)

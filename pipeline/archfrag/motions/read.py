@@ -5,16 +5,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from obspy import Inventory
+from obspy import Inventory, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channels import Channel, Options, by_direction, read_channels
+from archfrag.motions.channels import Reading, by_direction, read_channels
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise
-from archfrag.motions.index import IndexEntry, check_sha256
+from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion
-from archfrag.motions.partners import common_span
+from archfrag.motions.partners import (
+    channel_code,
+    instrument,
+    is_horizontal,
+    is_vertical,
+    with_vertical,
+)  # fmt: skip
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
@@ -85,27 +91,27 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
+    options = Reading(unit, inventory, accepted_words(accept, str(path)), columns)
     return _read_one(Path(path), options, component, vertical)
 
 
 def _read_one(
-    source: Path, options: Options, component: str | None, vertical: str | Path | None = None,
+    source: Path, options: Reading, component: str | None, vertical: str | Path | None = None,
     of_several: str | None = None,
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `of_several` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, options)
-    if of_several and sum(not channel.vertical for channel in channels) > 1:
+    if of_several and sum(not is_vertical(channel) for channel in channels) > 1:
         component = of_several
     remedy = "" if component else "give `component` (--component on the command line)"
     horizontals, verticals = by_direction(channels, source, remedy)
     chosen, note = _choose(horizontals, source, component)
-    upward = next((c for c in verticals if c.group == chosen.group), None)
-    if vertical is not None:
-        upward = _vertical_from(Path(vertical), options)
     name = entry.id if entry else record_name(source)
-    motion = _motion(source, chosen, upward, name, entry, options.accept)
-    return motion._replaced(log=(motion.log[0], *note, *motion.log[1:]))
+    motion = _motion(source, chosen, name, entry, options.accept)
+    motion = motion._replaced(log=(motion.log[0], *note, *motion.log[1:]))
+    if vertical is not None:
+        return with_vertical(motion, _vertical_from(Path(vertical), options))
+    return _with_own_vertical(motion, chosen, verticals, source, options)
 
 
 def read_motions(
@@ -123,18 +129,18 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
+    options = Reading(unit, inventory, accepted_words(accept, str(path)), columns)
     channels, entry = read_channels(source, options)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     horizontals, verticals = by_direction(channels, source, remedy)
-    alone, codes = len(horizontals) == 1, [channel.code for channel in horizontals]
+    alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
-    for channel in horizontals:
-        upward = next((c for c in verticals if c.group == channel.group), None)
-        twin = f"{channel.trace.stats.location}." if codes.count(channel.code) > 1 else ""
-        id = base if alone else f"{base}:{twin}{channel.code}"
-        motions.append(_motion(source, channel, upward, id, entry, options.accept))
+    for channel, code in zip(horizontals, codes):
+        twin = f"{channel.stats.location}." if codes.count(code) > 1 else ""
+        id = base if alone else f"{base}:{twin}{code}"
+        motion = _motion(source, channel, id, entry, options.accept)
+        motions.append(_with_own_vertical(motion, channel, verticals, source, options))
     return motions
 
 
@@ -150,9 +156,8 @@ def read_vertical(
     Parameters and errors are those of `read_motion`.
     """
     source = Path(path)
-    options = Options(unit, inventory, accepted_words(accept, str(path)))
-    channel = _vertical_from(source, options)
-    return _motion(source, channel, None, record_name(source), None, options.accept)
+    options = Reading(unit, inventory, accepted_words(accept, str(path)))
+    return _vertical_from(source, options)
 
 
 def record_name(path: Path) -> str:
@@ -169,7 +174,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         If the file is missing, has changed since it was listed, or has another time step.
     """
     check_sha256(entry)
-    options = Options(entry.unit or None, None, entry.accept, entry.columns)
+    options = Reading(entry.unit or None, None, entry.accept, entry.columns)
     motion = _read_one(entry.path, options, None, of_several=entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
@@ -181,74 +186,75 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 
 def _choose(
-    horizontals: Sequence[Channel], path: Path, component: str | None
-) -> tuple[Channel, tuple[str, ...]]:
-    names = ", ".join(c.code or "(no code)" for c in horizontals)
+    horizontals: Sequence[Trace], path: Path, component: str | None
+) -> tuple[Trace, tuple[str, ...]]:
+    """The horizontal that is asked for, or the first, with a line for its log."""
+    codes = [channel_code(channel) for channel in horizontals]
+    names = ", ".join(code or "(no code)" for code in codes)
     if component is not None:
-        for match in (lambda c: c.trace.id, lambda c: c.code, lambda c: c.code[-1:]):
-            for channel in horizontals:
-                if match(channel).upper() == component.upper():
+        for match in ([h.id for h in horizontals], codes, [code[-1:] for code in codes]):
+            for channel, name in zip(horizontals, match):
+                if name.upper() == component.upper():
                     return channel, ()
         has = f"there is no horizontal component {component!r}; there is {names}"
         raise RecordError(f"{path}: {has}")
-    chosen = horizontals[0]
     if len(horizontals) > 1:
-        return chosen, (f"Horizontal {chosen.code} taken, the first of {names}.",)
-    if not chosen.horizontal:
-        return chosen, (f"Channel code {chosen.code!r} taken to be horizontal: the only one.",)
-    return chosen, ()
+        return horizontals[0], (f"Horizontal {codes[0]} taken, the first of {names}.",)
+    if not is_horizontal(horizontals[0]):
+        only = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
+        return horizontals[0], (only,)
+    return horizontals[0], ()
 
 
-def _vertical_from(path: Path, options: Options) -> Channel:
+def _with_own_vertical(
+    motion: Motion, channel: Trace, verticals: Sequence[Trace], path: Path, options: Reading
+) -> Motion:
+    """The motion with the vertical of its instrument, if the file has it."""
+    own = next((v for v in verticals if instrument(v) == instrument(channel)), None)
+    if own is None:
+        return motion
+    upward = _motion(path, own, motion.id, find_entry(path), options.accept)
+    try:
+        return with_vertical(motion, upward)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from None
+
+
+def _vertical_from(path: Path, options: Reading) -> Motion:
     channels, _ = read_channels(path, options)
-    verticals = [c for c in channels if c.vertical]
-    if len(verticals) == 1:
-        return verticals[0]
-    if len(channels) == 1 and not channels[0].horizontal:
-        return channels[0]
-    names = ", ".join(repr(c.code) for c in channels)
-    raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
+    verticals = [channel for channel in channels if is_vertical(channel)]
+    if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
+        verticals = channels
+    if len(verticals) != 1:
+        names = ", ".join(repr(channel_code(channel)) for channel in channels)
+        raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
+    return _motion(path, verticals[0], record_name(path), None, options.accept)
 
 
 def _motion(
-    path: Path, channel: Channel, upward: Channel | None, name: str, entry: IndexEntry | None,
-    accept: tuple[str, ...],
-) -> Motion:  # fmt: skip
-    stats, record = channel.trace.stats, channel.record
-    kind = " ".join(filter(None, (stats.get("_format", ""), record.get("level"))))
-    log: tuple[str, ...] = (f"Read from {path.name} ({kind}).", *channel.log)
-    horizontal, vertical = channel.samples, None
-    if upward is not None:
-        sizes = horizontal.size, upward.samples.size
-        later = round((upward.start - channel.start) / channel.dt)
-        both = f"{path}: {channel.code} and the vertical {upward.code}"
-        kept, its_kept, count = common_span(both, (channel.dt, upward.dt), later, sizes)
-        horizontal, vertical = horizontal[kept], upward.samples[its_kept]
-        log = (*log, *(f"Vertical {upward.code}: {step}" for step in upward.log))
-        if count < max(sizes):
-            log = (*log, f"Cut to the {count} samples common to {channel.code} ({sizes[0]}) and "
-                         f"{upward.code} ({sizes[1]}).")  # fmt: skip
+    path: Path, channel: Trace, name: str, entry: IndexEntry | None, accept: tuple[str, ...]
+) -> Motion:
+    """The motion of one channel."""
+    stats, record = channel.stats, channel.stats.record
     accept = (*accept, *(entry.accept if entry else ()))
-    accepted: tuple[str, ...] = ()
-    for each, samples in ((channel, horizontal), (upward, vertical)):
-        if each is not None and samples is not None:
-            doubts = doubtful_motion(each.code, samples, each.dt, each.unit_in_file)
-            accepted += each.accepted + accept_or_refuse(path, accept, doubts)
+    doubts = doubtful_motion(channel, channel.data)
+    accepted = record.accepted + accept_or_refuse(path, accept, doubts)
     metadata: dict[str, Any] = {
-        "file": path.name, "format": stats.get("_format", ""),
-        "unit_in_file": channel.unit_in_file, "event": "", "date": "", "station": stats.station,
+        "file": path.name, "format": stats._format, "unit_in_file": record.unit_in_file,
+        "event": "", "date": "", "station": stats.station,
         **{key: record[key] for key in HEADER if key in record},
-        "component": channel.code, "vertical_component": upward.code if upward else "",
+        "component": channel_code(channel), "vertical_component": "",
     }  # fmt: skip
     if stats.network or stats.station:
-        metadata["trace"] = channel.trace.id
-        metadata["vertical_trace"] = upward.trace.id if upward else ""
-    if faults := dict.fromkeys((*channel.faults, *(upward.faults if upward else ()))):
-        metadata["faults"] = list(faults)
+        metadata |= {"trace": channel.id, "vertical_trace": ""}
+    if record.faults:
+        metadata["faults"] = list(record.faults)
     if stats.starttime.timestamp != 0.0:
-        metadata["start_time"] = str(channel.start)
+        metadata["start_time"] = str(stats.starttime)
     if entry is not None:
         metadata |= known(**entry.metadata)
     if accepted:
         metadata["accepted"] = list(accepted)
-    return Motion._owning(horizontal, channel.dt, vertical, name, metadata, log + accepted)
+    kind = " ".join(filter(None, (stats._format, record.get("level"))))
+    log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
+    return Motion(channel.data, float(stats.delta), None, name, metadata, log)

@@ -15,17 +15,10 @@ FORMAT = "archfrag motions 1"
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one file, complete or not at all.
+    """Write motions to one file, complete or not at all; the same motions give the same bytes.
 
     A numpy archive with, for each motion, its samples as float64 and, for all, one JSON text.
-    The same motions give the same bytes.
-
-    Raises
-    ------
-    InputError
-        If the metadata of a motion are not JSON.
-    OutputError
-        If the file cannot be written; no part of it is left behind.
+    InputError if the metadata of a motion are not JSON, OutputError if it cannot be written.
     """
     arrays: dict[str, np.ndarray] = {}
     table = []
@@ -48,10 +41,7 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
 def load_motions(path: str | Path) -> list[Motion]:
     """Read the motions that `save_motions` wrote, in their order.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged or something else.
+    InputError if the file is missing, damaged or something else.
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -62,9 +52,10 @@ def load_motions(path: str | Path) -> list[Motion]:
             for number, entry in enumerate(map(json.loads, header["motions"])):
                 name = f"vertical_{number}"
                 vertical = archive[name] if name in archive.files else None
-                motion = Motion._owning(archive[f"horizontal_{number}"], entry["dt"], vertical)
-                about = {key: entry[key] for key in ("id", "metadata", "log")}
-                motions.append(motion._replaced(**about))
+                about = {key: entry[key] for key in ("dt", "id", "metadata", "log")}
+                motions.append(
+                    Motion(archive[f"horizontal_{number}"], vertical=vertical, **about)
+                )
             return motions
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file of motions") from None

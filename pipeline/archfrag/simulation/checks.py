@@ -11,15 +11,24 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, resolve
+from archfrag.methods.registry import (
+    AUTO,
+    METHODS,
+    MethodInfo,
+    Parameter,
+    known_methods,
+    resolve,
+)
 
+# Baselines of archbench, which has to be imported for them.
+BASELINES = ("four_link", "penalty", "gauss_seidel", "quadratic_programme")
 COMMON = ("dt", "rtol", "follow")
 # Overlap, over joint length, that an initial state may have: what time stepping leaves.
 MOST_OVERLAP = 1e-5
 
 
 def method_names() -> tuple[str, ...]:
-    """What a user may name as the method, from the registry."""
+    """What a study may name as the method."""
     return tuple(dict.fromkeys([AUTO, *METHODS]))
 
 
@@ -37,19 +46,12 @@ def own_time(arch: Arch) -> float:
 
 
 def default_steps(info: MethodInfo, tolerance: Any, arch: Arch) -> tuple[float, float]:
-    """Steps of a method where none is given: at impacts, and the largest between them [s]."""
-    check_number("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
+    """Steps of a method if none is given: at impacts, and the largest between them [s]."""
     if info.step_rule is None:
         return default_of(info, "dt"), default_of(info, "dt")
     impact, largest = info.step_rule(float(tolerance), arch.n_voussoir)
     unit = own_time(arch)
     return unit * impact, unit * largest
-
-
-def check_arch(arch: Any) -> None:
-    """See that it is an `Arch`."""
-    if not isinstance(arch, Arch):
-        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
 
 
 def is_available(info: MethodInfo) -> bool:
@@ -59,18 +61,19 @@ def is_available(info: MethodInfo) -> bool:
 
 def available_methods() -> tuple[str, ...]:
     """Names of the methods that can run here, in the registry's order."""
-    return tuple(name for name, info in METHODS.items() if is_available(info))
+    return tuple(name for name, info in known_methods().items() if is_available(info))
 
 
 def check_method(name: Any) -> MethodInfo:
     """The method of a name; `InputError` if there is none, or its package is not installed."""
     info = resolve(name) if isinstance(name, str) else None
     if info is None:
-        raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
+        hint = "; in Python, import archbench for the baselines" if name in BASELINES else ""
+        raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}{hint}")
     if not is_available(info):
         raise InputError(
-            f"method {info.name} needs the package {info.needs}, which is not installed; it comes "
-            'with the extra baselines: pip install "archfrag[baselines]"'
+            f"method {info.name} needs the package {info.needs}, which is not installed: "
+            f"pip install {info.needs}"
         )
     return info
 
@@ -89,9 +92,8 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
         )
     for name, value in given.items():
         if value is not None and all(p.name != name for p in info.parameters):
-            takers = [
-                m.name for m in METHODS.values() if any(p.name == name for p in m.parameters)
-            ]
+            methods = known_methods().values()
+            takers = [m.name for m in methods if any(p.name == name for p in m.parameters)]
             raise InputError(
                 f"{name} is {value!r}, but method {info.name} does not use it; leave it out, or "
                 f"use {', '.join(takers)}"

@@ -1,4 +1,4 @@
-"""Histories: space for the frames of a run, and the labelled data set made of them."""
+"""Histories: arrays for the frames of a run, and the data set made of them."""
 
 from __future__ import annotations
 

@@ -1,19 +1,20 @@
-"""Many runs of one arch in one call, and what single runs have in common with them."""
+"""Many runs of one arch in one call, and the checks that single runs share with them."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
+from archfrag.mechanics.ground import Grounds, grounds_of, one_of
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import GroundMotion, Options
+from archfrag.mechanics.types import Chain, Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
@@ -21,9 +22,6 @@ from archfrag.simulation.history import empty_frames
 from archfrag.simulation.mechanism import empty_log
 from archfrag.simulation.response import Response, response_of
 from archfrag.simulation.rest import check_stands
-
-if TYPE_CHECKING:
-    from archfrag.methods.time_stepping.service import Results
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
@@ -42,16 +40,16 @@ def checked_call(
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
 ) -> tuple[MethodInfo, dict[str, float], Options]:
-    """What runs of one arch have in common, checked: method, its own settings, options."""
-    checks.check_arch(arch)
+    """Check a call and return the method, its own settings and its options."""
+    if not isinstance(arch, Arch):
+        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
     info = checks.check_method(method)
     for motion in motions:
         if not isinstance(motion, Motion):
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     checks.check_taken(info, rtol=rtol, dt=dt)
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
-    check = checks.check_number
-    lengths = f"from {NOTED_GAP:g} to 10 times the joint's length"
+    check, lengths = checks.check_number, f"from {NOTED_GAP:g} to 10 times the joint's length"
     check("loss_limit", loss_limit, lengths, lambda x: NOTED_GAP <= x <= 10.0)
     for factor in factors:
         check("scale", factor, "finite", math.isfinite)
@@ -61,9 +59,9 @@ def checked_call(
         check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
     own = checks.check_settings(info, settings)
     steps = checks.default_steps(info, tolerance, arch) if dt is None else (dt, dt)
-    sampling = min(float(motion.dt) for motion in motions)
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
+    sampling = min(float(motion.dt) for motion in motions)
     options = Options(
         time_step=float(steps[0]),
         tolerance=float(tolerance),
@@ -77,21 +75,6 @@ def checked_call(
         largest_step=float(steps[1]),
     )
     return info, own, options
-
-
-def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
-    """A ground motion, scaled already for methods that do not scale it themselves."""
-    factor = 1.0 if info.load_many is None else float(scale)
-    given = float(scale) if info.load_many is None else 1.0
-    horizontal = np.ascontiguousarray(motion.acceleration, float)
-    # Pages of zeros that are only read take no memory.
-    vertical = np.zeros(horizontal.shape)
-    if motion.vertical is not None:
-        vertical = np.ascontiguousarray(motion.vertical, float)
-    if given != 1.0:
-        horizontal = given * horizontal
-        vertical = vertical if motion.vertical is None else given * vertical
-    return GroundMotion(horizontal, vertical, float(motion.dt), factor)
 
 
 class Runs(NamedTuple):
@@ -108,19 +91,14 @@ def results_of_runs(
     """As `simulate_many`, in arrays."""
     info, own, options = checked_call(arch, motions, factors, **given)
     check_stands(arch)
-    if info.load_many is None:
-        return _one_by_one(arch, motions, factors, **given)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
-    grounds = [ground_of(motion, 1.0, info) for motion in unique]
+    motion = np.array([number[id(each)] for each in motions], int)
+    grounds = grounds_of([(each.acceleration, each.vertical, each.dt) for each in unique])
+    run_many = _one_by_one(info.load()) if info.load_many is None else info.load_many()
     started = time.perf_counter()
-    results = info.load_many()(
-        arch.chain,
-        grounds,
-        np.array([number[id(motion)] for motion in motions]),
-        np.array(factors, float),
-        options,
-        **own,
+    results = run_many(
+        arch.chain, grounds, motion, np.array(factors, float), options, **own
     )
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
@@ -128,23 +106,24 @@ def results_of_runs(
     return Runs(results, spent * work / work.sum(), info.name)
 
 
-def _one_by_one(
-    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
-) -> Runs:
-    from archfrag.methods.time_stepping.service import new_results
+def _one_by_one(run: Callable[..., Results]) -> Callable[..., Results]:
+    def run_many(
+        chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options,
+        **own: float,
+    ) -> Results:  # fmt: skip
+        still = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
+        n_joint = chain.friction.size
+        output = empty_frames(0, chain.mass.size, n_joint), empty_log(0, n_joint)
+        rows = [
+            run(
+                chain, one_of(grounds, number, 1.0), by, still.copy(), 0.0 * still, True, options,
+                *output, **own,
+            )
+            for number, by in zip(motion, factor)
+        ]
+        return Results(*map(np.concatenate, zip(*rows)))
 
-    results, wall_time = new_results(len(factors)), np.empty(len(factors))
-    for row, (motion, factor) in enumerate(zip(motions, factors)):
-        info, own, options = checked_call(arch, [motion], [factor], **given)
-        ground, run = ground_of(motion, factor, info), info.load()
-        output = empty_frames(0, arch.n_voussoir, arch.n_joint), empty_log(0, arch.n_joint)
-        started = time.perf_counter()
-        outcome = run(arch.chain, ground, *at_rest(arch), True, options, *output, **own)
-        wall_time[row] = time.perf_counter() - started
-        known = outcome._asdict() | outcome.diagnostics._asdict()
-        for name in results._fields:
-            getattr(results, name)[row] = known[name]
-    return Runs(results, wall_time, info.name)
+    return run_many
 
 
 def at_rest(arch: Arch) -> tuple[np.ndarray, np.ndarray]:
@@ -158,10 +137,8 @@ def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **options: Any
 ) -> list[Response]:
     """As `simulate_many`, a response for each run."""
-    from archfrag.methods.time_stepping.front import outcome_of
-
     results, wall_time, method = results_of_runs(arch, motions, factors, **options)
     return [
-        response_of(outcome_of(results, row), method, seconds, None, None)
+        response_of(results, row, method, seconds)
         for row, seconds in enumerate(wall_time.tolist())
     ]

@@ -1,4 +1,4 @@
-"""Log of the mechanism: from when to when which joints hinge or slide, and why it changed."""
+"""Log of the mechanism: when joints hinge or slide, and why the mechanism changed."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ MODEL_WORDS = {
 
 @dataclass(frozen=True)
 class MechanismChange:
-    """One change of the mechanism, and what holds from then on.
+    """One change of the mechanism, and the mechanism after it.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class MechanismChange:
     joint : int
         Joint that caused it; -1 where none did.
     model : str
-        Model of the ladder from then on: a name of `archfrag.mechanics.status.Model` in lower
+        Model from then on: a name of `archfrag.mechanics.status.Model` in lower
         case.
     joints : dict of int to str
         What each joint does that is not closed and sticking: "hinge intrados", "slides towards

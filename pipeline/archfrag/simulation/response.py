@@ -1,4 +1,4 @@
-"""The answer to one case: what an arch did, what it was computed with, and how well."""
+"""The result of one run: what the arch did, how it was computed, and how accurately."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from archfrag.mechanics.status import CollapseMode, Count, Energy, Loss, Model, Peak, Status
-from archfrag.mechanics.types import Outcome
+from archfrag.mechanics.types import Results
 from archfrag.simulation.mechanism import MechanismChange
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _ENERGY = {
 
 @dataclass(frozen=True)
 class Response:
-    """What one arch did under one ground motion.
+    """Result of one arch under one ground motion.
 
     Attributes
     ----------
@@ -42,14 +42,14 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time : float
-        Instant from which the joint's contact was lost for good [s]; nan if none. That of the
-        verdict where a joint collapsed with contact kept.
+        Instant at which the joint lost contact for good [s]; nan if none. If a joint collapsed
+        with contact kept, the instant of the verdict.
     collapse_joint : int
         -1 if none.
     collapse_mode : str
-        "none", "hinging", "sliding", "lift_off" or "overturning": by what that joint had done
-        when it lost contact, the larger of its rotation [rad] and its slip over its length, or
-        neither. A joint rotated by 90 degrees with contact kept counts as overturning.
+        "hinging" or "sliding" if the rotation [rad] of that joint, or its slip over its length,
+        was larger when it lost contact; "lift_off" if it had neither; "overturning" if a joint
+        rotated by 90 degrees with contact kept; else "none".
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same for the first loss of contact that opened a joint at both corners by more than 2 %
         of its length, regained or not: nan, -1 and "none" where there was none.
@@ -66,14 +66,14 @@ class Response:
         "events": instants located at which the mechanism changed; "switches": times that
         event-driven integration switched to time stepping.
     model_time : dict of str to float
-        Simulated time in each model of the ladder [s]: "rest", "four_hinges", "mega_voussoirs",
+        Simulated time in each model [s]: "rest", "four_hinges", "mega_voussoirs",
         "all_voussoirs".
     energy_error : float
-        Largest energy that the integrator made or lost in between and no contact law explains,
-        over the largest kinetic energy [1].
+        Largest energy gained or lost that no contact law explains, over the largest kinetic
+        energy [1].
     energy : dict of str to float
-        Kinetic and potential energy at the end, work of the ground, friction, impacts, and what
-        is left over ("balance_error") [J].
+        Kinetic and potential energy at the end, work of the ground, of friction and of impacts,
+        and the remainder ("balance_error") [J].
     work : dict of str to int
         Counts of what was computed: "steps"; "iterations", linear contact problems on all
         voussoirs (of quadratic_programme: iterations of its solver); "paths", contact problems
@@ -90,14 +90,14 @@ class Response:
     end_time : float
         Simulated time at which the run ended [s].
     residual : float
-        Largest violation of the contact laws that was measured, by one measure for all
-        methods (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
+        Largest measured violation of the contact laws, by one measure for all methods
+        (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
         rates over the speed of a fall through them, forces over the weight [1].
     overlap : float
         Deepest overlap of two bodies at a corner that was seen, over the joint's
         length [1].
     method : str
-        What ran.
+        Its name.
     mechanism : tuple of MechanismChange or None
         With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
         one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
@@ -144,22 +144,28 @@ class Response:
 
 
 def response_of(
-    outcome: Outcome,
+    results: Results,
+    row: int,
     method: str,
     wall_time: float,
-    mechanism: tuple[MechanismChange, ...] | None,
-    history: xarray.Dataset | None,
+    mechanism: tuple[MechanismChange, ...] | None = None,
+    history: xarray.Dataset | None = None,
 ) -> Response:
-    """What a method returned, in names; mechanism and history as in `Response`."""
-    status = Status(outcome.status)
-    count, energy, model_time, peak = (values.tolist() for values in outcome.diagnostics)
-    loss, largest = outcome.loss.tolist(), energy[Energy.LARGEST_KINETIC]
+    """What a method returned of one run, in names; mechanism and history as in `Response`."""
+    status = Status(int(results.status[row]))
+    count, energy, model_time, peak, loss = (
+        values[row].tolist()
+        for values in (
+            results.count, results.energy, results.model_time, results.peak, results.loss
+        )
+    )  # fmt: skip
+    largest = energy[Energy.LARGEST_KINETIC]
     return Response(
         status=status,
         collapsed=_COLLAPSED.get(status),
-        collapse_time=float(outcome.collapse_time),
-        collapse_joint=int(outcome.collapse_joint),
-        collapse_mode=_COLLAPSE_MODES[outcome.collapse_mode],
+        collapse_time=float(results.collapse_time[row]),
+        collapse_joint=int(results.collapse_joint[row]),
+        collapse_mode=_COLLAPSE_MODES[results.collapse_mode[row]],
         lost_contact_time=loss[Loss.TIME],
         lost_contact_joint=int(loss[Loss.JOINT]),
         lost_contact_mode=_COLLAPSE_MODES[int(loss[Loss.MODE])],
@@ -174,7 +180,7 @@ def response_of(
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
         work={entry.name.lower(): int(count[entry]) for entry in _WORK},
         wall_time=wall_time,
-        end_time=float(outcome.end_time),
+        end_time=float(results.end_time[row]),
         residual=peak[Peak.RESIDUAL],
         overlap=peak[Peak.OVERLAP],
         method=method,

@@ -1,4 +1,4 @@
-"""Rest: how much steady acceleration a chain bears, and how it would start to move."""
+"""Rest: how much steady acceleration an arch withstands, and how it would start to move."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.errors import STATUS_MESSAGE, StabilityError
-from archfrag.mechanics.contact.path import new_path
+from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError
+from archfrag.mechanics.contact.path import new_path, solve_anyhow
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
-from archfrag.mechanics.contact.problem import solve_anyhow
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
-from archfrag.simulation.checks import check_arch
 
 STANDS_TOLERANCE = 1e-12
 
@@ -32,17 +30,17 @@ class Onset:
     stands : bool
         Whether the arch is at rest under its own weight.
     plus, minus : float
-        Largest steady ground acceleration towards +x and towards -x that it bears [g]; nan if
-        no load of any size leaves it at rest, inf if none moves it. With a vertical ground
-        acceleration k_v they hold for k_h / (1 + k_v).
+        Largest steady ground acceleration towards +x and towards -x at which it stays at rest
+        [g]; nan if no load leaves it at rest, inf if none moves it. With a vertical ground
+        acceleration k_v they are limits of k_h / (1 + k_v).
     hinges, hinges_minus : list of (int, str)
         Joint and side ("intrados" or "extrados") of the hinges at `plus` and at `minus`.
     sliding, sliding_minus : list of int
         Joints that slide there.
     thrust : ndarray, (n_joint, 2) or None
-        Contact centres under self-weight [m]; nan where a joint bears nothing; None if the arch
-        does not stand. An arch at rest is hyperstatic: of its admissible thrust lines this is
-        the one of joints that are equal springs in the limit of infinite stiffness.
+        Contact centres under self-weight [m]; nan at joints without a force; None if the arch
+        does not stand. An arch at rest is hyperstatic: this is the admissible thrust line of
+        joints that are equal springs, in the limit of infinite stiffness.
     thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
         Contact centres at the two ends of the range, where they are unique [m].
     """
@@ -60,7 +58,7 @@ class Onset:
 
 
 def onset(arch: Arch) -> Onset:
-    """How much steady ground acceleration an arch bears, and how it would start to move.
+    """Find the steady ground acceleration that starts to move an arch, and the mechanism.
 
     Parameters
     ----------
@@ -90,7 +88,8 @@ def onset(arch: Arch) -> Onset:
     >>> round(start.plus, 4), start.hinges
     (0.37, [(0, 'extrados'), (2, 'intrados'), (4, 'extrados'), (7, 'intrados')])
     """
-    check_arch(arch)
+    if not isinstance(arch, Arch):
+        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
     chain = arch.chain
     model, state, work = _placed_at_rest(arch)
     closed = np.ones(work.candidate.shape, np.int8)
@@ -159,9 +158,9 @@ def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
     press = np.einsum("jk,jk->j", force, normal)
     moment = reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
     length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
-    bears = press > 1e-12 * np.abs(reaction[:, :2]).max()
+    loaded = press > 1e-12 * np.abs(reaction[:, :2]).max()
     fraction = np.full(press.size, np.nan)
-    fraction[bears] = -moment[bears] / (press * length)[bears]
+    fraction[loaded] = -moment[loaded] / (press * length)[loaded]
     return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
 
 

@@ -1,4 +1,4 @@
-"""Compiling ahead of a study: on a second core, with a message that states how long it takes."""
+"""Compiling ahead of a run: on a second core, with a message that says how long it takes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ EXPECTED = 80.0
 TICK = 1.0
 _HELPER = """
 import sys
-from archfrag.simulate import compile_beside
-compile_beside(sys.argv[1:])
+from archfrag.simulate import compile_in_second_process
+compile_in_second_process(sys.argv[1:])
 """
 
 

@@ -11,23 +11,17 @@ import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
-from archfrag.files import counted
-from archfrag.study.config import Study, load_study
-from archfrag.study.cube import refuse_foreign_cube
-from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
-from archfrag.study.files import cannot_write
-from archfrag.study.hazard import load_hazard
-from archfrag.study.members import (
+from archfrag.files import cannot_write, counted
+from archfrag.study.file.members import (
     Members,
     check_buildable,
     check_standing,
-    members,
     needs_records,
-    summaries,
 )
-from archfrag.study.records import is_raw, measured, read_manifest, read_sources, study_inputs
+from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources, study_inputs
+from archfrag.study.file.schema import Study
+from archfrag.study.files import read_owner, refuse_foreign_cube
 
-STUDY_FILE = "study.yaml"
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
 MOST_ASKED = 12  # arches, records
@@ -36,7 +30,7 @@ CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of process
 
 def check_arches(study: Study, n_record: int = 1) -> Members:
     """See that all arches of a study can exist and stand under their own weight."""
-    found = members(study, n_record)
+    found = study.members(n_record)
     check_buildable(found)
     check_standing(found)
     return found
@@ -69,7 +63,7 @@ def _uncorrected(study: Study, raw: list[str], total: int) -> tuple[str, ...]:
     )
 
 
-def doubts(study: Study, found: Members) -> tuple[str, ...]:
+def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     """What can be, but so rarely that a unit may have been mistaken; of the first arches."""
     from archfrag.simulate import onset
 
@@ -98,6 +92,8 @@ def doubts(study: Study, found: Members) -> tuple[str, ...]:
 def check_start(study: Study) -> None:
     """See that the last step will have what it needs: a hazard, and a folder to write to."""
     if (risk := study.risk) is not None:
+        from archfrag.study.file.hazard import load_hazard
+
         load_hazard(Path(risk.hazard), study.intensity.measure, risk.unit, risk.site)
     check_output(study)
 
@@ -111,13 +107,7 @@ def check_output(study: Study) -> None:
 def refuse_foreign_results(study: Study) -> None:
     """See that the output folder holds no results of another study."""
     refuse_foreign_cube(study)
-    resolved = study.work / STUDY_FILE
-    if not resolved.exists():
-        return
-    try:
-        owner = load_study(resolved).id
-    except StudyError:
-        return
+    owner = read_owner(study).get("id", study.id)
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"
         raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
@@ -148,8 +138,6 @@ class Summary:
     design: str  # its kind
     runs: int  # by the study's own method
     extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
-    # About so many runs by the coarse method come before, for a design in two stages.
-    coarse_runs: int = 0
     classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
     cautions: tuple[str, ...] = ()  # what is possible but doubtful
     partners: tuple[str, ...] = ()  # files of records that are put together from several
@@ -161,7 +149,7 @@ class Summary:
         text = ", ".join([counted(*part) for part in parts] + [runs])
         if self.design != "stripes":
             text += f" by design {self.design}"
-        return text + (f", after about {self.coarse_runs} coarse runs" if self.coarse_runs else "")
+        return text
 
 
 def check_study(study: Study) -> Summary:
@@ -169,7 +157,7 @@ def check_study(study: Study) -> Summary:
     check_start(study)
     # Arches that each record has of its own are known once the records are.
     if not needs_records(study.arches):
-        _check_some(members(study))
+        _check_some(study.members())
     study_inputs(study)
     raw, partners = {}, []
     for motion in read_sources(study):
@@ -181,41 +169,18 @@ def check_study(study: Study) -> Summary:
     records = len(raw)
     if not records:
         raise StudyError("motions: the study has no record")
-    found = members(study, records)
+    found = study.members(records)
     unchecked = len(found) - _check_some(found)
     design, levels = study.design, len(study.intensity.si)
     met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
-    each = [_runs_of(design, int(count), levels) for count in met]
-    runs, coarse = (sum(part[i] * n for part, n in zip(each, arches.tolist())) for i in (0, 1))
+    each = [design.size(int(count), levels) for count in met]
+    runs = sum(size * n for (size, _), n in zip(each, arches.tolist()))
+    cautions = unit_warnings(study, found)
+    cautions += _uncorrected(study, [name for name in raw if raw[name]], records)
+    if unchecked:
+        left = f"{unchecked} of {len(found)} arches were not checked"
+        cautions += (f"{left}; the run checks all of them before it simulates",)
     return Summary(
-        study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
-        summaries(found),
-        doubts(study, found) + _uncorrected(study, [name for name in raw if raw[name]], records)
-        + ((f"{unchecked} of {len(found)} arches were not checked; the run checks all of them "
-            "before it simulates",) if unchecked else ()),
-        tuple(partners),
+        study.id, len(found), records, levels, design.kind, runs, each[0][1],
+        found.summaries(), cautions, tuple(partners),
     )  # fmt: skip
-
-
-def _runs_of(design: Design, records: int, levels: int) -> tuple[int, int, str]:
-    """Runs of an arch under some records, coarse ones before, and what is meant by the first."""
-    runs, coarse, extent = records * levels, 0, "exactly"
-    if isinstance(design, Ida):
-        # A search distinguishes levels + 1 places of the border.
-        search = math.ceil(records * math.log2(levels + 1))
-        decided = records
-        if isinstance(design, TwoStage):
-            # Where the coarse search is right, the levels on both sides of the border decide.
-            decided = math.ceil(records * design.fine)
-            coarse, search = search, min(2, levels) * decided
-        checks = decided // 3 if design.checks is None else design.checks
-        runs, extent = min(search + checks, runs), "about"
-        if design.precision is not None:
-            runs, extent = min(runs, design.precision.runs + checks), "at most"
-    elif isinstance(design, Scattered):
-        wanted = design.runs if design.precision is None else design.precision.runs
-        runs = min(wanted, records)
-        extent = "exactly" if design.precision is None else "at most"
-    elif isinstance(design, Cloud):
-        runs = records
-    return runs, coarse, extent

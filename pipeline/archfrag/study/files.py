@@ -12,22 +12,20 @@ from typing import TYPE_CHECKING, Any
 
 import archfrag
 from archfrag.errors import OutputError
-from archfrag.files import cannot_write as cannot_write
-from archfrag.files import entries, opened, sweep
-from archfrag.files import make_folder as make_folder
-from archfrag.files import replacing as replacing
-from archfrag.files import sha256_of as sha256_of
+from archfrag.files import entries, opened, replacing, sha256_of, sweep
 from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
-    from archfrag.study.config import Study
-    from archfrag.study.records import Source
+    from archfrag.study.file.schema import Study
+    from archfrag.study.file.sources import Source
 
 PACKAGE = Path(archfrag.__file__).resolve().parent
-WRITTEN = "written.json"
-_HDF5 = b"\x89HDF"
+CUBE = "cube.nc"
+OWNER = "study.json"  # in the hidden folder
 _FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
-_RESULT = re.compile(rf"cube\.nc|fits\.json|report\.html|summary\.json|{_FIGURE.pattern}")
+_RESULT = re.compile(
+    rf"cube\.nc|fits\.json|curve\.csv|report\.html|summary\.json|{_FIGURE.pattern}"
+)
 _NOT_OURS = "is a link, pipe or device, which archfrag did not make; remove it"
 
 
@@ -104,41 +102,53 @@ def check_own(study: "Study") -> None:
     sweep(study.work)
 
 
-def remember(study: "Study", names: Iterable[str], group: str) -> None:
-    """Remember files of the results, and remove older figures of the same group that we wrote."""
-    written, kept = _load(study), set(names)
-    for name in [n for n, entry in written.items() if entry["group"] == group]:
-        path = study.folder / name
-        old = name not in kept and _FIGURE.fullmatch(name) and not path.is_symlink()
-        if old and sha256_if_there(path) == written[name]["sha256"]:
-            path.unlink(missing_ok=True)
-        del written[name]
-    for name in kept:
-        path = study.folder / name
-        size = path.stat().st_size
-        written[name] = {"group": group, "sha256": sha256_of(path), "size": size}
-    write_text(study.work / WRITTEN, canonical_json(written) + "\n")
+def stamp_file(study: "Study", step: str) -> Path:
+    """File that states that a step is done."""
+    return study.work / "steps" / f"{step}.json"
 
 
-def is_ours_damaged(study: "Study", name: str) -> bool:
-    """Whether a netCDF file of the results that cannot be read is what is left of one of ours.
-
-    It is if we wrote one of its name and it is empty, begins as such files do, or is as large.
-    """
-    entry, path = _load(study).get(name), study.folder / name
-    if entry is None:
-        return False
-    with contextlib.suppress(OSError), opened(path) as file:
-        return file.read(len(_HDF5)) in (b"", _HDF5) or path.stat().st_size == entry["size"]
-    return False
-
-
-def _load(study: "Study") -> dict[str, dict[str, Any]]:
-    with contextlib.suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
-        written = read_json(study.work / WRITTEN)
-        keys = ("group", "sha256", "size")
-        return {name: {key: entry[key] for key in keys} for name, entry in written.items()}
+def read_owner(study: "Study") -> dict[str, str]:
+    """Id and file of the study whose results are in a folder; empty if that is not known."""
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
+        with opened(study.work / OWNER, 10**5) as file:
+            owner = json.loads(file.read())
+        return {"id": str(owner["id"]), "file": str(owner["file"])}
     return {}
+
+
+def refuse_foreign_cube(study: "Study") -> None:
+    """See that no other study's cube stands where this study's is to be; ours may be damaged."""
+    path, stamp = study.folder / CUBE, None
+    if not path.exists():
+        return
+    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
+        stamp = read_json(stamp_file(study, "cube"))["files"][CUBE]
+    if stamp is not None and sha256_if_there(path) == stamp:
+        return
+    import netCDF4
+
+    owner = None
+    try:
+        # A pipe would be waited for.
+        with netCDF4.Dataset(path if path.is_file() else os.devnull) as cube:
+            owner = cube.__dict__.get("archfrag_study")
+    except OSError:
+        with contextlib.suppress(OSError), opened(path) as file:
+            if stamp is not None and file.read(4) in (b"", b"\x89HDF"):
+                return
+    if owner != study.id:
+        whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
+        advice = "give the studies different output folders, or move the file"
+        raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
+
+
+def remove_figures(study: "Study", before: dict[str, str], kept: Iterable[str]) -> None:
+    """Remove figures with the digests of a stamp that are not made any more."""
+    for name in before.keys() - set(kept):
+        path = study.folder / name
+        ours = _FIGURE.fullmatch(name) and not path.is_symlink()
+        if ours and sha256_if_there(path) == before[name]:
+            path.unlink(missing_ok=True)
 
 
 Inputs = dict[str, dict[str, str]]
@@ -150,7 +160,7 @@ def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) ->
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
-    partners = (path for s in sources for path in (s.upward, s.beside) if path is not None)
+    partners = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
     records = [*(source.path for source in sources), *partners]
     places = list(dict.fromkeys(path.parent for path in records))
     indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import archfrag
-from archfrag.study.arches import FromDrawing, Table
-from archfrag.study.config import Study
+from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.processing import described
+from archfrag.study.file.records import read_manifest
+from archfrag.study.file.schema import Study
 from archfrag.study.files import (
     KINDS,
     PACKAGE,
@@ -23,9 +25,7 @@ from archfrag.study.files import (
     sha256_if_there,
     write_text,
 )
-from archfrag.study.plan import Plan
-from archfrag.study.processing import described
-from archfrag.study.records import read_manifest
+from archfrag.study.runs.plan import Plan
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
@@ -42,12 +42,12 @@ def portable_config(study: Study) -> dict[str, Any]:
     }
 
 
-def _portable_arch(entry: Any) -> dict[str, Any]:
+def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
     """An entry as a study gives it, defaults filled in; of a table the file's name."""
-    if isinstance(entry, Table):
-        return {**entry.model_dump(exclude_none=True), "table": Path(entry.table).name}
+    if entry.table is not None:
+        return {**entry.parameters, "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
-    if isinstance(entry, FromDrawing):
+    if entry.drawing is not None:
         facts |= {"drawing": Path(entry.drawing).name, "sha256": sha256_if_there(entry.drawing)}
     if entry.vary is not None:
         facts["vary"] = entry.vary.model_dump(exclude_none=True)

@@ -14,7 +14,8 @@ the limit of infinite stiffness.
 from typing import NamedTuple
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
+from archfrag.mechanics.contact.placing import relative_velocity
+from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.numbers import dot, fused, larger, opposite, select, some
 
 MOST_CORRECTIONS = 6
@@ -44,25 +45,16 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 @kernel
 def set_rows(model, position, work, first):
     """Constrained and reaction directions of the joints from `first` on in their present modes."""
-    touch, slide = work.touch, work.slide
-    point, side = work.point, work.side_normal
+    touch, slide, point = work.touch, work.slide, work.point
     for j in range(first, slide.shape[0]):
-        at_0, at_1 = touch[j, 0] > 0.5, touch[j, 1] > 0.5
+        at_0, at_1, sticks = touch[j, 0] > 0.5, touch[j, 1] > 0.5, slide[j] == 0.0
         closed, none = at_0 & at_1, opposite(at_0 | at_1)
-        second = at_1 & opposite(at_0)
-        backwards, sticks = slide[j] < 0.0, slide[j] == 0.0
-        nx = select(backwards, side[j, 0, MINUS, 0], side[j, 0, PLUS, 0])
-        ny = select(backwards, side[j, 0, MINUS, 1], side[j, 0, PLUS, 1])
-        nx = select(second, select(backwards, side[j, 1, MINUS, 0], side[j, 1, PLUS, 0]), nx)
-        ny = select(second, select(backwards, side[j, 1, MINUS, 1], side[j, 1, PLUS, 1]), ny)
-        nx = select(none, 0.0, select(closed, work.normal[j, 0], nx))
-        ny = select(none, 0.0, select(closed, work.normal[j, 1], ny))
+        nx, ny, px, py = contact_of(j, work)
+        nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
         # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
         along = slide[j] * model.ray[j, 1]
         across = select(sticks, 1.0, model.ray[j, 0])
         fx, fy = across * nx - along * ny, across * ny + along * nx
-        px = select(second, point[j, 1, 0], point[j, 0, 0])
-        py = select(second, point[j, 1, 1], point[j, 0, 1])
         _set_row(work.row, j, 0, px, py, nx, ny, position)
         _set_row(work.column, j, 0, px, py, fx, fy, position)
         # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
@@ -287,7 +279,6 @@ def solve_modes(model, position, work, scale, precision):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     work : archfrag.mechanics.model.Work
         With the contacts placed, and velocities without reactions in `free`; `solved`,

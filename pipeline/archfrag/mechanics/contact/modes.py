@@ -11,27 +11,14 @@ import math
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import solve_modes
-from archfrag.mechanics.contact.placing import (
-    MINUS,
-    PLUS,
-    corner_velocity,
-    relative_velocity,
-)
-from archfrag.mechanics.numbers import count_of, flag, fused, larger, opposite, select, some
+from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
+from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
+from archfrag.mechanics.numbers import count_of, flag, larger, opposite, select, some
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
 # Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
 MOST_ROUNDS, ROUND_PER_JOINTS = 8, 16
-
-
-@inlined
-def opening_rate(j, k, work):
-    """Opening rate of a corner: the larger of what Eqs 23a and 23b measure."""
-    ux, uy, side = work.parting[j, k, 0], work.parting[j, k, 1], work.side_normal
-    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
-    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
-    return larger(plus, minus)
 
 
 @inlined
@@ -42,12 +29,8 @@ def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
     a joint slide, a slip against its friction makes it stick (Eq 6).
     """
     nx, ny = work.normal[j, 0], work.normal[j, 1]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-    normal, tangential = fx * nx + fy * ny, fy * nx - fx * ny
-    px, py = work.point[j, 0, 0] - work.pivot[j, 0], work.point[j, 0, 1] - work.pivot[j, 1]
-    difference = work.reaction[j, 2] / (px * ny - py * nx)
-    keeps_0 = 0.5 * (normal + difference) >= -slack_force
-    keeps_1 = 0.5 * (normal - difference) >= -slack_force
+    force_0, force_1, normal, tangential = closed_forces(j, work)
+    keeps_0, keeps_1 = force_0 >= -slack_force, force_1 >= -slack_force
     sticks = slide == 0.0
     asked = select(sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide))
     if not math.isinf(model.friction[j]):
@@ -72,8 +55,7 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
     across, along = model.ray[j, 0], model.ray[j, 1]
     size = 1.0 / math.sqrt(across * across + along * along)
-    high_x, high_y = across * ax - along * ay, across * ay + along * ax
-    low_x, low_y = across * bx + along * by, across * by - along * bx
+    high_x, high_y, low_x, low_y = cone_rays(j, model, ax, ay, bx, by)
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
     above = (high_x * fy - high_y * fx) * size
     below = (fx * low_y - fy * low_x) * size
@@ -101,8 +83,8 @@ def ask_modes(model, work, slack, slack_force):
         at_0, at_1, slide = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5, work.slide[j]
         ux_0, uy_0 = work.parting[j, 0, 0], work.parting[j, 0, 1]
         ux_1, uy_1 = work.parting[j, 1, 0], work.parting[j, 1, 1]
-        closing_0 = (opening_rate(j, 0, work) < -slack) & (work.candidate[j, 0] > 0.5)
-        closing_1 = (opening_rate(j, 1, work) < -slack) & (work.candidate[j, 1] > 0.5)
+        closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (work.candidate[j, 0] > 0.5)
+        closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (work.candidate[j, 1] > 0.5)
         closed, one = at_0 & at_1, at_0 ^ at_1
         # A joint without contact asks for the corners that close (Eq 5).
         asks_0, asks_1, asked = closing_0, closing_1, 0.0
@@ -166,12 +148,9 @@ def largest_force(work):
 @inlined
 def closes_soon(j, k, work, ahead):
     """Where a corner that does not touch will, `ahead` of its bias's own time after that."""
-    side = work.side_normal
     ux = (1.0 + ahead) * work.parting[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.parting[j, k, 1] - ahead * work.bias[j, k, 1]
-    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
-    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
-    asks = (work.asked_touch[j, k] > 0.5) | (larger(plus, minus) < 0.0)
+    asks = (work.asked_touch[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
     return (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
 
 
@@ -204,7 +183,6 @@ def solve_contact(model, position, work, live, rounds, ahead, precision):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     work : archfrag.mechanics.model.Work
         With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes to start

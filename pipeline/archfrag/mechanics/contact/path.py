@@ -27,8 +27,21 @@ from archfrag.mechanics.contact.blocks import (
     set_rows,
 )
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
-from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_velocity, relative_velocity
+from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
+from archfrag.mechanics.laws import (
+    CLOSED_STICK,
+    MINUS,
+    OPEN,
+    PLUS,
+    closed_forces,
+    cone_rays,
+    corner_mode,
+    mode_number,
+    set_mode,
+    slip_normal,
+)
 from archfrag.mechanics.model import Model
+from archfrag.mechanics.status import Count
 
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
@@ -42,12 +55,12 @@ PATHS = (
 # On the paths behind so many joints stay compliant.
 RIGID = 6
 # Where a corner is neither compressed nor opening, rounding decides: such a state may break a
-# law by this much, relative, and its residual shows it.
-DEGENERATE = 1e-8
+# law by this much, relative, and its residual shows it. Where joints have to be rigid, so many
+# paths may end exactly first.
+DEGENERATE, EXACT_PATHS = 1e-8, 2
 ON, BACK = 1.0, -1.0
 N_FUNCTION = 4
-# A mode as one number: corners that touch, 1 and 2, times three, and the sense of friction.
-OPEN, NONE = 1, -2
+NONE = -2  # no mode
 
 
 class Path(NamedTuple):
@@ -89,31 +102,6 @@ def new_path(model: Model) -> Path:
     return Path(limited, free, bias, push, opening, *modes, *functions)
 
 
-@inlined
-def mode_number(touch_0, touch_1, slide):
-    """A mode as one number."""
-    return 3 * (int(touch_0) + 2 * int(touch_1)) + int(slide) + 1
-
-
-@inlined
-def _corner_mode(corner, slide):
-    return 3 * (corner + 1) + int(slide) + 1
-
-
-@inlined
-def _set_mode(work, j, mode):
-    corners = mode // 3
-    work.touch[j, 0], work.touch[j, 1] = corners & 1, corners >> 1
-    work.slide[j] = mode % 3 - 1
-
-
-@inlined
-def _along(work, j, k, sense):
-    """Opening rate of a corner by the normal that counts for a sense of friction."""
-    n = work.side_normal[j, k, PLUS if sense > 0.0 else MINUS]
-    return n[0] * work.parting[j, k, 0] + n[1] * work.parting[j, k, 1]
-
-
 @kernel
 def _functions_if_open(j, work, value, target):
     """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23)."""
@@ -124,50 +112,45 @@ def _functions_if_open(j, work, value, target):
             sense = work.known[j]
             if sense == 0.0:
                 sense = 1.0 - 2.0 * c
-            value[2 * k + c] = _along(work, j, k, sense)
-            target[2 * k + c] = _corner_mode(k, sense)
+            nx, ny = slip_normal(j, k, sense < 0.0, work)
+            value[2 * k + c] = nx * work.parting[j, k, 0] + ny * work.parting[j, k, 1]
+            target[2 * k + c] = corner_mode(k, sense)
 
 
 @kernel
 def _functions_if_closed(j, model, work, value, target):
     """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate."""
-    nx, ny = work.normal[j, 0], work.normal[j, 1]
-    fx, fy, slide = work.reaction[j, 0], work.reaction[j, 1], work.slide[j]
-    normal, tangential = fx * nx + fy * ny, fy * nx - fx * ny
-    px, py = work.point[j, 0, 0] - work.pivot[j, 0], work.point[j, 0, 1] - work.pivot[j, 1]
-    difference = work.reaction[j, 2] / (px * ny - py * nx)
-    value[0], target[0] = 0.5 * (normal + difference), _corner_mode(1, slide)
-    value[1], target[1] = 0.5 * (normal - difference), _corner_mode(0, slide)
+    nx, ny, slide = work.normal[j, 0], work.normal[j, 1], work.slide[j]
+    value[0], value[1], normal, tangential = closed_forces(j, work)
+    target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
     if slide == 0.0:
         limit = model.friction[j] * normal
-        value[2], target[2] = limit - tangential, mode_number(1, 1, 1)
-        value[3], target[3] = limit + tangential, mode_number(1, 1, -1)
+        value[2], target[2] = limit - tangential, CLOSED_STICK + 1
+        value[3], target[3] = limit + tangential, CLOSED_STICK + 2
     elif work.known[j] == 0.0:
         ux = work.parting[j, 0, 0] + work.parting[j, 1, 0]
         uy = work.parting[j, 0, 1] + work.parting[j, 1, 1]
-        value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), mode_number(1, 1, 0)
+        value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), CLOSED_STICK
 
 
 @kernel
 def _functions_if_corner(j, model, work, value, target):
     """Margins of the cones about both normals, or force and slip rate; then the other corner."""
     k = 0 if work.touch[j, 0] > 0.5 else 1
-    other, mu, slide = 1 - k, model.friction[j], work.slide[j]
+    other, slide = 1 - k, work.slide[j]
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
     if slide == 0.0:
-        hx, hy = n[0] - mu * n[1], n[1] + mu * n[0]
-        lx, ly = m[0] + mu * m[1], m[1] - mu * m[0]
         sense = 1.0 if lx * hy - ly * hx >= 0.0 else -1.0
-        value[0], target[0] = -sense * (hx * fy - hy * fx), _corner_mode(k, 1)
-        value[1], target[1] = -sense * (fx * ly - fy * lx), _corner_mode(k, -1)
+        value[0], target[0] = -sense * (hx * fy - hy * fx), corner_mode(k, 1)
+        value[1], target[1] = -sense * (fx * ly - fy * lx), corner_mode(k, -1)
     else:
-        nx, ny = (n[0], n[1]) if slide > 0.0 else (m[0], m[1])
-        along = slide * mu
-        value[0], target[0] = fx * (nx - along * ny) + fy * (ny + along * nx), OPEN
+        nx, ny = slip_normal(j, k, slide < 0.0, work)
+        value[0], target[0] = (fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly), OPEN
         if work.known[j] == 0.0:
             ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
-            value[1], target[1] = -slide * (nx * uy - ny * ux), _corner_mode(k, 0)
+            value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
     if work.candidate[j, other] > 0.5:
         nx, ny = work.normal[j, 0], work.normal[j, 1]
         value[2] = nx * work.parting[j, other, 0] + ny * work.parting[j, other, 1]
@@ -215,7 +198,7 @@ def _corner_normal(work, j, k, closed, slide):
         return work.normal[j, 0], work.normal[j, 1]
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
     if slide != 0.0:
-        return (n[0], n[1]) if slide > 0.0 else (m[0], m[1])
+        return slip_normal(j, k, slide < 0.0, work)
     x, y = n[0] + m[0], n[1] + m[1]
     norm = math.sqrt(x * x + y * y)
     return (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
@@ -267,8 +250,8 @@ def direction_after(path, j, mode, left):
     for f in range(N_FUNCTION):
         back = path.target[j, f] == left
         if mode == OPEN:
-            corner = left // 3 - 1
-            back = f == 2 * corner + (0 if left % 3 == 2 else 1)
+            corner = (left + 2) // 3 - 1
+            back = f == 2 * corner + (0 if (left + 2) % 3 == 1 else 1)
         if back:
             direction = ON if path.at_end[j, f] > path.at_start[j, f] else BACK
     return direction
@@ -354,9 +337,9 @@ def follow_path(position, work, path, scale, compliance):
             piece_functions(position, work, path, tau, path.at_start)
             n = work.side_normal[j, k, PLUS]
             slipping = n[0] * work.parting[j, k, 1] - n[1] * work.parting[j, k, 0]
-            mode = _corner_mode(k, -1 if slipping > 0.0 else 1)
+            mode = corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
         crossed = j, mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
-        _set_mode(work, j, mode)
+        set_mode(work, j, mode)
         first, breaks = j, breaks + 1
     _set_problem(work, path, 0.0)
     return breaks
@@ -383,15 +366,14 @@ def solve_by_path(model, position, work, path, exact):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     work : archfrag.mechanics.model.Work
         With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes in which the
         first path begins; on return the solution.
     path : Path
     exact : bool
-        Whether the laws have to hold to the last digits. Else degenerate corners may break them
-        by `DEGENERATE`, and where that does not help joints stay slightly compliant.
+        Whether joints have to be rigid. Else they stay slightly compliant where no rigid solution
+        is found.
 
     Returns
     -------
@@ -419,11 +401,11 @@ def solve_by_path(model, position, work, path, exact):
             copy_modes(path, work)
         elif attempt > 1:
             for j in range(work.slide.size):
-                _set_mode(work, j, OPEN)
+                set_mode(work, j, OPEN)
         breaks += follow_path(position, work, path, size * scale, compliance)
         _stick_rough(model, work)
         copy_modes(work, path)
-        for loose in range(1 if exact or soft else 2):
+        for loose in range(1 if soft or (exact and attempt < EXACT_PATHS) else 2):
             copy_modes(path, work)
             slack = DEGENERATE if loose or soft else EXACT.slack
             precision = Precision(EXACT.compliance, slack, slack)
@@ -434,3 +416,28 @@ def solve_by_path(model, position, work, path, exact):
             if solved:
                 return True, soft, rounds, breaks
     return False, False, rounds, breaks
+
+
+@kernel
+def solve_anyhow(model, state, work, path):
+    """Solve a contact problem that is posed along paths, the first from the state's own modes.
+
+    Parameters
+    ----------
+    work : archfrag.mechanics.model.Work
+        With the contacts placed where the bodies are by `position`.
+
+    Returns
+    -------
+    solved, compliant : bool
+        Compliant where the solution is that of slightly compliant joints.
+    """
+    count = state.count
+    copy_modes(state, work)
+    for j in range(work.slide.size):
+        work.known[j] = 0.0
+    solved, compliant, rounds, breaks = solve_by_path(model, work.position, work, path, False)
+    count[Count.ITERATIONS] += rounds + breaks
+    count[Count.PATHS] += breaks > 0
+    count[Count.COMPLIANT] += compliant
+    return solved, compliant

@@ -7,12 +7,12 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine, smaller
+from archfrag.mechanics.laws import MINUS, PLUS
+from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine, smaller, some
 
 # Slip over joint length below which two vertices count as one point.
 COINCIDENT = 1e-9
 BEFORE, AFTER = 0, 1
-PLUS, MINUS = 0, 1
 
 
 @inlined
@@ -33,7 +33,6 @@ def move_faces(model, position, rotated, face, tangent):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     rotated : array, (n_body + 2, 2)
         Workspace: cosine and sine of the rotations.
@@ -63,7 +62,6 @@ def place_contacts(model, slip, face, tangent, work):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     slip : array, (n_joint,) [m]
     face, tangent
         From `move_faces`.
@@ -151,6 +149,35 @@ def _shift(j, k, c, face):
     return face[j, AFTER, k, c] - face[j, BEFORE, k, c]
 
 
+@kernel
+def place_chain(model, position, joints, least, slip, work):
+    """Faces, slips and contacts of all joints, where the bodies are.
+
+    The slip of a joint that slides, or touches nowhere, is measured at the corner that touches,
+    or at the nearer one.
+
+    Parameters
+    ----------
+    position : array, (n_body + 2, 3)
+    joints : archfrag.mechanics.model.State or Work
+        With modes in `touch` and `slide`, and known slips in `slip` [m].
+    least : float
+        Slip over the joint's length below which there is none.
+    slip : array, (n_joint,)
+        Overwritten [m].
+    """
+    move_faces(model, position, work.rotated, work.face, work.tangent)
+    for j in range(slip.shape[0]):
+        at_0, at_1 = joints.touch[j, 0] > 0.5, joints.touch[j, 1] > 0.5
+        moves = (joints.slide[j] != 0.0) | opposite(at_0 | at_1)
+        slip[j] = joints.slip[j]
+        if some(moves):
+            found, _ = slip_and_gap(j, at_0, at_1, work.face, work.tangent)
+            found = select(abs(found) < least * model.length[j], 0.0, found)
+            slip[j] = select(moves, found, slip[j])
+    place_contacts(model, slip, work.face, work.tangent, work)
+
+
 @inlined
 def at_point(vx, vy, rotation, px, py):
     """Velocity at a point (px, py) from the pivot, of a body that moves by (vx, vy, rotation)."""
@@ -162,6 +189,17 @@ def corner_velocity(j, k, relative, work):
     """Relative velocity of the two faces at a corner, from that at the pivot."""
     px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
     return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
+
+
+@inlined
+def parting_at(j, px, py, position, velocity):
+    """Velocity at a point of the body after joint j relative to the one before it (Eq 22)."""
+    w, v = velocity[j + 1, 2], velocity[j, 2]
+    ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
+    uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
+    ux = ux - (velocity[j, 0] - v * (py - position[j, 1]))
+    uy = uy - (velocity[j, 1] + v * (px - position[j, 0]))
+    return ux, uy
 
 
 @kernel
@@ -176,10 +214,5 @@ def relative_velocity(position, velocity, pivot, out):
         Overwritten: x, y, rotation.
     """
     for j in range(pivot.shape[0]):
-        px, py = pivot[j, 0], pivot[j, 1]
-        w, v = velocity[j + 1, 2], velocity[j, 2]
-        ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
-        uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
-        out[j, 0] = ux - (velocity[j, 0] - v * (py - position[j, 1]))
-        out[j, 1] = uy - (velocity[j, 1] + v * (px - position[j, 0]))
-        out[j, 2] = w - v
+        out[j, 0], out[j, 1] = parting_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
+        out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]

@@ -37,7 +37,6 @@ class MegaVoussoirs(NamedTuple):
     velocity: np.ndarray  # (n_body + 2, 3)
     next_position: np.ndarray  # (n_body + 2, 3) where a step leads, or where it was looked at
     next_velocity: np.ndarray  # (n_body + 2, 3)
-    slip: np.ndarray  # (n_joint,) [m]
 
 
 def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
@@ -55,7 +54,6 @@ def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
         inner_reaction=np.zeros((n_joint, 3)),
         model=Model(**copies),
         work=new_work(model),
-        slip=np.zeros(n_joint),
         **indices,
         **{name: np.zeros((n_row, 3)) for name in motion},
     )
@@ -67,7 +65,7 @@ def in_use(mega):
     n, m, w = mega.count[0] + 2, mega.count[1], mega.work
     # The arrays by whose lengths kernels count joints and bodies; the others stay as they are.
     work = Work(
-        face=w.face[:m], tangent=w.tangent, slip=w.slip, rotated=w.rotated, point=w.point,
+        face=w.face[:m], tangent=w.tangent, slip=w.slip[:m], rotated=w.rotated, point=w.point,
         pivot=w.pivot[:m], normal=w.normal, side_normal=w.side_normal, candidate=w.candidate,
         known=w.known, bias=w.bias,
         free=w.free[:n], solved=w.solved, touch=w.touch, slide=w.slide[:m],
@@ -82,7 +80,6 @@ def in_use(mega):
         inner_reaction=mega.inner_reaction, model=mega.model, work=work,
         position=mega.position[:n], velocity=mega.velocity[:n],
         next_position=mega.next_position[:n], next_velocity=mega.next_velocity[:n],
-        slip=mega.slip[:m],
     )  # fmt: skip
 
 
@@ -170,7 +167,7 @@ def _place_joints(model, touch, slide, slip, mega):
                     place = model.corner[j, side, c, d] + mega.offset[j + side, d]
                     mega.inner_point[j, c, d] = place
             continue
-        mega.slip[k], mega.work.slide[k] = slip[j], slide[j]
+        mega.work.slip[k], mega.work.slide[k] = slip[j], slide[j]
         out.length[k], out.friction[k] = model.length[j], model.friction[j]
         for c in range(2):
             out.ray[k, c], mega.work.touch[k, c] = model.ray[j, c], touch[j, c]
@@ -219,7 +216,6 @@ def gather_state(model, position, velocity, mega):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position, velocity : ndarray, (n_body + 2, 3)
     mega : MegaVoussoirs
         Assembled; `position` and `velocity` are overwritten.

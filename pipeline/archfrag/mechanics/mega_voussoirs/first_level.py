@@ -22,15 +22,12 @@ from archfrag.mechanics.contact.blocks import (
     solve_modes,
 )
 from archfrag.mechanics.contact.placing import (
-    MINUS,
-    PLUS,
-    clearance,
     corner_offset,
-    corner_slip,
     later_vertex_meets,
-    move_faces,
-    place_contacts,
+    parting_at,
+    place_chain,
 )
+from archfrag.mechanics.laws import slip_normal
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
 PARALLEL = 1e-3
@@ -52,15 +49,6 @@ def _from(a, b):
 @inlined
 def _arm(centre, position, k):
     return position[k, 0] - centre[0], position[k, 1] - centre[1]
-
-
-@kernel
-def slip_normal(j, k, sense, work):
-    """Normal at a corner for a slip of the given sense (Eq 23a or 23b)."""
-    if work.touch[j, 0] > 0.5 and work.touch[j, 1] > 0.5:
-        return work.normal[j, 0], work.normal[j, 1]
-    side = MINUS if sense < 0.0 else PLUS
-    return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
 
 
 @kernel
@@ -88,9 +76,10 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux = velocity[j + 1, 0] - after * ay - velocity[j, 0] + before * by
-                uy = velocity[j + 1, 1] + after * ax - velocity[j, 1] - before * bx
-                nx, ny = slip_normal(j, k, sense[j], work)
+                ux, uy = parting_at(j, px, py, position, velocity)
+                nx, ny = work.normal[j, 0], work.normal[j, 1]
+                if work.touch[j, 0] < 0.5 or work.touch[j, 1] < 0.5:
+                    nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
                 place = slip[j] if slip[j] != 0.0 else -sense[j]
                 face = before if later_vertex_meets(k, place) else after
                 twice = 2.0 * face * (nx * uy - ny * ux)
@@ -152,7 +141,6 @@ def four_hinges(model, position, velocity, work):
 
     Parameters
     ----------
-    model : archfrag.mechanics.model.Model
     position, velocity : ndarray, (5, 3)
     work : archfrag.mechanics.model.Work
         With the contacts placed, modes, and accelerations without reactions in `free`; `solved`
@@ -241,23 +229,8 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Faces, slips and contacts of mega-voussoirs, where `position` has them.
-
-    The slip of a joint without contact is that of its nearer corner.
-    """
-    model, work, slip = mega.model, mega.work, mega.slip
-    move_faces(model, position, work.rotated, work.face, work.tangent)
-    for j in range(slip.shape[0]):
-        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
-        if work.slide[j] != 0.0 or not (at_0 or at_1):
-            gap = clearance(j, 0, work.face, work.tangent)
-            nearer = gap <= clearance(j, 1, work.face, work.tangent)
-            first = at_0 or (nearer and not at_1)
-            k = 0 if first else 1
-            dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
-            dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
-            slip[j] = corner_slip(j, dx, dy, first, work.tangent)
-    place_contacts(model, slip, work.face, work.tangent, work)
+    """Faces, slips and contacts of mega-voussoirs, where `position` has them."""
+    place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
 
 
 @kernel
@@ -287,7 +260,7 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
         work.free[i, 2] = 0.0
     if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
         return True
-    centripetal_bias(position, velocity, mega.slip, work.slide, work)
+    centripetal_bias(position, velocity, work.slip, work.slide, work)
     left = solve_modes(model, position, work, scale, EXACT)
     return left <= ILL_CONDITIONED * model.gravity
 
@@ -331,7 +304,7 @@ def project(mega, position, velocity, enough, limit):
     rate = measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            ex, ey = corner_offset(j, k, work.face, work.tangent, mega.slip[j])
+            ex, ey = corner_offset(j, k, work.face, work.tangent, work.slip[j])
             work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
             apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import MINUS, PLUS, clearance, move_faces
+from archfrag.mechanics.contact.placing import clearance, move_faces, parting_at
+from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import (
     FORCE_0,
@@ -32,6 +33,7 @@ from archfrag.methods.event_driven.runge_kutta import (
     Stages,
     dense_state,
     ground_after,
+    new_stages,
     sliding_rate,
 )
 
@@ -47,68 +49,57 @@ MOST_ROUNDS = 60
 ROUNDING = 1e-9
 
 
-class Laws(NamedTuple):
-    """Margins of all laws, now and at the beginning of a step."""
-
-    value: np.ndarray  # (n_joint, N_LAW)
-    low: np.ndarray  # (n_joint, N_LAW)
-    # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
-    # where they touch
-    gap: np.ndarray
-    low_gap: np.ndarray  # (n_joint, 2, 2)
-    trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
-
-
-class Scales(NamedTuple):
-    """What counts as one in a run."""
-
-    length: float  # shortest joint [m]
-    speed: float  # of a fall through it [m/s]
-    acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
-    per_weight: float  # [1/N]
-    tolerance: float  # relative error of a step
-
-
 class Motion(NamedTuple):
     """What moves mega-voussoirs between events, apart from themselves."""
 
     model: Model  # of the voussoirs
     stages: Stages
     scheme: Scheme
-    laws: Laws
-    scales: Scales
+    length: float  # shortest joint [m]
+    speed: float  # of a fall through it [m/s]
+    acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
+    per_weight: float  # [1/N]
+    tolerance: float  # relative error of a step
+    value: np.ndarray  # (n_joint, N_LAW) margins of all laws
+    low: np.ndarray  # (n_joint, N_LAW) at the beginning of a step
+    # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
+    # where they touch
+    gap: np.ndarray
+    low_gap: np.ndarray  # (n_joint, 2, 2) at the beginning of a step
+    trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
 
 
-def new_laws(n_joint: int) -> Laws:
-    """Workspace for the margins of a chain of so many joints."""
-    shape, gap = (n_joint, N_LAW), (n_joint, 2, 2)
-    return Laws(
-        np.full(shape, np.inf), np.full(shape, np.inf), np.full(gap, np.inf),
-        np.full(gap, np.inf), np.full(2, NONE),
-    )  # fmt: skip
+def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
+    """Workspace for the motion of a chain, to a relative error of a step."""
+    n_joint, length = model.friction.size, float(model.length.min())
+    margins, gaps = np.full((2, n_joint, N_LAW), np.inf), np.full((2, n_joint, 2, 2), np.inf)
+    return Motion(
+        model=model,
+        stages=new_stages(model.mass.size),
+        scheme=scheme,
+        length=length,
+        speed=float(np.sqrt(model.gravity * length)),
+        acceleration=model.gravity * min(1.0, max(1e-3, 1e3 * tolerance)),
+        per_weight=1.0 / (model.gravity * float(model.mass.sum())),
+        tolerance=float(tolerance),
+        value=margins[0],
+        low=margins[1],
+        gap=gaps[0],
+        low_gap=gaps[1],
+        trigger=np.full(2, NONE),
+    )
 
 
 @kernel
-def keep_margins(mega, laws):
+def keep_margins(mega, motion):
     """Note the present margins as those of the beginning of a step."""
-    for j in range(laws.value.shape[0]):
+    for j in range(motion.value.shape[0]):
         for law in range(N_LAW):
-            laws.low[j, law] = laws.value[j, law]
-    for k in range(mega.slip.shape[0]):
+            motion.low[j, law] = motion.value[j, law]
+    for k in range(mega.work.slip.shape[0]):
         for c in range(2):
             for d in range(2):
-                laws.low_gap[k, c, d] = laws.gap[k, c, d]
-
-
-@inlined
-def _force_margins(k, work, per_weight, value):
-    """Normal forces at both corners of a joint that slides without opening."""
-    nx, ny = work.normal[k, 0], work.normal[k, 1]
-    normal = work.reaction[k, 0] * nx + work.reaction[k, 1] * ny
-    px, py = work.point[k, 0, 0] - work.pivot[k, 0], work.point[k, 0, 1] - work.pivot[k, 1]
-    difference = work.reaction[k, 2] / (px * ny - py * nx)
-    value[FORCE_0] = 0.5 * per_weight * (normal + difference)
-    value[FORCE_1] = 0.5 * per_weight * (normal - difference)
+                motion.low_gap[k, c, d] = motion.gap[k, c, d]
 
 
 @inlined
@@ -117,10 +108,8 @@ def _cone_margins(k, c, model, work, per_weight, value):
     across, along, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
     size = per_weight / math.sqrt(across * across + along * along)
     fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
-    nx, ny = side[k, c, PLUS, 0], side[k, c, PLUS, 1]
-    high_x, high_y = across * nx - along * ny, across * ny + along * nx
-    nx, ny = side[k, c, MINUS, 0], side[k, c, MINUS, 1]
-    low_x, low_y = across * nx + along * ny, across * ny - along * nx
+    n, m = side[k, c, PLUS], side[k, c, MINUS]
+    high_x, high_y, low_x, low_y = cone_rays(k, model, n[0], n[1], m[0], m[1])
     if work.slide[k] == 0.0:
         value[FRICTION_PLUS] = high_y * fx - high_x * fy
         value[FRICTION_MINUS] = low_x * fy - low_y * fx
@@ -131,63 +120,55 @@ def _cone_margins(k, c, model, work, per_weight, value):
 
 
 @inlined
-def _opening_rate(k, c, position, velocity, work):
-    px, py = work.point[k, c, 0], work.point[k, c, 1]
-    before, after = velocity[k, 2], velocity[k + 1, 2]
-    ux = velocity[k + 1, 0] - after * (py - position[k + 1, 1])
-    uy = velocity[k + 1, 1] + after * (px - position[k + 1, 0])
-    ux -= velocity[k, 0] - before * (py - position[k, 1])
-    uy -= velocity[k, 1] + before * (px - position[k, 0])
-    return work.normal[k, 0] * ux + work.normal[k, 1] * uy
-
-
-@inlined
-def margins_between(mega, laws, scales, position, velocity):
+def margins_between(mega, motion, position, velocity):
     """Margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
-    for k in range(mega.slip.shape[0]):
-        value = laws.value[mega.joint[k]]
+    for k in range(mega.work.slip.shape[0]):
+        value = motion.value[mega.joint[k]]
         at = work.touch[k, 0] > 0.5, work.touch[k, 1] > 0.5
         per_length = 1.0 / mega.model.length[k]
         for c in range(2):
-            laws.gap[k, c, 0] = laws.gap[k, c, 1] = np.inf
+            motion.gap[k, c, 0] = motion.gap[k, c, 1] = np.inf
             if not at[c]:
                 gap = clearance(k, c, work.face, work.tangent)
-                rate = _opening_rate(k, c, position, velocity, work)
-                laws.gap[k, c, 0], laws.gap[k, c, 1] = gap, rate
+                x, y = work.point[k, c, 0], work.point[k, c, 1]
+                ux, uy = parting_at(k, x, y, position, velocity)
+                rate = work.normal[k, 0] * ux + work.normal[k, 1] * uy
+                motion.gap[k, c, 0], motion.gap[k, c, 1] = gap, rate
                 late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
                 value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
         if at[0] and at[1]:
-            _force_margins(k, work, scales.per_weight, value)
+            force_0, force_1, _, _ = closed_forces(k, work)
+            value[FORCE_0] = motion.per_weight * force_0
+            value[FORCE_1] = motion.per_weight * force_1
         elif at[0] or at[1]:
             c = 0 if at[0] else 1
-            _cone_margins(k, c, mega.model, work, scales.per_weight, value)
+            _cone_margins(k, c, mega.model, work, motion.per_weight, value)
         if work.slide[k] != 0.0:
             rate, _, _ = sliding_rate(k, position, velocity, work)
-            value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / scales.speed
+            value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
 
 
 @kernel
 def find_margins(motion, mega, position, velocity, ground_x, ground_y):
     """Margins of all laws, after `solve_first_level` at this state; the smallest.
 
-    Its joint and law are left in ``motion.laws.trigger``.
+    Its joint and law are left in ``motion.trigger``.
     """
-    laws, scales = motion.laws, motion.scales
-    value = laws.value
+    value = motion.value
     for j in range(value.shape[0]):
         for law in range(N_LAW):
             value[j, law] = np.inf
-    margins_between(mega, laws, scales, position, velocity)
+    margins_between(mega, motion, position, velocity)
     solve_second_level(
-        motion.model, mega, position, velocity, ground_x, ground_y, scales.per_weight, value
+        motion.model, mega, position, velocity, ground_x, ground_y, motion.per_weight, value
     )
     least = np.inf
     for j in range(value.shape[0]):
         for law in range(N_LAW):
             if not value[j, law] >= least:
                 least = value[j, law]
-                laws.trigger[0], laws.trigger[1] = j, law
+                motion.trigger[0], motion.trigger[1] = j, law
     return least
 
 
@@ -197,7 +178,7 @@ def margins_at(motion, mega, part, step, ground):
     position, velocity = mega.next_position, mega.next_velocity
     dense_state(motion.stages, part, position, velocity)
     x, y = ground_after(ground, part * step)
-    if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
+    if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
         return np.nan
     return find_margins(motion, mega, position, velocity, x, y)
 
@@ -221,11 +202,11 @@ def closed_inside(motion, mega, step):
     long as its rate changes sign only once. Where these allow it to close, it is looked at on the
     dense output where its rate, taken to be linear, vanishes.
     """
-    laws, found, searched = motion.laws, 1.0, False
-    for k in range(mega.slip.shape[0]):
+    found, searched = 1.0, False
+    for k in range(mega.work.slip.shape[0]):
         for c in range(2):
-            first, falls = laws.low_gap[k, c, 0], laws.low_gap[k, c, 1]
-            last, rises = laws.gap[k, c, 0], laws.gap[k, c, 1]
+            first, falls = motion.low_gap[k, c, 0], motion.low_gap[k, c, 1]
+            last, rises = motion.gap[k, c, 0], motion.gap[k, c, 1]
             if falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step:
                 part, searched = falls / (falls - rises), True
                 gap = _gap_at(motion, mega, part, k, c)
@@ -238,7 +219,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     """Margin of one law at a part of a step: a gap by the positions alone."""
     if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
-        return least if np.isnan(least) else motion.laws.value[joint, law]
+        return least if np.isnan(least) else motion.value[joint, law]
     k = 0
     while mega.joint[k] != joint:
         k += 1
@@ -249,7 +230,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
 def _root(motion, mega, step, ground, end, joint, law):
     """Part of a step, up to `end`, at which one law's margin is used up; Illinois method."""
     low, high = 0.0, end
-    low_value, high_value = motion.laws.low[joint, law], motion.laws.value[joint, law]
+    low_value, high_value = motion.low[joint, law], motion.value[joint, law]
     if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
         # A corner that has just opened lies at the threshold: it closes after it was open.
         while low_value <= THRESHOLD:
@@ -292,7 +273,7 @@ def locate(motion, mega, step, ground, end):
     The law whose margin is smallest where one is broken is followed back to where it is used up,
     an impact on the gaps alone; then all others are looked at there, until none is broken.
     """
-    trigger, part = motion.laws.trigger, end
+    trigger, part = motion.trigger, end
     for _ in range(MOST_ROUNDS):
         joint, law = trigger[0], trigger[1]
         part = _root(motion, mega, step, ground, part, joint, law)

@@ -13,14 +13,16 @@ from archfrag.mechanics.collapse import RIGHT_ANGLE, note_gap
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.mechanics.ground import segment_at
+from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.ground import Grounds, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.mechanics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import joint_reactions
 from archfrag.mechanics.model import Clock, Model, State, Work
 from archfrag.mechanics.numbers import sine_cosine
 from archfrag.mechanics.status import Count, Energy, Peak
-from archfrag.mechanics.types import GroundMotion
+from archfrag.mechanics.types import Options
+from archfrag.methods.common import write_frame
 from archfrag.methods.event_driven.events import (
     THRESHOLD,
     Motion,
@@ -33,7 +35,6 @@ from archfrag.methods.event_driven.events import (
 from archfrag.methods.event_driven.runge_kutta import (
     BY_FRICTION,
     BY_GROUND,
-    GroundSegment,
     blend,
     dense_state,
     ground_after,
@@ -41,10 +42,6 @@ from archfrag.methods.event_driven.runge_kutta import (
     make_dense,
     take_step,
 )
-from archfrag.methods.time_stepping.at_impacts import Steps
-from archfrag.methods.time_stepping.motion import Grounds
-from archfrag.methods.time_stepping.recording import write_frame
-from archfrag.methods.time_stepping.service import Limits
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
 # allowed spent, or where the equations of motion have no solution.
@@ -95,14 +92,9 @@ class Run(NamedTuple):
     progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
     outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
-    ground: GroundMotion
-    next_break: np.ndarray  # (n_sample,) next sample at which the slope of the ground changes
-    grounds: Grounds  # the same motion for steps on all voussoirs
-    steps: Steps
+    grounds: Grounds  # one motion
     path: Path
-    limits: Limits
-    most_steps: int
-    crowding: float  # mean time between events below which all voussoirs are stepped [s]
+    options: Options
 
 
 @inlined
@@ -145,15 +137,15 @@ def note_place(run, mega, position):
 def _is_fallen(run, mega, position):
     """Whether a joint cannot come to bear again; notes the gaps of those without contact."""
     fallen, work = False, mega.work
-    for k in range(mega.slip.shape[0]):
+    for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
         if work.touch[k, 0] < 0.5 and work.touch[k, 1] < 0.5:
             gap = clearance(k, 0, work.face, work.tangent)
             gap = min(gap, clearance(k, 1, work.face, work.tangent)) * per_length
             note_gap(mega.joint[k], run.state, gap, True)
-            fallen = fallen or gap > run.limits.loss_limit
+            fallen = fallen or gap > run.options.loss_limit
         rotation = position[k + 1, 2] - position[k, 2]
-        fallen = fallen or abs(mega.slip[k]) * per_length >= 1.0 or abs(rotation) >= RIGHT_ANGLE
+        fallen = fallen or abs(work.slip[k]) * per_length >= 1.0 or abs(rotation) >= RIGHT_ANGLE
     return fallen
 
 
@@ -161,8 +153,8 @@ def _is_fallen(run, mega, position):
 def recover_voussoirs(mega, position, velocity, state):
     """State of all voussoirs, and slips of their joints, from those of the mega-voussoirs."""
     split_state(mega, position, velocity, state.position, state.velocity)
-    for k in range(mega.slip.shape[0]):
-        state.slip[mega.joint[k]] = mega.slip[k]
+    for k in range(mega.work.slip.shape[0]):
+        state.slip[mega.joint[k]] = mega.work.slip[k]
 
 
 @inlined
@@ -174,14 +166,13 @@ def begin_motion(run, mega, x, y):
     """
     motion, position, velocity = run.motion, mega.position, mega.velocity
     pose(mega, position)
-    scales = motion.scales
-    if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * scales.length):
+    if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * motion.length):
         return False
-    if not solve_first_level(mega, position, velocity, x, y, scales.acceleration):
+    if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
         return False
     keep_stage(mega, motion.stages, 0, position, velocity, x, y)
     least = find_margins(motion, mega, position, velocity, x, y)
-    keep_margins(mega, motion.laws)
+    keep_margins(mega, motion)
     look_outward(run, mega, position, velocity)
     return least > -np.inf
 
@@ -191,7 +182,7 @@ def recover_reactions(run, mega, position, velocity, x, y):
     """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
     it is."""
     state, work = run.state, run.work
-    if not solve_first_level(mega, position, velocity, x, y, run.motion.scales.acceleration):
+    if not solve_first_level(mega, position, velocity, x, y, run.motion.acceleration):
         return False
     find_margins(run.motion, mega, position, velocity, x, y)
     recover_voussoirs(mega, position, velocity, state)
@@ -224,16 +215,14 @@ def write_step(run, mega, start, step, part, ground, output):
 @inlined
 def _accept(run, mega, part, peaks):
     """Take the state that a step, or a part of it, has reached; record works and peaks."""
-    stages, energy, kinetic = run.motion.stages, run.state.energy, 0.0
+    stages, energy = run.motion.stages, run.state.energy
     energy[Energy.GROUND] += blend(stages.dense_work[BY_GROUND], part)
     energy[Energy.FRICTION] += blend(stages.dense_work[BY_FRICTION], part)
     for i in range(1, mega.position.shape[0] - 1):
         for c in range(3):
             mega.position[i, c] = mega.next_position[i, c]
             mega.velocity[i, c] = mega.next_velocity[i, c]
-        vx, vy, w = mega.velocity[i, 0], mega.velocity[i, 1], mega.velocity[i, 2]
-        kinetic += 0.5 * mega.model.mass[i] * (vx * vx + vy * vy)
-        kinetic += 0.5 * mega.model.inertia[i] * w * w
+    kinetic = kinetic_energy(mega.model, mega.velocity)
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     # The end, and if a body may have reversed, also between.
     for sample in range(PEAK_SAMPLES if peaks else 1):
@@ -256,11 +245,11 @@ def _shift_stages(mega, stages, last):
 @inlined
 def _allowed_errors(mega, motion, farthest):
     """Errors in position [m] and in velocity [m/s] that count as one."""
-    scales, fastest = motion.scales, 0.0
+    fastest = 0.0
     for i in range(1, mega.velocity.shape[0] - 1):
         fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
-    size = scales.tolerance * (np.sqrt(farthest) + FLOOR * scales.length)
-    return size, scales.tolerance * (fastest + FLOOR * scales.speed)
+    size = motion.tolerance * (np.sqrt(farthest) + FLOOR * motion.length)
+    return size, motion.tolerance * (fastest + FLOOR * motion.speed)
 
 
 @inlined
@@ -283,22 +272,22 @@ def check_laws(motion, mega, step, ground):
 def integrate(run, mega, stop, output):
     """Move mega-voussoirs until a law ends or `stop` is reached.
 
-    Returns how it ends; for an event ``run.motion.laws.trigger`` has the law.
+    Returns how it ends; for an event ``run.motion.trigger`` has the law.
     """
     motion, progress, clock, count = run.motion, run.progress, run.state.clock, run.state.count
-    scales, last = motion.scales, motion.scheme.time.shape[0] - 1
-    unit = scales.length / scales.speed
-    while count[Count.STEPS] < run.most_steps:
+    last = motion.scheme.time.shape[0] - 1
+    unit = motion.length / motion.speed
+    while count[Count.STEPS] < run.options.max_steps:
         time = clock[Clock.TIME]
-        until, ground_x, rate_x, ground_y, rate_y = segment_at(time, run.ground, run.next_break)
-        until, ground = min(until, stop), GroundSegment(ground_x, rate_x, ground_y, rate_y)
+        ground = segment_at(time, run.grounds)
+        until = min(ground.end, stop)
         step = min(progress[Progress.STEP], LONGEST * unit)
         cut = time + 1.001 * step >= until
         if cut:
             step = until - time
         allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
         error = take_step(
-            mega, motion.stages, motion.scheme, step, ground, scales.acceleration, allowed
+            mega, motion.stages, motion.scheme, step, ground, motion.acceleration, allowed
         )
         count[Count.STEPS] += 1.0
         part, event, good = 1.0, False, error <= 1.0
@@ -309,7 +298,7 @@ def integrate(run, mega, stop, output):
                 return BROKEN
             # Other mega-voussoirs are formed of a state that lies on the contacts.
             drift = 0.0 if event or until >= stop else DRIFT
-            farthest = min(allowed[0], FARTHEST * scales.length)
+            farthest = min(allowed[0], FARTHEST * motion.length)
             enough = drift * allowed[0], drift * allowed[1]
             good = project(mega, mega.next_position, mega.next_velocity, enough, farthest)
             count[Count.REFUSED] += 0.0 if good else 1.0
@@ -326,12 +315,12 @@ def integrate(run, mega, stop, output):
         # One that lands where it left has no rate at either end.
         _accept(run, mega, part, comes_back or event)
         _shift_stages(mega, motion.stages, last)
-        keep_margins(mega, motion.laws)
+        keep_margins(mega, motion)
         clock[Clock.TIME] = until if cut and not event else time + part * step
         if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:
-            joint, law = motion.laws.trigger[0], motion.laws.trigger[1]
+            joint, law = motion.trigger[0], motion.trigger[1]
             write_step(run, mega, time, step, part, ground, output)
-            motion.laws.trigger[0], motion.laws.trigger[1] = joint, law
+            motion.trigger[0], motion.trigger[1] = joint, law
         if event:
             return EVENT
         progress[Progress.STEP] = (

@@ -15,7 +15,7 @@ from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import rest_margin, segment_at
+from archfrag.mechanics.ground import end_of_motion, rest_margin, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     farthest_move,
@@ -28,6 +28,18 @@ from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as Rung
+from archfrag.methods.common import (
+    ALL,
+    AT_END,
+    BROKEN,
+    EXHAUSTED,
+    GO,
+    IDLE,
+    end_run,
+    log_change,
+    read_state,
+)
+from archfrag.methods.common import FALLEN as COLLAPSE
 from archfrag.methods.event_driven.events import NONE
 from archfrag.methods.event_driven.integrate import (
     BOUND,
@@ -45,27 +57,27 @@ from archfrag.methods.event_driven.transitions import (
     BY_IMPACT,
     cause_of,
     change_mode,
-    place_chain,
+    place_voussoirs,
     pose_accelerations,
     pose_impact,
     solve_posed,
     take_impact,
     take_modes,
 )
-from archfrag.methods.time_stepping import rest, service, waits
 from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.motion import end_of_motion
-from archfrag.methods.time_stepping.recording import log_change
-from archfrag.methods.time_stepping.run import code_after, try_step
+from archfrag.methods.time_stepping.rest import BY_START, start_moving
+from archfrag.methods.time_stepping.run import code_after, start_at_rest, try_step
+from archfrag.methods.time_stepping.service import (
+    accept_recorded,
+    measure_state,
+    serve,
+    serve_pause,
+)
 from archfrag.methods.time_stepping.step import record_overlap
 
-BY_START, BY_ACCUMULATION, BY_QUIESCENCE = (
-    int(Cause.START),
-    int(Cause.ACCUMULATION),
-    int(Cause.QUIESCENT),
-)
+BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
 BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
+FOUR, MEGA = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
 IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
 STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
@@ -88,7 +100,7 @@ MEASURED = 16
 
 @inlined
 def _unit(run):
-    return run.motion.scales.length / run.motion.scales.speed
+    return run.motion.length / run.motion.speed
 
 
 @inlined
@@ -99,14 +111,14 @@ def _set_cause(run, cause, joint):
 @inlined
 def ground_now(run):
     """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
-    time, limits, g = run.state.clock[Clock.TIME], run.limits, run.model.gravity
-    end, x, slope_x, y, slope_y = segment_at(time, run.ground, run.next_break)
-    if run.progress[Progress.LEAVES_REST] == 0.0 or np.isnan(limits.rest_plus):
+    time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
+    end, x, slope_x, y, slope_y = segment_at(time, run.grounds)
+    if run.progress[Progress.LEAVES_REST] == 0.0 or np.isnan(options.rest_plus):
         return x, y
     later = 0.0
     while time + later < end:
         ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
-        margin = rest_margin(ahead_x, ahead_y, g, limits.rest_plus, limits.rest_minus)
+        margin = rest_margin(ahead_x, ahead_y, g, options.rest_plus, options.rest_minus)
         if margin < -BEYOND * g:
             break
         later = min(max(2.0 * later, SOONEST * _unit(run)), end - time)
@@ -116,7 +128,7 @@ def ground_now(run):
 @kernel
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
-    trigger, joint, corner = run.motion.laws.trigger, -1, -1
+    trigger, joint, corner = run.motion.trigger, -1, -1
     if run.progress[Progress.CAUSE] == BY_IMPACT:
         joint, corner = trigger[0], trigger[1] - GAP_0
     trigger[0] = NONE
@@ -130,7 +142,7 @@ def impact(run):
 @kernel
 def modes_of_accelerations(run):
     """Contact modes from now on (Eqs 15-19, 29-35)."""
-    trigger = run.motion.laws.trigger
+    trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
     x, y = ground_now(run)
@@ -149,7 +161,7 @@ def _fastest(run):
     fastest = spoiled = 0.0
     for i in range(1, run.state.velocity.shape[0] - 1):
         v = run.state.velocity[i]
-        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.scales.length * abs(v[2]))
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.length * abs(v[2]))
         spoiled += 0.0 * (v[0] + v[1] + v[2])
     return fastest + spoiled
 
@@ -172,28 +184,28 @@ def balance_energy(model, state):
 def assemble_mega_voussoirs(run, output):
     """Mega-voussoirs of the present modes (section 3.3), ready to move."""
     model, state, work, progress = run.model, run.state, run.work, run.progress
-    clock, scales = state.clock, run.motion.scales
+    clock, motion = state.clock, run.motion
     clock[Clock.FASTEST] = _fastest(run)
     if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = waits.BROKEN
+        clock[Clock.CODE] = BROKEN
         return DONE
     had = balance_energy(model, state)
-    if clock[Clock.FASTEST] < run.limits.still and progress[Progress.LEAVES_REST] == 0.0:
+    if clock[Clock.FASTEST] < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
         return STILL
     progress[Progress.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
-        service.measure_state(model, state, work)
+        measure_state(model, state, work)
         record_overlap(model, state, work, True)
     assemble(model, state.touch, state.slide, state.slip, run.mega)
     mega = in_use(run.mega)
     gather_state(model, state.position, state.velocity, mega)
     split_state(mega, mega.position, mega.velocity, work.position, work.solved)
     moved = farthest_move(model, state.position, work.position)
-    if mega.count[0] == 0 or not moved <= REGROUPED * scales.length:
+    if mega.count[0] == 0 or not moved <= REGROUPED * motion.length:
         state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
         return ALL_VOUSSOIRS
-    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
-    if not begin_motion(run, mega, x, y):
+    ground = segment_at(clock[Clock.TIME], run.grounds)
+    if not begin_motion(run, mega, ground.x, ground.y):
         return ALL_VOUSSOIRS
     if progress[Progress.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
@@ -211,8 +223,8 @@ def integrate_to_next_event(run, output):
     """Motion of the mega-voussoirs until the next event (section 3.5)."""
     model, state, work, clock = run.model, run.state, run.work, run.state.clock
     mega, before = in_use(run.mega), clock[Clock.TIME]
-    record_end = (run.ground.horizontal.size - 1) * run.ground.time_step
-    end = record_end + run.limits.follow
+    record_end = end_of_motion(run.grounds, clock, 0.0)
+    end = record_end + run.options.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)
     rung = is_four_hinges(mega.work, mega.position.shape[0])
     spent = Progress.FOUR_HINGES if rung else Progress.MEGA_VOUSSOIRS
@@ -221,19 +233,19 @@ def integrate_to_next_event(run, output):
     recover_voussoirs(mega, mega.position, mega.velocity, run.state)
     if code == EVENT:
         return UPON_EVENT
-    run.motion.laws.trigger[0] = NONE
-    place_chain(run.model, run.state, run.work)
+    run.motion.trigger[0] = NONE
+    place_voussoirs(run.model, run.state, run.work)
     if code == STOPPED and clock[Clock.TIME] < end:
         return MODES
     if code != STOPPED and code != FALLEN and code != BOUND:
         return ALL_VOUSSOIRS
     balance_energy(model, state)
-    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
-    recover_reactions(run, mega, mega.position, mega.velocity, x, y)
-    clock[Clock.CODE] = waits.AT_END if code == STOPPED else waits.EXHAUSTED
+    ground = segment_at(clock[Clock.TIME], run.grounds)
+    recover_reactions(run, mega, mega.position, mega.velocity, ground.x, ground.y)
+    clock[Clock.CODE] = AT_END if code == STOPPED else EXHAUSTED
     if code == FALLEN:
-        follow_joints(model, state, work, True, run.limits.loss_limit)
-        clock[Clock.CODE] = waits.FALLEN
+        follow_joints(model, state, work, True, run.options.loss_limit)
+        clock[Clock.CODE] = COLLAPSE
     written, frames = output.written, output.frames
     if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
         written[0] -= 1  # the last frame is written again
@@ -250,11 +262,11 @@ def impact_or_mechanism_change(run):
     time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % ACCUMULATION
     many, some = time - recent[slot], time - recent[slot - SOME]
     recent[slot] = time
-    if many < ACCUMULATED * _unit(run) or some < SOME * run.crowding:
+    if many < ACCUMULATED * _unit(run) or some < SOME * run.options.crowding:
         progress[Progress.SWITCH] = BY_ACCUMULATION
     if cause == BY_IMPACT:
         return IMPACT
-    place_chain(run.model, run.state, run.work)
+    place_voussoirs(run.model, run.state, run.work)
     return MODES
 
 
@@ -278,17 +290,17 @@ def go_on(run, output, phase):
 @inlined
 def step_until(run, until, output):
     """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
-    model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
-    grounds, steps = run.grounds, run.steps
-    end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
-    while clock[Clock.CODE] == waits.GO and clock[Clock.TIME] < until:
+    model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
+    clock = state.clock
+    end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
+    while clock[Clock.CODE] == GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
-        kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
+        kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
         if solved:
-            fallen, broken = service.accept_recorded(model, state, work, kick, limits, output)
-            next_step(state, steps, True, end)
-        code = code_after(state, steps, limits, end, (solved, unsolved, fallen, broken))
+            fallen, broken = accept_recorded(model, state, work, kick, options, output)
+            next_step(state, options, True, end)
+        code = code_after(state, options, end, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
@@ -307,7 +319,7 @@ def step_all_voussoirs(run, output):
         run.progress,
         run.state.clock,
     )
-    unit = run.motion.scales.length / run.motion.scales.speed
+    unit = run.motion.length / run.motion.speed
     state.count[Count.SWITCHES] += 1.0
     again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
     progress[Progress.WINDOW] = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
@@ -322,17 +334,15 @@ def step_all_voussoirs(run, output):
     cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    rest.start_moving(state, run.steps, output)
+    start_moving(state, run.options, output)
     work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
-    clock[Clock.CODE] = waits.GO
+    clock[Clock.CODE] = GO
     until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != waits.GO:
-            code = service.serve(
-                model, run.grounds, state, work, run.path, run.steps, run.limits, output
-            )
-            if code != waits.GO:
+        if clock[Clock.CODE] != GO:
+            code = serve(model, run.grounds, state, work, run.path, run.options, output)
+            if code != GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
@@ -346,9 +356,8 @@ def step_all_voussoirs(run, output):
 def rest_if_still(run, output):
     """Rest until the ground moves the chain, if that leaves it where it is now."""
     state, rests = run.state, run.state.count[Count.RESTS]
-    code = service.serve_pause(
-        run.model, run.grounds, state, run.work, run.path, run.steps, run.limits, output
-    )
+    model, work, options = run.model, run.work, run.options
+    code = serve_pause(model, run.grounds, state, work, run.path, options, output)
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
@@ -359,46 +368,27 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
-    if code == waits.IDLE:
+    if code == IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, BY_START, -1)
     run.progress[Progress.LEAVES_REST] = 1.0
-    place_chain(run.model, run.state, run.work)
+    place_voussoirs(run.model, run.state, run.work)
     return MODES
 
 
-@inlined
-def start_at_rest(run, output):
-    """Begin a run at rest in the chain's own geometry."""
-    model, state, work, limits = run.model, run.state, run.work, run.limits
-    service.begin(model, run.grounds, state, work, run.steps, limits, 0, 1.0)
-    rest.write_rest(model, run.grounds, state, work, run.path, output)
-    code = rest.rest_until_onset(
-        model, run.grounds, state, run.steps, limits.rest_plus, limits.rest_minus, output
-    )
-    state.clock[Clock.CODE] = code
-    return leave_rest(run, code, output)
-
-
-@inlined
-def start_in_motion(run):
-    """Begin a run from given positions and velocities."""
-    model, state, work = run.model, run.state, run.work
-    service.clear(state)
-    state.clock[Clock.FACTOR] = 1.0
-    kinetic, state.clock[Clock.START] = energies_of(model, state)
-    state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    service.read_joints(model, state, work)
-    _set_cause(run, BY_START, -1)
-    return IMPACT
-
-
 @kernel
-def follow_phases(run, at_rest, output, results):
+def follow_phases(run, at_rest, output, results, row):
     """A run from its beginning to its end, as a table of phases."""
-    phase = start_at_rest(run, output) if at_rest else start_in_motion(run)
+    model, state, work, options = run.model, run.state, run.work, run.options
+    state.clock[Clock.FACTOR] = 1.0
+    if at_rest:
+        start_at_rest(model, run.grounds, state, work, run.path, options, output)
+        phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
+    else:
+        read_state(model, state, work)
+        _set_cause(run, BY_START, -1)
+        phase = IMPACT
     while phase != DONE:
         if phase <= UPON_EVENT:
             phase = go_on(run, output, phase)
@@ -406,8 +396,8 @@ def follow_phases(run, at_rest, output, results):
             phase = rest_if_still(run, output)
         else:
             phase = step_all_voussoirs(run, output)
-    service.end_run(run.model, run.state, run.work, run.limits, output, results, 0)
-    results.model_time[0, FOUR] = run.progress[Progress.FOUR_HINGES]
-    results.model_time[0, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
+    end_run(model, state, work, options, output, results, row)
+    results.model_time[row, FOUR] = run.progress[Progress.FOUR_HINGES]
+    results.model_time[row, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])
-    results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)
+    results.peak[row, Peak.DISPLACEMENT] = max(results.peak[row, Peak.DISPLACEMENT], farthest)

@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.mega_voussoirs.first_level import slip_normal, solve_first_level
+from archfrag.mechanics.contact.placing import parting_at
+from archfrag.mechanics.laws import contact_of
+from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 
 N_STAGE = 7
 C = (0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0)
@@ -71,15 +73,6 @@ class Stages(NamedTuple):
     dense_work: np.ndarray  # (2, 5) [J]
 
 
-class GroundSegment(NamedTuple):
-    """Ground acceleration that is linear in time: at the beginning, and its rate."""
-
-    x: float  # [m/s2]
-    slope_x: float  # [m/s3]
-    y: float
-    slope_y: float
-
-
 def new_stages(n_row: int) -> Stages:
     """Workspace for the steps of a chain with so many rows of bodies."""
     shape, dense = (n_row, N_STAGE, 3), (n_row, 3, 5)
@@ -98,14 +91,8 @@ def ground_after(ground, time):
 @kernel
 def sliding_rate(j, position, velocity, work):
     """Tangential velocity of the later body at a sliding joint [m/s], and the normal there."""
-    k = 0 if work.touch[j, 0] > 0.5 else 1
-    px, py = work.point[j, k, 0], work.point[j, k, 1]
-    before, after = velocity[j, 2], velocity[j + 1, 2]
-    ux = velocity[j + 1, 0] - after * (py - position[j + 1, 1])
-    uy = velocity[j + 1, 1] + after * (px - position[j + 1, 0])
-    ux -= velocity[j, 0] - before * (py - position[j, 1])
-    uy -= velocity[j, 1] + before * (px - position[j, 0])
-    nx, ny = slip_normal(j, k, work.slide[j], work)
+    nx, ny, px, py = contact_of(j, work)
+    ux, uy = parting_at(j, px, py, position, velocity)
     return nx * uy - ny * ux, nx, ny
 
 

@@ -10,18 +10,16 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
-from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
+from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import copy_modes, solve_by_path
 from archfrag.mechanics.contact.placing import (
-    MINUS,
-    PLUS,
     clearance,
-    corner_slip,
     corner_velocity,
-    move_faces,
-    place_contacts,
+    place_chain,
     relative_velocity,
 )
+from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.laws import opening_rate
 from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
 from archfrag.mechanics.mega_voussoirs.second_level import (
     FORCE_0,
@@ -55,26 +53,9 @@ SLOWEST = 3e-6
 
 
 @kernel
-def place_chain(model, state, work):
-    """Faces and contacts of all joints where the voussoirs are.
-
-    The slip of a joint without contact is measured at its nearer corner.
-    """
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    for j in range(state.slip.size):
-        at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
-        first = at_0
-        if not (at_0 or at_1):
-            gap = clearance(j, 0, work.face, work.tangent)
-            first = gap <= clearance(j, 1, work.face, work.tangent)
-        elif state.slide[j] == 0.0:
-            continue
-        k = 0 if first else 1
-        dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
-        dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
-        slip = corner_slip(j, dx, dy, first, work.tangent)
-        state.slip[j] = 0.0 if abs(slip) < TOUCHING * model.length[j] else slip
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+def place_voussoirs(model, state, work):
+    """Faces and contacts of all joints where the voussoirs are."""
+    place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
 
 @inlined
@@ -84,7 +65,7 @@ def pose_impact(run, joint, corner):
     Returns whether there is anything that an impact could change.
     """
     model, state, work = run.model, run.state, run.work
-    place_chain(model, state, work)
+    place_voussoirs(model, state, work)
     for j in range(state.slip.size):
         for k in range(2):
             near = clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
@@ -95,16 +76,7 @@ def pose_impact(run, joint, corner):
     for i in range(1, state.velocity.shape[0] - 1):
         for c in range(3):
             work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
-    return velocity_scale(state.position, work) > PARTING * run.motion.scales.speed
-
-
-@inlined
-def _kinetic(model, velocity):
-    energy = 0.0
-    for i in range(1, velocity.shape[0] - 1):
-        vx, vy, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        energy += 0.5 * (model.mass[i] * (vx * vx + vy * vy) + model.inertia[i] * w * w)
-    return energy
+    return velocity_scale(state.position, work) > PARTING * run.motion.speed
 
 
 @inlined
@@ -115,8 +87,8 @@ def _close_slow_joints(run):
     is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
     in proportion to its rate.
     """
-    model, work, scales, changed = run.model, run.work, run.motion.scales, False
-    slow = scales.speed * max(SLOW * math.sqrt(scales.tolerance), SLOWEST)
+    model, work, motion, changed = run.model, run.work, run.motion, False
+    slow = motion.speed * max(SLOW * math.sqrt(motion.tolerance), SLOWEST)
     for j in range(work.slide.size):
         at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
         if not (at_0 or at_1):
@@ -140,11 +112,12 @@ def _close_slow_joints(run):
 @inlined
 def _approaches(run):
     """Whether the solved velocities close a corner that touches."""
-    work, limit = run.work, -STAYING * run.motion.scales.speed
+    work, limit = run.work, -STAYING * run.motion.speed
     approaches = False
     for j in range(work.slide.size):
         for k in range(2):
-            closes = opening_rate(j, k, work) < limit
+            ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
+            closes = opening_rate(j, k, ux, uy, work) < limit
             approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
     return approaches
 
@@ -153,23 +126,23 @@ def _approaches(run):
 def take_impact(run):
     """Take the velocities after an impact over, and what it closes for good."""
     model, state, work = run.model, run.state, run.work
-    had = _kinetic(model, state.velocity)
+    had = kinetic_energy(model, state.velocity)
     for j in range(state.slip.size):
         made_0 = work.touch[j, 0] > state.touch[j, 0]
         made = made_0 or work.touch[j, 1] > state.touch[j, 1]
         state.count[Count.IMPACTS] += 1.0 if made else 0.0
     _take_velocities(run)
     if _close_slow_joints(run):
-        left = _kinetic(model, state.velocity)
+        left = kinetic_energy(model, state.velocity)
         for i in range(1, state.velocity.shape[0] - 1):
             for c in range(3):
                 work.free[i, c] = state.velocity[i, c]
-        solve_modes(model, state.position, work, run.motion.scales.speed, EXACT)
+        solve_modes(model, state.position, work, run.motion.speed, EXACT)
         # Where bringing velocities there would give energy, or another joint would have to be
         # struck, nothing is closed.
-        if _kinetic(model, work.solved) <= left and not _approaches(run):
+        if kinetic_energy(model, work.solved) <= left and not _approaches(run):
             _take_velocities(run)
-    state.energy[Energy.IMPACT] += _kinetic(model, state.velocity) - had
+    state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had
 
 
 @inlined
@@ -189,17 +162,14 @@ def _take_velocities(run):
 def _find_touching(j, run):
     """Corners of a joint that touch and stay, into ``work.candidate``; its slip rate."""
     model, state, work = run.model, run.state, run.work
-    rate, speed = 0.0, run.motion.scales.speed
+    rate, speed = 0.0, run.motion.speed
     for k in range(2):
         work.candidate[j, k] = 0.0
         ux, uy = corner_velocity(j, k, work.relative, work)
         if state.touch[j, k] < 0.5:
             if clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
                 continue
-            side = work.side_normal
-            plus = side[j, k, PLUS, 0] * ux + side[j, k, PLUS, 1] * uy
-            minus = side[j, k, MINUS, 0] * ux + side[j, k, MINUS, 1] * uy
-            if max(plus, minus) > STAYING * speed:
+            if opening_rate(j, k, ux, uy, work) > STAYING * speed:
                 continue
         work.candidate[j, k] = 1.0
         along = work.normal[j, 0] * uy - work.normal[j, 1] * ux
@@ -217,7 +187,7 @@ def pose_accelerations(run, ground_x, ground_y):
     relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
-        slips = abs(rate) > SLIPPING * run.motion.scales.speed
+        slips = abs(rate) > SLIPPING * run.motion.speed
         rough = math.isinf(model.friction[j])
         jammed = jammed or (slips and rough)
         for k in range(2):
@@ -271,14 +241,14 @@ def take_modes(run):
         state.count[Count.SLIDES] += 1.0 if slides else 0.0
         state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
         state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
-    follow_joints(model, state, work, True, run.limits.loss_limit)
+    follow_joints(model, state, work, True, run.options.loss_limit)
     return True
 
 
 @inlined
 def cause_of(run):
     """Why the mechanism ends: cause, and joint of the chain."""
-    joint, law = run.motion.laws.trigger[0], run.motion.laws.trigger[1]
+    joint, law = run.motion.trigger[0], run.motion.trigger[1]
     touch = run.state.touch
     if law == SLIP_END:
         return BY_STICK, joint

@@ -10,15 +10,15 @@ shortest and largest steps are equal none is refused.
 """
 
 import math
-from typing import NamedTuple
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.modes import closes_soon
-from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_velocity
+from archfrag.mechanics.contact.placing import corner_velocity
+from archfrag.mechanics.laws import MINUS, PLUS
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import larger, select, smaller, some
+from archfrag.mechanics.numbers import larger, opposite, select, smaller, some
 from archfrag.mechanics.status import Count
-from archfrag.methods.time_stepping.step import bend_of, offset_of
+from archfrag.methods.time_stepping.step import bend_of, is_centred, offset_of
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
@@ -26,15 +26,6 @@ NEARLY = 1.05
 LEAD, SOON = 0.75, 1.25
 # The most of a refused step that is made again, and the least of the shortest.
 MOST, LEAST = 0.9, 0.25
-# An impact this near to the middle of a step, over its length, need not be brought nearer.
-CENTRED = 0.1
-
-
-class Steps(NamedTuple):
-    """Sizes of steps."""
-
-    largest: float  # [s]
-    impact: float  # at impacts: the shortest [s]
 
 
 @inlined
@@ -90,25 +81,25 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 
 @inlined
-def shorten(model, state, work, steps, refused, unsolved):
+def shorten(model, state, work, options, refused, unsolved):
     """Cut the steps that were refused before the impact, and halve those without solution."""
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
-        wait = time_to_impact(model, state, work, steps.impact, LEAD * steps.impact)
+        wait = time_to_impact(model, state, work, options.time_step, LEAD * options.time_step)
         # Too near for a step before it: the impact comes into the middle of this one.
-        middle = larger(2.0 * wait, LEAST * steps.impact)
-        cut = select(wait < SOON * steps.impact, middle, wait - LEAD * steps.impact)
+        middle = larger(2.0 * wait, LEAST * options.time_step)
+        cut = select(wait < SOON * options.time_step, middle, wait - LEAD * options.time_step)
         clock[Clock.STEP] = select(refused, smaller(cut, MOST * step), step)
         clock[Clock.IMPACT] = select(refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT])
     if some(unsolved):
-        half = larger(0.5 * step, steps.impact)
+        half = larger(0.5 * step, options.time_step)
         clock[Clock.STEP] = select(unsolved, half, clock[Clock.STEP])
         state.count[Count.SHORTENED] += select(unsolved, 1.0, 0.0)
 
 
 @inlined
-def next_step(state, steps, where, until):
+def next_step(state, options, where, until):
     """Size of the step after one that has been made; none goes on past `until`."""
     clock = state.clock
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
@@ -116,9 +107,9 @@ def next_step(state, steps, where, until):
     for j in range(state.impact.shape[0]):
         unfinished = unfinished | (state.impact[j] > 0.0)
     # An impact off the middle of its step ends in the next one.
-    step = select(unfinished, smaller(clock[Clock.STEP], steps.impact), steps.largest)
-    far = ahead - LEAD * steps.impact
-    due = select(ahead < SOON * steps.impact, 2.0 * ahead, far)
+    step = select(unfinished, smaller(clock[Clock.STEP], options.time_step), options.largest_step)
+    far = ahead - LEAD * options.time_step
+    due = select(ahead < SOON * options.time_step, 2.0 * ahead, far)
     step = select((ahead > 0.0) & (due < step), due, step)
     left = until - clock[Clock.TIME]
     step = select((left > 0.0) & (left < step), left, step)
@@ -126,9 +117,8 @@ def next_step(state, steps, where, until):
 
 
 @inlined
-def locates(state, steps, live):
+def locates(state, options, live):
     """Where a step is long enough to be refused if a corner closes in it, except in its middle."""
     clock = state.clock
     step = clock[Clock.STEP]
-    off = abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step))
-    return live & (step > NEARLY * steps.impact) & (off > CENTRED * step)
+    return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))

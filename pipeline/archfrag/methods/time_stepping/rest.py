@@ -3,19 +3,15 @@
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.contact.path import solve_anyhow
 from archfrag.mechanics.contact.placing import clearance, place_contacts
-from archfrag.mechanics.contact.problem import solve_anyhow
+from archfrag.mechanics.ground import end_rest, kick_between
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.status import Cause, Count
-from archfrag.mechanics.status import Model as Rung
-from archfrag.methods.time_stepping.motion import end_rest, kick_between
-from archfrag.methods.time_stepping.recording import log_change, write_frame
-from archfrag.methods.time_stepping.waits import GO, IDLE
+from archfrag.methods.common import ALL, CLOSED_GAP, GO, IDLE, log_change, write_frame
 
-BY_START, ALL = int(Cause.START), int(Rung.ALL_VOUSSOIRS)
-# Gap over joint length below which a corner is closed in a chain at rest [1].
-CLOSED_GAP = 1e-7
+BY_START = int(Cause.START)
 
 
 @kernel
@@ -45,27 +41,23 @@ def rest_range(model, state, work):
     for k in range(2):
         sense = 1.0 - 2.0 * k
         limit = rest_limit(
-            model.mass[1:-1],
-            centroid,
-            work.point,
-            work.normal,
-            candidate,
-            model.friction,
-            model.gravity,
-            sense,
-        )
+            model.mass[1:-1], centroid, work.point, work.normal, candidate, model.friction,
+            model.gravity, sense,
+        )  # fmt: skip
         found[k], factor[k] = limit.found, sense * limit.load_factor
     return found[0] and found[1], factor[0], factor[1]
 
 
 @kernel
-def start_moving(state, steps, output):
+def start_moving(state, options, output):
     """Begin to step from the positions and velocities of a state."""
     clock = state.clock
-    clock[Clock.STEP], clock[Clock.IMPACT] = steps.impact, -np.inf
+    clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
     output.span[0] = 0.0
     for j in range(state.impact.size):
         state.impact[j] = 0.0
+        for c in range(3):
+            state.force[j, c] = 0.0
 
 
 @kernel
@@ -99,7 +91,7 @@ def write_rest(model, grounds, state, work, path, output):
 
 
 @kernel
-def rest_until_onset(model, grounds, state, steps, plus, minus, output):
+def rest_until_onset(model, grounds, state, options, plus, minus, output):
     """Let a chain rest until the ground motion moves it; returns the code."""
     clock = state.clock
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
@@ -107,7 +99,7 @@ def rest_until_onset(model, grounds, state, steps, plus, minus, output):
     clock[Clock.TIME] = leave
     if for_good:
         return IDLE
-    start_moving(state, steps, output)
+    start_moving(state, options, output)
     output.due[0] = leave
     log_change(state, leave, BY_START, -1, ALL, output)
     return GO

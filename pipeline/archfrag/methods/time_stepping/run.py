@@ -15,7 +15,7 @@ from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.energy import energies_of
+from archfrag.mechanics.ground import end_of_motion, kick_between
 from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work, with_shapes
 from archfrag.mechanics.numbers import (
     LANES,
@@ -27,29 +27,9 @@ from archfrag.mechanics.numbers import (
     select,
     some,
 )
-from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.time_stepping.at_impacts import (
-    LEAD,
-    beyond,
-    locates,
-    next_step,
-    shorten,
-)
-from archfrag.methods.time_stepping.motion import end_of_motion, kick_between
-from archfrag.methods.time_stepping.recording import log_change
-from archfrag.methods.time_stepping.rest import rest_until_onset, start_moving, write_rest
-from archfrag.methods.time_stepping.service import (
+from archfrag.mechanics.status import Count
+from archfrag.methods.common import (
     ALL,
-    BY_START,
-    accept_recorded,
-    begin,
-    clear,
-    end_run,
-    read_joints,
-    serve,
-)
-from archfrag.methods.time_stepping.step import accept_step, pose_step
-from archfrag.methods.time_stepping.waits import (
     AT_END,
     BROKEN,
     EXHAUSTED,
@@ -58,7 +38,20 @@ from archfrag.methods.time_stepping.waits import (
     IDLE,
     PAUSE,
     UNSOLVED,
+    begin,
+    end_run,
+    log_change,
+    read_state,
 )
+from archfrag.methods.time_stepping.at_impacts import LEAD, beyond, locates, next_step, shorten
+from archfrag.methods.time_stepping.rest import (
+    BY_START,
+    rest_until_onset,
+    start_moving,
+    write_rest,
+)
+from archfrag.methods.time_stepping.service import accept_recorded, serve
+from archfrag.methods.time_stepping.step import accept_step, pose_step
 
 # Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
 # or several linear problems each; so many on average mean no advance.
@@ -66,135 +59,115 @@ MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 
 
 @kernel
-def try_step(model, grounds, state, work, steps, live):
+def try_step(model, grounds, state, work, options, live):
     """Pose the next step of every run, solve it, and shorten it where that is due.
 
     Returns kick, solved, unsolved. What is neither has been shortened, or its modes go on
     changing in the next call.
     """
     clock = state.clock
-    step, time, stops = clock[Clock.STEP], clock[Clock.TIME], locates(state, steps, live)
+    step, time, stops = clock[Clock.STEP], clock[Clock.TIME], locates(state, options, live)
     kick = kick_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, kick, step, steps.impact)
+    pose_step(model, state, work, kick, step, options.time_step)
     start_modes(state, work, clock[Clock.ROUNDS] == 0.0, opposite(stops))
-    ahead = select(stops, beyond(step, steps.impact, LEAD * steps.impact), -1.0)
+    ahead = select(stops, beyond(step, options.time_step, LEAD * options.time_step), -1.0)
     solved, refused, active, rounds = solve_contact(
         model, work.position, work, live, clock[Clock.ROUNDS], ahead, FOR_STEPS
     )
     clock[Clock.ROUNDS] = select(active, rounds, 0.0)
     state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
     failed = live & opposite(solved | refused | active)
-    halved = failed & (step > 1.5 * steps.impact)
+    halved = failed & (step > 1.5 * options.time_step)
     if some(refused | halved):
-        shorten(model, state, work, steps, refused, halved)
+        shorten(model, state, work, options, refused, halved)
     return kick, solved, failed & opposite(halved)
 
 
 @inlined
-def code_after(state, steps, limits, until, outcome):
-    """Why runs wait after an attempt at a step.
+def code_after(state, options, until, outcome):
+    """Why runs wait after an attempt at a step: of what holds, what is last below.
 
     `outcome` are masks: solved, unsolved, fallen, broken.
     """
     clock, count = state.clock, state.count
     solved, unsolved, fallen, broken = outcome
-    code = select(unsolved, float(UNSOLVED), clock[Clock.CODE])
-    checks = count[Count.STEPS] * (1.0 / limits.check_interval)
-    due = (clock[Clock.FASTEST] < limits.still) | (checks == nearest(checks))
-    code = select(solved & due, float(PAUSE), code)
-    code = select(fallen, float(FALLEN), code)
-    code = select(broken, float(BROKEN), code)
+    checks = count[Count.STEPS] * (1.0 / options.check_interval)
+    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
     over = clock[Clock.TIME] >= until
-    code = select((code <= PAUSE) & over, float(AT_END), code)
-    most = limits.first_steps + until * (MOST_STEPS / steps.impact)
+    most = options.first_steps + until * (MOST_STEPS / options.time_step)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
-    return select((code <= PAUSE) & spent, float(EXHAUSTED), code)
+    code = select(unsolved, float(UNSOLVED), clock[Clock.CODE])
+    code = select(solved & due, float(PAUSE), code)
+    code = select(spent, float(EXHAUSTED), code)
+    code = select(over, float(AT_END), code)
+    code = select(clock[Clock.CODE] > PAUSE, clock[Clock.CODE], code)
+    code = select(fallen, float(FALLEN), code)
+    return select(broken, float(BROKEN), code)
 
 
 @kernel
-def step_four(model, grounds, state, work, steps, limits):
+def step_four(model, grounds, state, work, options):
     """Step four runs for as long as none waits; why is left in ``state.clock[Clock.CODE]``."""
     model, state, work = with_shapes(model, state, work)
     clock = state.clock
-    until = end_of_motion(grounds, clock, limits.follow)
+    until = end_of_motion(grounds, clock, options.follow)
     waits = False
     while not waits:
         live = clock[Clock.CODE] == GO
-        kick, solved, unsolved = try_step(model, grounds, state, work, steps, live)
+        kick, solved, unsolved = try_step(model, grounds, state, work, options, live)
         fallen = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
-            fallen, broken = accept_step(model, state, work, kick, solved, limits.loss_limit)
-            next_step(state, steps, solved, until)
-        code = code_after(state, steps, limits, until, (solved, unsolved, fallen, broken))
+            fallen, broken = accept_step(model, state, work, kick, solved, options.loss_limit)
+            next_step(state, options, solved, until)
+        code = code_after(state, options, until, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
         waits = some((code != GO) & (code != IDLE))
 
 
 @kernel
-def step_one(model, grounds, state, work, steps, limits, output):
+def step_one(model, grounds, state, work, options, output):
     """As `step_four`, one run with its history."""
     clock = state.clock
-    until = end_of_motion(grounds, clock, limits.follow)
+    until = end_of_motion(grounds, clock, options.follow)
     while clock[Clock.CODE] == GO:
-        kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
+        kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
         if solved:
-            fallen, broken = accept_recorded(model, state, work, kick, limits, output)
-            next_step(state, steps, True, until)
+            fallen, broken = accept_recorded(model, state, work, kick, options, output)
+            next_step(state, options, True, until)
         clock[Clock.CODE] = code_after(
-            state, steps, limits, until, (solved, unsolved, fallen, broken)
+            state, options, until, (solved, unsolved, fallen, broken)
         )
 
 
 @kernel
-def finish_one(model, grounds, state, work, path, steps, limits, output, results, row):
+def finish_one(model, grounds, state, work, path, options, output, results, row):
     """Move one run to its end."""
     code = int(state.clock[Clock.CODE])
     while code == GO:
-        step_one(model, grounds, state, work, steps, limits, output)
+        step_one(model, grounds, state, work, options, output)
         code = int(state.clock[Clock.CODE])
         if code in (UNSOLVED, PAUSE):
-            code = serve(model, grounds, state, work, path, steps, limits, output)
-    end_run(model, state, work, limits, output, results, row)
+            code = serve(model, grounds, state, work, path, options, output)
+    end_run(model, state, work, options, output, results, row)
 
 
 @kernel
-def start_at_rest(model, grounds, state, work, path, steps, limits, output):
+def start_at_rest(model, grounds, state, work, path, options, output):
     """Let the chain rest in its own geometry until the ground moves it."""
-    begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
+    begin(model, state, work, 0, state.clock[Clock.FACTOR])
     write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = rest_until_onset(
-        model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+        model, grounds, state, options, options.rest_plus, options.rest_minus, output
     )
 
 
 @kernel
-def start_given(model, state, work, steps, output):
+def start_given(model, state, work, options, output):
     """Start from the positions and velocities of a given state."""
-    factor = state.clock[Clock.FACTOR]
-    clear(state)
-    clock = state.clock
-    clock[Clock.FACTOR] = factor
-    kinetic, clock[Clock.START] = energies_of(model, state)
-    state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    read_joints(model, state, work)
+    read_state(model, state, work)
     log_change(state, 0.0, BY_START, -1, ALL, output)
-    start_moving(state, steps, output)
-
-
-@kernel
-def run_one(model, grounds, state, work, path, steps, limits, output, results):
-    """One run from rest in the chain's own geometry."""
-    start_at_rest(model, grounds, state, work, path, steps, limits, output)
-    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
-
-
-@kernel
-def run_given(model, grounds, state, work, path, steps, limits, output, results):
-    """One run from the positions and velocities of a given state."""
-    start_given(model, state, work, steps, output)
-    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
+    start_moving(state, options, output)
 
 
 @kernel
@@ -258,7 +231,7 @@ def new_four(model: Model) -> Four:
 
 
 @kernel
-def next_run(model, grounds, one, steps, limits, jobs, output, results):
+def next_run(model, grounds, one, options, jobs, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
     Returns its number, -1 if there is none.
@@ -268,32 +241,32 @@ def next_run(model, grounds, one, steps, limits, jobs, output, results):
         run = jobs.upcoming[0]
         jobs.upcoming[0] += 1
         motion, factor = jobs.motion[run], jobs.factor[run]
-        begin(model, grounds, state, one.work, steps, limits, motion, factor)
+        begin(model, state, one.work, motion, factor)
         code = rest_until_onset(
-            model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+            model, grounds, state, options, options.rest_plus, options.rest_minus, output
         )
         state.clock[Clock.CODE] = code
         if code == GO:
             return run
-        end_run(model, state, one.work, limits, output, results, run)
+        end_run(model, state, one.work, options, output, results, run)
     state.clock[Clock.CODE] = IDLE
-    state.clock[Clock.STEP] = steps.largest
+    state.clock[Clock.STEP] = options.largest_step
     return -1
 
 
 @kernel
-def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
+def run_four(model, grounds, four, one, options, jobs, output, results):
     """Many runs from rest, four at a time; arguments as `next_run`."""
     state, runs, running = one.state, jobs.runs, 0
     for number in range(LANES):
-        runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+        runs[number] = next_run(model, grounds, one, options, jobs, output, results)
         running += runs[number] >= 0
         return_run(one.returned, number, four.returned)
     while running > 0:
         move_faces(
             model, four.state.position, four.work.rotated, four.work.face, four.work.tangent
         )
-        step_four(model, grounds, four.state, four.work, steps, limits)
+        step_four(model, grounds, four.state, four.work, options)
         for number in range(LANES):
             code = int(lane(four.state.clock[Clock.CODE], number))
             if code in (GO, IDLE):
@@ -301,9 +274,9 @@ def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
             if code in (UNSOLVED, PAUSE):
-                code = serve(model, grounds, state, one.work, one.path, steps, limits, output)
+                code = serve(model, grounds, state, one.work, one.path, options, output)
             if code != GO:
-                end_run(model, state, one.work, limits, output, results, runs[number])
-                runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+                end_run(model, state, one.work, options, output, results, runs[number])
+                runs[number] = next_run(model, grounds, one, options, jobs, output, results)
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)

@@ -26,14 +26,13 @@ from archfrag.mechanics.contact.placing import (
     corner_velocity,
     later_vertex_meets,
     move_faces,
-    place_contacts,
+    place_chain,
     relative_velocity,
-    slip_and_gap,
 )
-from archfrag.mechanics.energy import record_step
+from archfrag.mechanics.energy import kinetic_energy, record_step
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
-from archfrag.mechanics.status import CollapseMode, Count, Energy, Peak
+from archfrag.mechanics.status import Count, Energy, Peak
 
 # A corner takes part in a step if its gap could close within it at this many times the largest
 # relative velocity of any joint: an impact elsewhere may throw it shut. Both corners of a joint
@@ -42,14 +41,14 @@ REACH = 5.0
 # Overlap is corrected no faster than at the joint's own relative speed plus what gravity and
 # this many times rotation do in a step: a deep one would throw the bodies apart.
 SWING = 4.0
-# An impact off the middle of its step leaves the corner a part of the rate at which it came; by
-# more than this part it goes on in the next step. What `State.impact` holds of it.
+# An impact off the middle of its step leaves the corner a part of the rate at which it came. If
+# that is more than this, the impact goes on in the next step. Below, what `State.impact` holds.
 COMPLETE = 0.001
 ENDING, GOING_ON = 1.0, 2.0
+# An impact this near to the middle of a step, over its length, need not be brought nearer.
+CENTRED = 0.1
 # Steps between looks for overlaps where no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
-HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
-LIFT_OFF = float(CollapseMode.LIFT_OFF)
 
 
 @inlined
@@ -93,8 +92,8 @@ def offset_of(j, k, model, work):
 def aim_contacts(model, state, work, step, shortest):
     """Bias that makes the contact laws hold where the next step looks for contacts.
 
-    An offset e at the middle is e + (h/2 + k) u + (h/8 + k/2) h b after half the step h at the
-    velocity u to come and a time k at the one then reached, with the centripetal acceleration b.
+    An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
+    the velocity u to come, and a time k at the one then reached. b is `bend_of`.
     """
     velocity, gravity = state.velocity, model.gravity
     fastest = 0.0
@@ -147,16 +146,38 @@ def go_to_middle(model, state, work, step):
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
-    move_faces(model, work.position, work.rotated, work.face, work.tangent)
-    for j in range(state.slip.shape[0]):
-        at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
-        moves = (state.slide[j] != 0.0) | opposite(at_0 | at_1)
-        work.slip[j] = state.slip[j]
-        if some(moves):
-            slip, _ = slip_and_gap(j, at_0, at_1, work.face, work.tangent)
-            work.slip[j] = select(moves, slip, work.slip[j])
-    place_contacts(model, work.slip, work.face, work.tangent, work)
+    place_chain(model, work.position, state, 0.0, work.slip, work)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+
+
+@inlined
+def is_centred(clock, step):
+    """Where an impact is expected in the middle of the next step."""
+    return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
+
+
+@inlined
+def time_before(state, step):
+    """How long the mechanism before an expected impact goes on in a step [s]."""
+    return select(is_centred(state.clock, step), 0.5 * step, 0.0 * step)
+
+
+@kernel
+def carry_on(model, state, work, span):
+    """Let the reactions of the last step act for a time before an impact, into ``work.free``.
+
+    Else joints that the impact opens would bear nothing in that time, and the impact would take
+    what the kick gives against them: a part of the energy of the order of the step, each time.
+    """
+    for j in range(state.slip.shape[0]):
+        fx, fy = span * state.force[j, 0], span * state.force[j, 1]
+        for end, sense in ((j + 1, 1.0), (j, -1.0)):
+            px = work.pivot[j, 0] - work.position[end, 0]
+            py = work.pivot[j, 1] - work.position[end, 1]
+            moment = span * state.force[j, 2] + px * fy - py * fx
+            work.free[end, 0] += sense * model.inverse_mass[end] * fx
+            work.free[end, 1] += sense * model.inverse_mass[end] * fy
+            work.free[end, 2] += sense * model.inverse_inertia[end] * moment
 
 
 @kernel
@@ -164,10 +185,13 @@ def pose_step(model, state, work, kick, step, shortest):
     """Set up the contact problem of a step, but for the modes to start from."""
     free_fall(model, state, work, kick, step)
     go_to_middle(model, state, work, step)
+    span = time_before(state, step)
+    if some(span > 0.0):
+        carry_on(model, state, work, span)
     aim_contacts(model, state, work, step, shortest)
 
 
-@inlined
+@kernel
 def take_velocities(model, state, work, kick, where):
     """Take the solved velocities over, and record the work of the ground."""
     given = 0.0
@@ -196,7 +220,7 @@ def _is_complete(j, model, state, work):
     return complete
 
 
-@inlined
+@kernel
 def count_changes(model, state, work, where):
     """Count what joints do in a step, and remember impacts that go on after it."""
     count = state.count
@@ -220,10 +244,10 @@ def count_changes(model, state, work, where):
             state.impact[j] = select(hits, going_on, state.impact[j])
 
 
-@inlined
+@kernel
 def record_motion(model, state, where):
     """Peaks of displacement, rotation and kinetic energy; where positions are not finite."""
-    farthest = fastest = energy = 0.0
+    farthest = fastest = 0.0
     rotation, length = state.peak[Peak.ROTATION], model.length[0]
     spoiled = farthest
     for i in range(1, state.position.shape[0] - 1):
@@ -234,13 +258,13 @@ def record_motion(model, state, where):
         rotation = larger(rotation, abs(state.position[i, 2]))
         speed = larger(abs(ux) + abs(uy), length * abs(w))
         fastest = larger(fastest, speed)
-        energy += model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * (w * w)
         spoiled += 0.0 * (dx + dy + state.position[i, 2])
     peak = state.peak
     peak[Peak.ROTATION] = select(where, rotation, peak[Peak.ROTATION])
     far = larger(peak[Peak.DISPLACEMENT], math.sqrt(farthest))
     peak[Peak.DISPLACEMENT] = select(where, far, peak[Peak.DISPLACEMENT])
-    most = larger(state.energy[Energy.LARGEST_KINETIC], 0.5 * energy)
+    kinetic = kinetic_energy(model, state.velocity)
+    most = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
     state.energy[Energy.LARGEST_KINETIC] = select(
         where, most, state.energy[Energy.LARGEST_KINETIC]
     )
@@ -248,7 +272,7 @@ def record_motion(model, state, where):
     return where & (spoiled != 0.0)
 
 
-@inlined
+@kernel
 def record_overlap(model, state, work, where):
     """Deepest overlap of two neighbours at a corner, over the joint's length."""
     deepest = state.peak[Peak.OVERLAP]
@@ -259,7 +283,7 @@ def record_overlap(model, state, work, where):
     state.peak[Peak.OVERLAP] = deepest
 
 
-@inlined
+@kernel
 def make_step(model, state, work, kick, where, loss_limit):
     """Take solved velocities and the positions that they reach over; as `accept_step`."""
     clock, count = state.clock, state.count
@@ -269,6 +293,9 @@ def make_step(model, state, work, kick, where, loss_limit):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
     take_velocities(model, state, work, kick, where)
+    hit = 0.0 * step
+    for j in range(state.slip.shape[0]):
+        hit = larger(hit, state.impact[j])
     for j in range(state.slip.shape[0]):
         state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
         state.slip[j] = select(where, work.slip[j], state.slip[j])
@@ -276,6 +303,8 @@ def make_step(model, state, work, kick, where, loss_limit):
             changes = changes | (work.touch[j, k] != state.touch[j, k])
         for c in range(3):
             work.reaction[j, c] = work.reaction[j, c] / step
+            steady = select(hit > 0.0, 0.0, work.reaction[j, c])
+            state.force[j, c] = select(where, steady, state.force[j, c])
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     fallen = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
@@ -290,11 +319,24 @@ def make_step(model, state, work, kick, where, loss_limit):
 
 
 @kernel
+def add_carried(state, work, span):
+    """Add the impulses of `carry_on` to those of the step."""
+    for j in range(state.slip.shape[0]):
+        for c in range(3):
+            work.reaction[j, c] += span * state.force[j, c]
+
+
+@kernel
 def accept_step(model, state, work, kick, where, loss_limit):
     """Make a step whose contact problem is solved, and record what it did; fallen, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
     """
     count_changes(model, state, work, where)
+    span = time_before(state, state.clock[Clock.STEP])
+    if some(span > 0.0):  # what acted before the impact works too
+        add_carried(state, work, span)
     record_step(state, work, where)
+    if some(span > 0.0):
+        add_carried(state, work, -span)
     return make_step(model, state, work, kick, where, loss_limit)

@@ -33,8 +33,10 @@ _LEVELS = {"1": "raw", "2": "processed"}
 _COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
 _ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
 _REALS = {
-    "depth_km": 4, "event_latitude": 2, "event_longitude": 3, "station_latitude": 10,
-    "station_longitude": 11, "epicentral_km": 16,
+    "event_latitude": (facts.same, 2), "event_longitude": (facts.same, 3),
+    "depth_km": (facts.same, 4), "magnitude": (facts.nonzero, 5, 7, 6, 8),
+    "station_latitude": (facts.same, 10), "station_longitude": (facts.same, 11),
+    "epicentral_km": (facts.same, 16),
 }  # fmt: skip
 
 # GeoNet
@@ -43,19 +45,22 @@ _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
 _PLACE = r"(\d{1,3}) +(\d\d?) +(\d\d?)([NS]) +(\d{1,3}) +(\d\d?) +(\d\d?)([EW])"
 _COUNT = r"^\s*Number of points +(\S+)"
 _FIELDS = {
-    "site": r"^\s*Site +(\S+) +" + _PLACE,
-    "count": _COUNT,
-    "interval": r"\bat (?:intervals of )?(\S+) s(?:ec)?\b",
-    "factor": r"readings in units of +(\S+)",
-    "unit_of_factor": r"readings in units of +\S+ +(\S+)",
-    "component": r"^\s*Component +(\S+)",
-    "peak": r"^\s*Acceleration: +peak +(\S+) +\S+",
-    "unit": r"^\s*Acceleration: +peak +\S+ +(\S+)",
-    "distance": r"^\s*Epicentre .*\bDist +([\d.]+) *km",
-    "depth": r"^\s*Epicentre .*\bDepth +([\d.]+) *km",
-    "magnitude": r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$",
-    "day": r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d",
+    "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
+    "factor": (str, r"readings in units of +(\S+)"),
+    "peak": (str, r"^\s*Acceleration: +peak +(\S+) +\S+"),
+    "unit": (str, r"^\s*Acceleration: +peak +\S+ +(\S+)", r"readings in units of +\S+ +(\S+)"),
 }
+_FACTS = {
+    "component": (str, r"^\s*Component +(\S+)"),
+    "azimuth": (quadrant, r"^\s*Component +(\S+)"),
+    "vertical": (lambda text: text.lower() in ("up", "down") if text else None,
+                 r"^\s*Component +(\S+)"),
+    "date": (facts.iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
+    "magnitude": (facts.number_or_none, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
+    "depth_km": (facts.number_or_none, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
+    "epicentral_km": (facts.number_or_none, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
+    "station": (str, r"^\s*Site +(\S+) +" + _PLACE),
+}  # fmt: skip
 
 
 def is_smc(source: Source) -> bool:
@@ -122,15 +127,12 @@ def _smc_record(
     elif upward == 90.0 and across != integers[0] and 0 <= across <= 360:
         stated |= {"azimuth": float(across), "vertical": False}
 
-    def real(index: int) -> float | None:
-        return None if reals[index] == reals[0] else float(reals[index])
-
     year, days = integers[1:3]
     day = facts.moment(year, 1, 1, 24.0 * (days - 1)) if 1 <= days <= 366 else None
-    return stated | facts.known(
+    known = (None if real == reals[0] else float(real) for real in reals)
+    return stated | facts.read_fields(_REALS, list(known).__getitem__) | facts.known(
         event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
-        magnitude=real(5) or real(7) or real(6) or real(8), station=station,
-        **{name: real(index) for name, index in _REALS.items()},
+        station=station,
     )  # fmt: skip
 
 
@@ -170,39 +172,32 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         needed = f"a component has {_HEADER_LINES} header lines and then samples"
         raise RecordError(f"{place}: {needed}; this one ends after {end - first} line(s)")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
-    field = {key: facts.search(pattern, head) for key, pattern in _FIELDS.items()}
-    component = field["component"]
+    field, record = (
+        facts.read_fields(table, lambda pattern: facts.search(pattern, head))
+        for table in (_FIELDS, _FACTS)
+    )
     integers = text.numbers(first + _TEXT_LINES, first + _TEXT_LINES + _INTEGER_LINES)
-    announced = facts.checked_count(field["count"], f"{place}: Number of points")
-    samples = _geonet_samples(text, data, end, integers, component)
-    unit = facts.acceleration_unit(field["unit"] or field["unit_of_factor"], place)
-    if text_of_factor := field["factor"]:
+    announced = facts.checked_count(facts.search(_COUNT, head), f"{place}: Number of points")
+    samples = _geonet_samples(text, data, end, integers, record.get("component", ""))
+    unit = facts.acceleration_unit(field.get("unit", ""), place)
+    if text_of_factor := field.get("factor"):
         factor = facts.number_or_none(text_of_factor)
         if not factor:
             wrong = f"readings in units of {text_of_factor!r}"
             raise RecordError(f"{place}: {wrong}; a number but 0 is needed")
         samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
-    record = facts.known(
-        unit=unit,
-        level="raw" if raw else "processed",
-        announced=announced,
-        component=component,
-        vertical=component.lower() in ("up", "down") if component else None,
-        azimuth=quadrant(component),
+    record |= {"component": record.get("component", ""), "unit": unit, "announced": announced}
+    record |= {"level": "raw" if raw else "processed"} | facts.known(
         event=text.lines[first + 6].strip(),
-        date=facts.iso_date(field["day"]),
-        **{key: facts.number_or_none(field[name]) for key, name in
-           (("magnitude", "magnitude"), ("depth_km", "depth"), ("epicentral_km", "distance"))},
         **_degrees(r"^\s*Epicentre +" + _PLACE, head, "event"),
-        station=field["site"],
         **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
-    )  # fmt: skip
-    facts.judge_peak(record, field["peak"], samples, unit)
-    step = facts.positive_step(facts.number_of(field["interval"]), f"{place}: interval")
+    )
+    facts.judge_peak(record, field.get("peak", ""), samples, unit)
+    step = facts.positive_step(facts.number_of(field.get("interval")), f"{place}: interval")
     # Year, month, day, hour, minute and millisecond of the first sample.
     start = facts.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0)
-    codes = ("NZ", field["site"], "")
+    codes = ("NZ", record.get("station", ""), "")
     return facts.trace_of(samples, step, record, codes=codes, start=start)
 
 

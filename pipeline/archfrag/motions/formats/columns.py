@@ -1,24 +1,21 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream
+from obspy import Trace
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.facts import trace_of
-from archfrag.motions.formats.text import numbers
+from archfrag.motions.formats.text import Text, numbers
 
 MOST_COLUMNS = 1000
-LONGEST_LINE = 2**22  # [bytes]
+LONGEST_LINE = 2**22  # characters
 UNEVEN = 0.1  # of a step: what rounded times may be off by
-_BLOCK = 10_000  # lines
+_FIRST = 10_000  # rows in which times are looked for
 _COMMENTS = ("#", "%")
 _BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
 _WORDS = {
@@ -89,16 +86,8 @@ class Columns:
 def parse_columns(text: str) -> Columns:
     """Columns from words such as ``time=1,acceleration=2,skip=3``, commas or blanks between.
 
-    Raises
-    ------
-    InputError
-        If a word is none of the fields of `Columns`, occurs twice, or holds another number than
-        allowed.
-
-    Examples
-    --------
-    >>> parse_columns("acceleration=1,dt=0.01")
-    Columns(acceleration=1, time=None, dt=0.01, vertical=None, skip=0)
+    InputError if a word is none of the fields of `Columns`, occurs twice, or holds another number
+    than allowed.
     """
     given: dict[str, Any] = {}
     for word in text.replace(",", " ").split():
@@ -119,78 +108,67 @@ def parse_columns(text: str) -> Columns:
         raise InputError(f"columns {text!r}{str(error).removeprefix('columns')}") from None
 
 
-def read_columns(path: str | Path, columns: Columns) -> Stream:
+def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     name = str(path)
-    values = _table(path, name, columns)
+    rows = _rows(Text(path), columns.skip)
+    wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
+    if wanted:
+        values = _picked(rows, name, columns.skip, wanted)
+    else:
+        if _times_in_front([row for row in rows[:_FIRST] if row]):
+            raise _times(name)
+        values = numbers(rows, columns.skip + 1, name)[:, None]
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
     timed = columns.time is not None
-    step = _even_step(values[:, 0], path, columns) if timed else columns.dt
+    step = _even_step(values[:, 0], rows, name, columns) if timed else columns.dt
     codes = ("",) if columns.vertical is None else ("H", "V")
     traces = []
     for index, code in enumerate(codes, start=int(timed)):
         samples = np.ascontiguousarray(values[:, index])
         if _rises_evenly(samples):
             raise _times(name)
-        record = {"announced": samples.size, "component": code, "vertical": code == "V"}
+        record = {
+            "announced": samples.size, "held": samples.size, "component": code,
+            "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
+        }  # fmt: skip
         traces.append(trace_of(samples, float(step or 0.0), record))
-    return Stream(traces)
+        traces[-1].stats._format = "COLUMNS"
+    return traces
 
 
-def _table(path: str | Path, name: str, columns: Columns) -> NDArray[np.float64]:
-    """Numbers, shape (n_row, n_column)."""
-    wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if wanted:
-        return _picked(path, name, columns.skip, wanted)
-    rows, parts = _rows(path, name, columns.skip), [np.empty((0, 1))]
-    while block := list(itertools.islice(rows, _BLOCK)):
-        texts = [text for _, text in block]
-        if len(parts) == 1 and _times_in_front([text for text in texts if text]):
-            raise _times(name)
-        parts.append(numbers(texts, block[0][0], name)[:, None])
-    return np.concatenate(parts)
-
-
-def _rows(path: str | Path, name: str, skip: int) -> Iterator[tuple[int, str]]:
-    """Number and text of each line from one on, blanks between numbers; comments are empty."""
-    comma, points = 0, False
-    try:
-        with open(path, encoding="latin-1") as file:
-            for place, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), start=1):
-                if len(line) == LONGEST_LINE and not line.endswith("\n"):
-                    longest = f"has more than {LONGEST_LINE} characters"
-                    raise RecordError(f"{name}, line {place}: {longest}")
-                text = line.translate(_BETWEEN).strip()
-                if place > skip and text and not text.startswith(_COMMENTS):
-                    comma, points = comma or ("," in line and place), points or "." in line
-                    yield place, text
-                elif place > skip:
-                    yield place, ""
-    except OSError as error:
-        raise RecordError(f"{name}: the file cannot be read ({error.strerror})") from None
+def _rows(text: Text, skip: int) -> list[str]:
+    """Lines from one on with blanks between numbers; comments are empty."""
+    rows, comma, points = [], 0, False
+    for place, line in enumerate(text.lines[skip:], start=skip):
+        if len(line) > LONGEST_LINE:
+            raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")
+        row = line.translate(_BETWEEN).strip()
+        rows.append("" if row.startswith(_COMMENTS) else row)
+        if rows[-1]:
+            comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
         raise RecordError(
-            f"{name}, line {comma}: numbers with commas and none with a decimal point; write "
+            f"{text.name}, line {comma}: numbers with commas and none with a decimal point; write "
             "decimal points, and commas between numbers only"
         )
+    return rows
 
 
-def _picked(path: str | Path, name: str, skip: int, wanted: list[int]) -> NDArray[np.float64]:
+def _picked(rows: list[str], name: str, skip: int, wanted: list[int]) -> NDArray[np.float64]:
     """Columns of rows, shape (n_row, n_wanted)."""
-    rows = (row.translate(_FORTRAN) for _, row in _rows(path, name, skip) if row)
-    first = list(itertools.islice(rows, 1))
-    if not first:
+    filled = [row.translate(_FORTRAN) for row in rows if row]
+    if not filled:
         return np.empty((0, len(wanted)))
     try:
-        every = itertools.chain(first, rows)
-        values = np.loadtxt(every, usecols=wanted, ndmin=2, comments=None)  # type: ignore[call-overload]
+        values = np.loadtxt(filled, usecols=wanted, ndmin=2, comments=None)  # type: ignore[call-overload]
         if np.isfinite(values).all():
             return values
     except ValueError:
         pass
-    for place, text in _rows(path, name, skip):
-        words = text.split()
+    for place, row in enumerate(rows, start=skip + 1):
+        words = row.split()
         if words and len(words) <= max(wanted):
             raise RecordError(
                 f"{name}, line {place}: has {len(words)} column(s), column {max(wanted) + 1} is "
@@ -202,7 +180,9 @@ def _picked(path: str | Path, name: str, skip: int, wanted: list[int]) -> NDArra
     raise RecordError(f"{name}: cannot be read as columns of numbers")
 
 
-def _even_step(times: NDArray[np.float64], path: str | Path, columns: Columns) -> float:
+def _even_step(
+    times: NDArray[np.float64], rows: list[str], name: str, columns: Columns
+) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -211,8 +191,8 @@ def _even_step(times: NDArray[np.float64], path: str | Path, columns: Columns) -
     if not backwards and off.max() <= UNEVEN * mean:
         return float(f"{mean:.9g}")
     late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
-    filled = (place for place, text in _rows(path, str(path), columns.skip) if text)
-    where = f"{path}, line {next(itertools.islice(filled, late, None))}"
+    filled = [place for place, row in enumerate(rows, start=columns.skip + 1) if row]
+    where = f"{name}, line {filled[late]}"
     if backwards:
         raise RecordError(
             f"{where}: time {times[late]:.9g} s in column {columns.time} does not come after "

@@ -50,8 +50,10 @@ _TEXT_LINES = (5, 100)
 _HEADER_NUMBERS = (64, 1000)
 _LARGEST_HEADER = 200  # lines
 _REALS = {
-    "event_latitude": 9, "event_longitude": 10, "depth_km": 11, "station_latitude": 0,
-    "station_longitude": 1, "epicentral_km": 16,
+    "station_latitude": (facts.same, 0), "station_longitude": (facts.same, 1),
+    "event_latitude": (facts.same, 9), "event_longitude": (facts.same, 10),
+    "depth_km": (facts.same, 11), "magnitude": (facts.nonzero, 12, 14),
+    "epicentral_km": (facts.same, 16),
 }  # fmt: skip
 
 # CSMIP
@@ -205,13 +207,12 @@ def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
     event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
-    record = facts.known(
+    record = facts.read_fields(_REALS, head.real) | facts.known(
         event="" if _WEEKDAY.match(event) else event,
         date=next(filter(None, (facts.iso_date(text[i]) for i in (3, 1, 7))), ""),
-        magnitude=facts.magnitude(text[2]) or head.real(12) or head.real(14),
+        magnitude=facts.magnitude(text[2]),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
         channel=number,
-        **{name: head.real(index) for name, index in _REALS.items()},
     )
     direction = facts.direction(bearing)
     if not {"azimuth", "vertical"} & direction.keys():

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
@@ -34,6 +35,7 @@ _PLACE = re.compile(r"(\d+\.?\d*)\s*([NS])\s*,?\s*(\d+\.?\d*)\s*([EW])\b")
 _SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
 _PEAK_WITHIN = 0.01  # of the header's peak, beside its rounding
 _PEAK_DOUBTFUL = 0.1
+Table = dict[str, tuple[Any, ...]]
 _LONGEST = 10_000_000  # samples that a header may announce
 
 
@@ -137,6 +139,29 @@ def known(**facts: Any) -> dict[str, Any]:
     return {key: fact for key, fact in facts.items() if fact not in (None, "")}
 
 
+def read_fields(table: Table, find: Callable[[Any], Any]) -> dict[str, Any]:
+    """Read the facts of a header by a table: for each name what reads it and where it may stand.
+
+    `find` gives what a header has at a place, which is a key, a pattern or an index; of several
+    places the first one that gives a fact counts.
+    """
+    found = {}
+    for name, (read, *places) in table.items():
+        facts = (read(find(place)) for place in places)
+        found[name] = next((fact for fact in facts if fact not in (None, "")), None)
+    return known(**found)
+
+
+def same(fact: Any) -> Any:
+    """What stands at a place of a header, as it is."""
+    return fact
+
+
+def nonzero(fact: Any) -> Any:
+    """What stands at a place of a header, if it is not zero."""
+    return fact or None
+
+
 def judge_peak(
     record: dict[str, Any], stated: str, values: NDArray[np.float64], unit: str
 ) -> None:
@@ -191,7 +216,7 @@ def trace_of(
 
 
 def number_of(text: str | None) -> float:
-    """A number of a header; NaN where there is none."""
+    """A number of a header; NaN if there is none."""
     try:
         return float((text or "").upper().replace("D", "E"))
     except ValueError:
@@ -199,7 +224,7 @@ def number_of(text: str | None) -> float:
 
 
 def number_or_none(text: str | None) -> float | None:
-    """A finite number of a header, None where there is none."""
+    """A finite number of a header, None if there is none."""
     value = number_of(text)
     return value if math.isfinite(value) else None
 

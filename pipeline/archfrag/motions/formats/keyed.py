@@ -36,16 +36,31 @@ _RESORCE_KEY = re.compile(r"([^:]+?)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4})")  # AFAD
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
+_number = facts.number_or_none
 _LONGEST_HEADER = 40  # lines of RESORCE
 _VERTICALS = ("Z", "UP", "V", "UD")
 _SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
-# Of a record, the keys of DYNA where a number stands, the first there is.
-_DYNA_NUMBERS = {
-    "magnitude": ("MAGNITUDE_W", "MAGNITUDE_L"), "depth_km": ("EVENT_DEPTH_KM",),
-    "event_latitude": ("EVENT_LATITUDE_DEGREE",), "event_longitude": ("EVENT_LONGITUDE_DEGREE",),
-    "station_latitude": ("STATION_LATITUDE_DEGREE",),
-    "station_longitude": ("STATION_LONGITUDE_DEGREE",), "vs30_mps": ("VS30_M/S", "VS30_MS"),
-    "epicentral_km": ("EPICENTRAL_DISTANCE_KM",),
+# The keys of DYNA by what they state, the first there is.
+_DYNA = {
+    "component": (str, "STREAM", "COMPONENT"),
+    "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
+             "EVENT_DATE_YYYYMMDD"),
+    "magnitude": (_number, "MAGNITUDE_W", "MAGNITUDE_L"),
+    "depth_km": (_number, "EVENT_DEPTH_KM"),
+    "event_latitude": (_number, "EVENT_LATITUDE_DEGREE"),
+    "event_longitude": (_number, "EVENT_LONGITUDE_DEGREE"),
+    "station": (str, "STATION_CODE"),
+    "station_latitude": (_number, "STATION_LATITUDE_DEGREE"),
+    "station_longitude": (_number, "STATION_LONGITUDE_DEGREE"),
+    "vs30_mps": (_number, "VS30_M/S", "VS30_MS"),
+    "epicentral_km": (_number, "EPICENTRAL_DISTANCE_KM"),
+}  # fmt: skip
+# What obspy keeps of a K-NET header.
+_KNET = {
+    "date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag"),
+    "depth_km": (float, "evdp"), "event_latitude": (float, "evla"),
+    "event_longitude": (float, "evlo"), "station_latitude": (float, "stla"),
+    "station_longitude": (float, "stlo"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -176,27 +191,19 @@ def _keyed(
     step = facts.number_of(header["SAMPLING_INTERVAL_S"])
     step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
     samples = text.numbers(first)
-    component = header.get("STREAM") or header.get("COMPONENT") or ""
+    record = facts.read_fields(_DYNA, lambda key: header.get(key, ""))
+    component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    day = _DAY.match(header.get("EVENT_DATE_YYYYMMDD", ""))
-    numbers = {
-        name: next(filter(None, (facts.number_or_none(header.get(key)) for key in keys)), None)
-        for name, keys in _DYNA_NUMBERS.items()
-    }
-    record = facts.known(
+    record |= facts.known(
         unit=unit,
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
         announced=facts.checked_count(header["NDATA"], places["NDATA"]),
-        component=component,
         vertical=letter in _VERTICALS if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
         event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
-        date="-".join(day.groups()) if day else None,
-        station=header.get("STATION_CODE"),
-        **numbers,
     )
     facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
     start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
@@ -226,19 +233,15 @@ def read_knet(source: Source, **_: Any) -> Stream:
         if "knet" not in trace.stats:
             continue  # the header is cut off, and so is what follows
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = facts.known(
+        record = facts.read_fields(_KNET, knet.get) | facts.known(
             level="raw",
             announced=round(knet.duration * trace.stats.sampling_rate),
             component=component,
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
             sensor=_SENSORS.get(component[2:]),
-            date=knet.evot.date.isoformat(),
-            magnitude=knet.mag, depth_km=knet.evdp,
-            event_latitude=knet.evla, event_longitude=knet.evlo,
             station=trace.stats.station,
-            station_latitude=knet.stla, station_longitude=knet.stlo,
-        )  # fmt: skip
+        )
         facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
         trace.stats.record = AttribDict(record)
     return stream

@@ -3,7 +3,6 @@
 Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 """
 
-from archfrag.motions.selection.candidates import screen
 from archfrag.motions.selection.models import MODELS, Prediction, Rupture, correlation, predict
 from archfrag.motions.selection.select import Selection, select_records
 from archfrag.motions.selection.target import (
@@ -16,5 +15,5 @@ from archfrag.motions.selection.target import (
 
 __all__ = [
     "MODELS", "PERIODS", "Prediction", "Rupture", "Selection", "Target", "conditional_spectrum",
-    "correlation", "predict", "read_target", "screen", "select_records", "spectrum_target",
+    "correlation", "predict", "read_target", "select_records", "spectrum_target",
 ]  # fmt: skip

@@ -1,32 +1,27 @@
 """Records selected from a flatfile so that their spectra are distributed as a target's."""
 
 import os
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.selection.candidates import (
-    column_of,
-    groups,
-    is_column,
-    name_of,
-    sorted_candidates,
-    spectra,
-)
 from archfrag.motions.selection.match import Limits, best_set, factors, simulate
-from archfrag.motions.selection.target import Target
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from archfrag.motions.selection.models import Array
+from archfrag.motions.selection.target import Target, column_of, name_of, numbers
 
 LARGE_SCALE = 4.0  # a factor that is a caution even where the limit allows it
+TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+_SPECTRAL = re.compile(r"T(\d+(?:\.\d+)?)S")
+_SAME = 1e-6  # difference of ln T of periods that are the same
+_WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
 # Columns of an index of records by those of a flatfile.
 _INDEX = {
     "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
@@ -40,55 +35,47 @@ _INDEX = {
 class Selection:
     """Selected records with the factors that bring them to the target.
 
-    Attributes
-    ----------
-    table : pandas.DataFrame
-        Rows of the flatfile in the order of their ids, with the factor in column ``scale``; a
-        column of that name in the flatfile is replaced.
-    target : Target
-    ln_sa : numpy.ndarray, shape (count, n_period)
-        ln Sa [g] of the records times their factors, at the target's periods.
-    seed : int
-    candidates : int
-        Records that could have been selected.
+    `table` has rows of the flatfile in the order of their ids, with the factor in column
+    ``scale``; `ln_sa` (count, n_period) is ln Sa [g] of the records times their factors at the
+    target's periods; `candidates` is how many records could have been selected.
     """
 
     table: pd.DataFrame
     target: Target
-    ln_sa: NDArray[np.float64]
+    ln_sa: Array
     seed: int
     candidates: int
 
     @property
-    def median(self) -> NDArray[np.float64]:
+    def median(self) -> Array:
         """exp of the mean of ln Sa of the records, shape (n_period,) [g]."""
         return np.exp(self.ln_sa.mean(axis=0))
 
     @property
-    def sd(self) -> NDArray[np.float64]:
+    def sd(self) -> Array:
         """Standard deviation of ln Sa of the records (n - 1), shape (n_period,)."""
         if len(self.ln_sa) < 2:
             return np.full(self.target.periods.size, np.nan)
         return self.ln_sa.std(axis=0, ddof=1)
 
     @property
-    def errors(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def errors(self) -> tuple[Array, Array]:
         """Median and sd over those of the target, less 1; nan where the target's sd is 0."""
         sd = np.where(self.target.sd > 0.0, self.target.sd, np.nan)
         return self.median / self.target.median - 1.0, self.sd / sd - 1.0
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What whoever uses the selection should know."""
+        """What users of the selection should know."""
         found, given = list(self.target.notes), self.target.conditioning
         count = len(self.table)
-        if given is not None and not is_column(self.table, given):
+        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= _SAME).all():
             found.append(
                 f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
                 "periods near it too small; measure them at that period"
             )
-        factors = self.table.set_index("record")["scale"].astype(float)
-        large = factors.where(factors >= 1.0, 1.0 / factors)
+        scale = self.table.set_index("record")["scale"].astype(float)
+        large = scale.where(scale >= 1.0, 1.0 / scale)
         if (large > LARGE_SCALE).any():
             found.append(
                 f"{(large > LARGE_SCALE).sum()} of {count} records are scaled by more than "
@@ -123,26 +110,14 @@ class Selection:
         Columns are those of an index of records and ``scale``. A study scales each record to
         its own levels and does not apply ``scale``, which is the factor for the target: both
         are equal where the level is Sa(T*) of a conditional spectrum. An empty ``unit`` is
-        that of the file.
-
-        Parameters
-        ----------
-        path : path
-            Replaced at once.
-        folder : path
-            What the column ``file`` of the flatfile is relative to.
-
-        Raises
-        ------
-        RecordError
-            If the flatfile has no column ``file``.
-        OutputError
-            If the file cannot be written.
+        that of the file. `folder` is what the column ``file`` of the flatfile is relative to.
+        RecordError if there is no such column, OutputError if the file cannot be written.
         """
         place = Path(os.path.realpath(path))
         column_of(self.table, "file")
-        columns = {new: self.table[old] for old, new in _INDEX.items() if old in self.table}
-        rows = pd.DataFrame(columns)
+        rows = pd.DataFrame({
+            new: self.table[old] for old, new in _INDEX.items() if old in self.table
+        })  # fmt: skip
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         if "unit" not in rows:
@@ -153,12 +128,6 @@ class Selection:
             kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
-
-    def figure(self) -> "Figure":
-        """Spectra of target and selection with means and 2.5 and 97.5 percentiles; their sd."""
-        from archfrag.motions.selection.figure import draw
-
-        return draw(self)
 
 
 def select_records(
@@ -178,50 +147,13 @@ def select_records(
     797-815; Baker and Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two
     components of one recording (same event and station) are selected.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Flatfile: columns ``record`` and ``T0.100S`` (Sa in g at that period) and so on;
-        ``event`` and ``station`` as far as known. `screen` it first by magnitude and the like.
-    target : Target
-        See `conditional_spectrum`, `spectrum_target` and `read_target`. With a conditioning
-        period every record is scaled to Sa there; without one each by the least-squares factor
-        to the drawn spectrum, which for a target that is a mean only is the target.
-    count : int
-        How many records.
-    seed : int
-        The same table, whatever the order of its rows, and the same seed give the same set.
-    max_scale : float
-        No factor is above it or below its inverse.
-    per_event : int, optional
-        Most records of one event.
-
-    Returns
-    -------
-    Selection
-
-    Raises
-    ------
-    RecordError
-        If the flatfile lacks a column or period, or fewer records than wanted may be selected,
-        with what each condition leaves.
-    InputError
-        If another argument cannot be used.
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from archfrag.motions.selection import select_records, spectrum_target
-    >>> rng = np.random.default_rng(1)
-    >>> flatfile = pd.DataFrame({
-    ...     "record": [f"r{i:03d}" for i in range(200)],
-    ...     "T0.200S": 0.5 * np.exp(0.6 * rng.standard_normal(200)),
-    ...     "T1.000S": 0.2 * np.exp(0.6 * rng.standard_normal(200)),
-    ... })
-    >>> target = spectrum_target([0.2, 1.0], [0.6, 0.2], [0.5, 0.6])
-    >>> selected = select_records(flatfile, target, count=20, seed=1)
-    >>> selected.median.round(1), selected.sd.round(1)
-    (array([0.6, 0.2]), array([0.5, 0.6]))
+    `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
+    and ``event`` and ``station`` as far as known. With a conditioning period every record is
+    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum, or to
+    a target that is a mean only; no factor is above `max_scale` or below its inverse. At most
+    `per_event` records are of one event. The same table, whatever the order of its rows, and the
+    same seed give the same set. RecordError if the flatfile lacks a column or period, or fewer
+    records than wanted may be selected, InputError for another argument.
     """
     for name, value, least in (
         ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
@@ -241,26 +173,30 @@ def select_records(
 
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
-) -> tuple[pd.DataFrame, NDArray[np.float64], Limits]:
+) -> tuple[pd.DataFrame, Array, Limits]:
     """Records that may be selected, their ln Sa, and which of them may be together."""
-    records = sorted_candidates(table)
-    ln_sa = spectra(records, target.periods)
-    usable = np.flatnonzero(np.isfinite(ln_sa).all(axis=1))
-    story = f"of {len(records)} candidates {usable.size} have Sa at all periods of the target"
-    records, ln_sa = records.iloc[usable].reset_index(drop=True), ln_sa[usable]
+    ids = column_of(table, "record").astype(str)
+    if table.empty:
+        raise RecordError(f"{name_of(table)}: has no record")
+    if ids.duplicated().any():
+        twice = ids[ids.duplicated()].iloc[0]
+        raise RecordError(f"{name_of(table)}: record {twice!r} is there twice")
+    records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
+    ln_sa = _spectra(records, target.periods)
+    usable = np.isfinite(ln_sa).all(axis=1)
+    story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     limit = float(np.log(max_scale))
     if target.given is not None:
         # Rounding must not put a record that needs no factor beyond a limit of 1.
-        ln_factor = factors(ln_sa, target, target.ln_mean, limit)
-        near = np.flatnonzero(np.abs(ln_factor) <= limit + 1e-12)
-        records, ln_sa = records.iloc[near].reset_index(drop=True), ln_sa[near]
-        story += f", {len(records)} of them a factor from 1/{max_scale:g} to {max_scale:g}"
-    recording = groups(records, ("event", "station"))
+        usable &= np.abs(factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
+        story += f", {usable.sum()} of them a factor from 1/{max_scale:g} to {max_scale:g}"
+    records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
+    recording = _groups(records, ["event", "station"])
     rules, most = [(recording, 1)], len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
         column_of(records, "event")
-        event = groups(records, ("event",))
+        event = _groups(records, ["event"])
         rules.append((event, per_event))
         of_event = Counter(dict(set(zip(recording, event))).values())
         most = sum(min(number, per_event) for number in of_event.values())
@@ -270,3 +206,51 @@ def _candidates(
             f"{name_of(table)}: {count} records are wanted and {most} may be selected; {story}"
         )
     return records, ln_sa, Limits(limit, tuple(rules))
+
+
+def _columns(table: pd.DataFrame) -> tuple[Array, list[str]]:
+    """Rising periods [s] and the names of their columns of Sa."""
+    names = [str(column) for column in table.columns]
+    found = sorted((float(m[1]), name) for name in names if (m := _SPECTRAL.fullmatch(name)))
+    return np.array([period for period, _ in found]), [name for _, name in found]
+
+
+def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
+    """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
+
+    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan where a
+    value is missing or not positive (-999 in NGA flatfiles).
+    """
+    have, names = _columns(table)
+    if not names:
+        raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
+    wanted = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    outside = wanted[(wanted < have[0] * (1.0 - 1e-6)) | (wanted > have[-1] * (1.0 + 1e-6))]
+    if outside.size:
+        given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
+        raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
+    place = np.interp(np.log(wanted), np.log(have), np.arange(have.size))
+    near, before = np.rint(place).astype(int), np.maximum(np.ceil(place).astype(int) - 1, 0)
+    same, after = np.abs(np.log(have[near] / wanted)) < _SAME, np.ceil(place).astype(int)
+    apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
+    if apart.any():
+        first = int(apart.argmax())
+        raise RecordError(
+            f"{name_of(table)}: has no Sa between {have[before[first]]:g} and "
+            f"{have[after[first]]:g} s, too far apart to interpolate the target's "
+            f"{wanted[first]:g} s"
+        )
+    ln_sa = np.column_stack([numbers(table, name) for name in names])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
+    part = place - before
+    between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
+    return np.where(same, ln_sa[:, near], between)
+
+
+def _groups(table: pd.DataFrame, columns: list[str]) -> NDArray[np.int64]:
+    """A number for each row, the same where all these columns agree; one alone if any is empty."""
+    known = table.reindex(columns=columns).astype("string").fillna("")
+    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
+    same = known.groupby(columns, sort=False).ngroup()
+    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]

@@ -6,12 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, RecordError
 from archfrag.files import read_text
-from archfrag.motions.selection.candidates import numbers
-from archfrag.motions.selection.models import Rupture, correlation, predict
+from archfrag.motions.selection.models import (
+    Array,
+    Rupture,
+    check_positive,
+    correlation,
+    predict,
+)  # fmt: skip
 
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
 LARGEST_TARGET = 10_000_000  # [bytes]
@@ -20,35 +25,26 @@ _SAME = 1e-6  # relative difference of periods that are the same
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Distribution of ln Sa that records are selected to.
+    """Distribution of ln Sa [ln g] at rising `periods` [s] that records are selected to.
 
-    Attributes
-    ----------
-    periods : numpy.ndarray, shape (n_period,) [s]
-        Increasing.
-    ln_mean : numpy.ndarray, shape (n_period,)
-        Mean of ln Sa, Sa in g.
-    covariance : numpy.ndarray, shape (n_period, n_period)
-        Of ln Sa; zero for a spectrum that is a mean only.
-    conditioning : float or None [s]
-        Period T* at which Sa is given, so that every record is scaled to it.
-    notes : tuple of str
-        What whoever uses the target should know.
+    `ln_mean` (n_period,) and `covariance` (n_period, n_period), which is zero for a spectrum that
+    is a mean only. `conditioning` is the period [s] at which Sa is given, so that every record is
+    scaled to it; `notes` is what users of the target should know.
     """
 
-    periods: NDArray[np.float64]
-    ln_mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    periods: Array
+    ln_mean: Array
+    covariance: Array
     conditioning: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def median(self) -> NDArray[np.float64]:
+    def median(self) -> Array:
         """exp of the mean of ln Sa, shape (n_period,) [g]."""
         return np.exp(self.ln_mean)
 
     @property
-    def sd(self) -> NDArray[np.float64]:
+    def sd(self) -> Array:
         """Standard deviation of ln Sa, shape (n_period,)."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -78,27 +74,9 @@ def conditional_spectrum(
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
     27(3), 797-815.
 
-    Parameters
-    ----------
-    rupture : Rupture
-    level : float [g]
-        Sa at the conditioning period.
-    conditioning : float [s]
-        T*; added to the periods if it is none of them.
-    periods : array_like, shape (n_period,) [s]
-        Twenty from 0.05 to 5 s where not given.
-    model : str
-        Ground-motion model, see `predict`.
-
-    Returns
-    -------
-    Target
-
-    Raises
-    ------
-    InputError
-        If a number is not positive, a period occurs twice, or is outside the model's or the
-        correlation's range.
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is none of
+    them. InputError if a number is not positive, a period occurs twice, or is outside the model's
+    or the correlation's range.
 
     Examples
     --------
@@ -108,10 +86,8 @@ def conditional_spectrum(
     >>> target.median.round(2), target.sd.round(2)
     (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
     """
-    for name, value in ((f"level = {level} g of Sa({conditioning} s)", level),
-                        (f"conditioning period {conditioning} s", conditioning)):  # fmt: skip
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} must be a number above 0")
+    check_positive(level, f"level = {level} g of Sa({conditioning} s)")
+    check_positive(conditioning, f"conditioning period {conditioning} s")
     grid = _rising(periods, "periods")
     near = np.abs(np.log(grid / conditioning)) < _SAME
     grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
@@ -139,11 +115,16 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    order = np.argsort(given)
-    sa = _like(median, given, f"{source}: median Sa")[order]
+    rows, zeros = [], np.zeros(given.shape)
+    for values, name in ((median, "median Sa"), (zeros if sd is None else sd, "sd")):
+        row = np.asarray(values, dtype=np.float64)
+        if row.shape != given.shape or not np.isfinite(row).all():
+            needed = f"must be finite numbers, one for each of {given.size} periods"
+            raise InputError(f"{source}: {name} {row.tolist()} {needed}")
+        rows.append(row[np.argsort(given)])
+    sa, scatter = rows
     if not (sa > 0.0).all():
         raise InputError(f"{source}: median Sa {sa.min():g} g must be above 0")
-    scatter = np.zeros(given.size) if sd is None else _like(sd, given, f"{source}: sd")[order]
     if (scatter < 0.0).any():
         raise InputError(f"{source}: sd {scatter.min():g} must not be below 0")
     zero = np.flatnonzero(scatter == 0.0)
@@ -167,21 +148,7 @@ def spectrum_target(
 def read_target(path: str | Path) -> Target:
     """Read a target from CSV with columns ``period_s``, ``Sa_g`` and, if it has one, ``sd``.
 
-    See `spectrum_target` for what the columns mean.
-
-    Raises
-    ------
-    InputError, RecordError
-        Naming the file and, for a value, its column.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from archfrag.motions.selection import read_target
-    >>> rows = ["period_s,Sa_g,sd", "0.2,0.9,0.5", "1.0,0.4,0", "2.0,0.2,0.4"]
-    >>> _ = Path("target.csv").write_text("\\n".join(rows))
-    >>> read_target("target.csv").conditioning
-    1.0
+    See `spectrum_target` for what the columns mean; InputError or RecordError names the file.
     """
     text = read_text(Path(path), LARGEST_TARGET, InputError, "the target")
     try:
@@ -195,23 +162,33 @@ def read_target(path: str | Path) -> Target:
     return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
 
 
-def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:
-    values = np.asarray(periods, dtype=np.float64)
-    if values.ndim != 1 or not values.size:
-        raise InputError(f"{name} must be one row of numbers, not of shape {values.shape}")
-    values = np.sort(values)
-    if not (np.isfinite(values).all() and values[0] > 0.0):
+def numbers(table: pd.DataFrame, column: str) -> Array:
+    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
+    values = column_of(table, column)
+    converted = pd.to_numeric(values, errors="coerce")
+    wrong = values[converted.isna() & values.notna() & (values.astype(str).str.strip() != "")]
+    if len(wrong):
+        raise RecordError(f"{name_of(table)}: {column} = {wrong.iloc[0]!r} is not a number")
+    return converted.to_numpy(dtype=np.float64)
+
+
+def column_of(table: pd.DataFrame, column: str) -> pd.Series:
+    """A column; RecordError if it is missing."""
+    if column not in table.columns:
+        raise RecordError(f"{name_of(table)}: column {column!r} is missing")
+    return table[column]
+
+
+def name_of(table: pd.DataFrame) -> str:
+    """What messages call a table: its ``attrs["source"]`` where it has one."""
+    return str(table.attrs.get("source", "the flatfile"))
+
+
+def _rising(periods: ArrayLike, name: str) -> Array:
+    values = np.sort(np.asarray(periods, dtype=np.float64).ravel())
+    if not (values.size and np.isfinite(values).all() and values[0] > 0.0):
         raise InputError(f"{name} {values.tolist()} must be positive numbers of seconds")
     twice = np.flatnonzero(np.diff(np.log(values)) < _SAME)
     if twice.size:
         raise InputError(f"{name}: {values[twice[0]]:g} s is there twice")
     return values
-
-
-def _like(values: ArrayLike, periods: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    row = np.asarray(values, dtype=np.float64)
-    if row.shape != periods.shape:
-        raise InputError(f"{name} has shape {row.shape}; the periods have {periods.shape}")
-    if not np.isfinite(row).all():
-        raise InputError(f"{name} {row.tolist()} must be finite numbers")
-    return row

@@ -6,7 +6,6 @@ records (see `variation`). One motion follows from its magnitude, distance, opti
 seeds alone.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -42,36 +41,19 @@ _QUIET = 1.0  # [s] of zeros at each end
 _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
 
 
-@dataclass(frozen=True)
-class Seeds:
-    """What a motion's random numbers follow from: those of one event have one `event`, and so on.
-
-    Attributes
-    ----------
-    record, event, site : int
-        From 0 to 2^63 - 1.
-    """
+class Seeds(NamedTuple):
+    """What random numbers follow from, 0 to 2^63 - 1: those of one event have one `event`."""
 
     record: int
     event: int
     site: int
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a motion is made.
+class Options(NamedTuple):
+    """How a motion is made: time step [s], site, whether amplitudes vary, vertical, pulse.
 
-    Attributes
-    ----------
-    dt : float [s]
-    vs30 : float [m/s]
-        Of the site, 450 to 1000: the range of V/H and where nonlinear soil may be left out.
-    vary : bool
-        Whether Fourier amplitudes vary; else only phases do.
-    vertical : bool
-        Whether there is a vertical component.
-    pulse : bool
-        Whether the horizontal has a velocity pulse.
+    `vs30` is from 450 to 1000 m/s: the range of V/H and where nonlinear soil may be left out.
+    Without `vary` only phases do; `pulse` is the horizontal velocity pulse of a near fault.
     """
 
     dt: float = TIME_STEP
@@ -214,10 +196,10 @@ def _vertical(magnitude: float, distance: float, vs30: float) -> NDArray[np.floa
     return vertical_factor(amplitude, magnitude, distance, vs30)
 
 
-def _finished(samples: NDArray[np.float64], dt: float) -> NDArray[np.float32]:
+def _finished(samples: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     quiet = np.zeros(int(_QUIET / dt))
     rounded = np.round(_closed(samples, dt) / _QUANTUM) * _QUANTUM
-    return np.concatenate((quiet, rounded, quiet)).astype(np.float32)
+    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
 
 
 def _taper(size: int, ramp: int) -> NDArray[np.float64]:

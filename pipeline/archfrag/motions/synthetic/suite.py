@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
+from archfrag.motions.synthetic.source import VS30
 
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
@@ -31,18 +33,8 @@ SPACING = 10**6
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """All that a motion follows from.
-
-    Attributes
-    ----------
-    id : str
-    magnitude : float
-    distance : float [km]
-    seeds : Seeds
-    options : Options
-    """
+class Recipe(NamedTuple):
+    """All that a motion follows from; `distance` is in km."""
 
     id: str
     magnitude: float
@@ -51,7 +43,7 @@ class Recipe:
     options: Options
 
     def make(self) -> Motion:
-        """The motion, with the recipe's id; errors are those of `make_motion`."""
+        """Make the motion, with the recipe's id; errors are those of `make_motion`."""
         made = make_motion(self.magnitude, self.distance, self.seeds, self.options)
         return made._replaced(id=self.id)
 
@@ -60,23 +52,10 @@ class Recipe:
 class Plan:
     """A suite that is asked for.
 
-    Attributes
-    ----------
-    events, records_per_event : int
-    magnitude : sequence of float
-        Taken one after the other by the events; with `drawn_magnitude` two ends between which
-        they are drawn.
-    distance : sequence of float [km]
-        Taken one after the other by the records; with `drawn_distance` two ends, drawn uniformly
-        in logarithm.
-    seed : int
-        From 0 to 10^9.
-    sites : int, optional
-        Record n of all is at site n modulo `sites`; a site for each record if not given.
-    vs30 : float [m/s]
-    vertical : bool
-    pulses : float
-        Probability of each record to have a pulse.
+    Magnitudes are taken one after the other by the events, or drawn between two ends; distances
+    [km] by the records, or drawn uniformly in logarithm. Record n of all is at site n modulo
+    `sites`, or at one of its own, with `vs30` [m/s]; `pulses` is the probability of each record
+    to have a pulse; `seed` is from 0 to 10^9.
     """
 
     events: int
@@ -87,18 +66,13 @@ class Plan:
     drawn_distance: bool = False
     seed: int = 1
     sites: int | None = None
-    vs30: float = Options.vs30
+    vs30: float = VS30
     vertical: bool = False
     pulses: float = 0.0
 
 
 def plan_motions(plan: Plan) -> list[Recipe]:
-    """Recipes of a suite, event by event.
-
-    Raises
-    ------
-    InputError
-        If there are more records than seeds.
+    """Recipes of a suite, event by event; InputError if there are more records than seeds.
 
     Examples
     --------
@@ -145,24 +119,10 @@ def shipped_recipes() -> list[Recipe]:
 
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
-    """Write motions: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
+    """Write motions, or those that are shipped: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
 
-    Parameters
-    ----------
-    out_dir : path
-        Folder, made if needed. Files of the same names are replaced at once; the index last.
-    recipes : sequence of Recipe, optional
-        The shipped motions if not given.
-
-    Returns
-    -------
-    list of Path
-        The record files, in the order of the index.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    The folder is made if needed; files of the same names are replaced at once, the index last.
+    Returns the record files in the order of the index; OutputError if one cannot be written.
     """
     folder, rows = Path(out_dir), []
     make_folder(folder / FOLDER)
@@ -173,10 +133,10 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         path = folder / FOLDER / f"{recipe.id}.mseed"
         _write_miniseed(path, motion, f"S{number % 10000:04d}")  # five characters at most
         known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        made = {"component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS}
-        digest = sha256_of(path)
-        row = {"id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": digest, **made}
-        rows.append(known | row | ({"pulse": recipe.options.pulse} if pulses else {}))
+        rows.append(known | {
+            "id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": sha256_of(path),
+            "component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS,
+        } | ({"pulse": recipe.options.pulse} if pulses else {}))  # fmt: skip
     write_index(folder, rows)
     return [folder / row["file"] for row in rows]
 

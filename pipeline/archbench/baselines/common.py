@@ -1,0 +1,120 @@
+"""What the baselines have in common with time stepping: beginning, rests and end of a run."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.path import Path
+from archfrag.mechanics.ground import Grounds
+from archfrag.mechanics.model import Clock, Model, State, Work, model_of
+from archfrag.mechanics.status import Cause, Count
+from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
+from archfrag.methods.common import (
+    AT_REST,
+    GO,
+    IDLE,
+    PAUSE,
+    Output,
+    end_run,
+    log_change,
+    new_results,
+    output_to,
+    ready,
+)
+from archfrag.methods.time_stepping.front import UNKNOWN, rest_of
+from archfrag.methods.time_stepping.run import new_one, start_at_rest, start_given
+from archfrag.methods.time_stepping.service import serve
+
+BY_REST = int(Cause.REST)
+
+
+class Case(NamedTuple):
+    """All that one run takes."""
+
+    model: Model
+    grounds: Grounds
+    state: State
+    work: Work
+    path: Path
+    options: Options
+    output: Output
+    results: Results
+
+
+def case_of(
+    chain: Chain, grounds: Grounds, factor: float, from_rest: bool, options: Options,
+    frames: Frames, log: MechanismLog,
+) -> Case:  # fmt: skip
+    """A case that has not been started; its range of rest is known where it begins at rest."""
+    model = model_of(chain)
+    options = ready(options, model, rest_of(model) if from_rest else UNKNOWN)
+    state, work, path = new_one(model)[:3]
+    state.clock[Clock.FACTOR] = factor
+    output = output_to(frames, log, options.frame_interval)
+    return Case(model, grounds, state, work, path, options, output, new_results(1))
+
+
+def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:
+    """Start a run at rest in the chain's own geometry, or with given positions and velocities."""
+    model, grounds, state, work, path, options, output, _ = case
+    if from_rest and not np.isnan(options.rest_plus):
+        start_at_rest(model, grounds, state, work, path, options, output)
+        return
+    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    start_given(model, state, work, options, output)
+
+
+def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
+    """End a run; its final state goes into `position` and `velocity`."""
+    model, _, state, work, _, options, output, results = case
+    end_run(model, state, work, options, output, results, 0)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return results
+
+
+def integrate(
+    case: Case,
+    advance: Callable[[], object],
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+) -> Results:
+    """Move a case to its end."""
+    start(case, position, velocity, from_rest)
+    while case.state.clock[Clock.CODE] == GO:
+        advance()
+        if case.state.clock[Clock.CODE] == PAUSE:
+            serve(*case[:-1])
+    return finish(case, position, velocity)
+
+
+@inlined
+def write_rows(j, nx, ny, px, py, position, row):
+    """Parting and tangential velocity at a point by the coordinates of the bodies of joint j."""
+    for side in range(2):
+        sign, at = 2.0 * side - 1.0, 3 * side
+        x, y = px - position[j + side, 0], py - position[j + side, 1]
+        row[0, at], row[0, at + 1] = sign * nx, sign * ny
+        row[1, at], row[1, at + 1] = -sign * ny, sign * nx
+        row[0, at + 2] = sign * (x * ny - y * nx)
+        row[1, at + 2] = sign * (x * nx + y * ny)
+
+
+@kernel
+def stands(state, options, until, moved, span):
+    """Whether, once the record is over, nothing has been too fast for rest for some time."""
+    time = state.clock[Clock.TIME]
+    if state.clock[Clock.FASTEST] > options.still or time <= until - options.follow:
+        moved[0] = time
+    return time - moved[0] >= span
+
+
+@kernel
+def end_at_rest(state, output):
+    """End a run that stands."""
+    state.count[Count.RESTS] += 1.0
+    state.clock[Clock.CODE] = IDLE
+    log_change(state, state.clock[Clock.TIME], BY_REST, -1, AT_REST, output)

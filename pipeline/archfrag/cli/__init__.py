@@ -1,0 +1,105 @@
+"""The command `archfrag`: thin, and quick to answer because nothing is imported before use."""
+
+import errno
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from archfrag.cli import arch, records, results, study
+from archfrag.cli.options import PATH, echo, warn
+
+
+class _Group(click.Group):
+    """Commands whose errors are one message and an exit code.
+
+    Errors of archfrag, of files and of memory are the user's to correct. Other errors are ours and
+    keep their traceback.
+    """
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        # Processes that this one starts load no modules from the current folder.
+        os.environ["PYTHONSAFEPATH"] = "1"
+        return super().__call__(*args, **kwargs)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except MemoryError:
+            click.echo("archfrag: error: the memory of this machine does not suffice", err=True)
+            ctx.exit(1)
+        except OSError as error:
+            if error.errno == errno.EPIPE or error.strerror is None:
+                raise
+            place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+            warn(f"error: {place}{error.strerror}")
+            ctx.exit(1)
+        except Exception as error:
+            # Not imported yet means not raised: the import is too slow for --help.
+            errors = sys.modules.get("archfrag.errors")
+            if errors is None or not isinstance(error, errors.ArchfragError):
+                raise
+            if not getattr(error, "reported", False):
+                warn(f"error: {error}")
+            ctx.exit(error.exit_code)
+
+
+def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        import archfrag
+        from archfrag.study.provenance import commit
+
+        echo(f"archfrag {archfrag.__version__} (commit {commit()})")
+        ctx.exit()
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+              help="Show version and commit, and end.")  # fmt: skip
+def main() -> None:
+    """From earthquake records to collapse probabilities of masonry arches.
+
+    A study file names arches, records and levels; `archfrag run STUDY` makes its report. The
+    other commands are steps of a run, tools for records, and answers for one arch.
+    """
+
+
+@main.command()
+@click.argument("folder", type=PATH, default=".")
+def init(folder: Path) -> None:
+    """Write a commented study into FOLDER (.), to start from.
+
+    The shipped motions come with it.
+    """
+    from archfrag.study.starter import write_starter
+
+    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+
+
+@main.command()
+@click.option("--method", help="Only the kernels of this method; all methods if not given.")
+def warmup(method: str | None) -> None:
+    """Compile the kernels now, so that no later command waits for it."""
+    from archfrag.simulate import warmup as compile_kernels
+
+    def show(message: str) -> None:
+        if sys.stderr.isatty():
+            click.echo(f"\r{message}\033[K", err=True, nl=False)
+        elif not messages:
+            echo(message, err=True)
+        messages.append(message)
+
+    messages: list[str] = []
+    seconds = compile_kernels(method, show)
+    click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
+    echo(f"kernels ready after {seconds:.1f} s")
+
+
+for command in (
+    records.records, results.export, results.risk, arch.onset, arch.draw, arch.simulate,
+    study.validate, study.run, study.clean, *study.STEPS,
+):  # fmt: skip
+    main.add_command(command)

@@ -1,0 +1,80 @@
+"""Options that several commands share, and how commands print."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+PATH = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
+
+
+def takes(*options: Callable) -> Callable:
+    """Give a command options, in the order of its help."""
+
+    def decorate(command: Callable) -> Callable:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def _columns(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    from archfrag.motions.formats.columns import parse_columns
+
+    return None if text is None else parse_columns(text)
+
+
+def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> Any:
+    from archfrag.motions.plausible import accepted_words
+
+    return accepted_words(words, "--accept")
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+members_option = click.option("--members", is_flag=True,
+                              help="Include the arches of classes as well.")  # fmt: skip
+cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
+                            help="Number of cores to use; all by default.")  # fmt: skip
+takes_study = takes(
+    click.argument("study_file", metavar="STUDY", type=PATH),
+    click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
+                 help="Override a key of the study file, e.g. --set method.dt=0.0005; "
+                 "paths are relative to the current folder. Repeatable."),
+)  # fmt: skip
+takes_format = takes(
+    click.option("--unit", help="unit of the samples if the file does not state it"),
+    click.option("--inventory", type=PATH,
+                 help="StationXML of a record in counts, if not NAME.xml in its folder"),
+    click.option("--columns", callback=_columns, metavar="KEY=N,...",
+                 help="columns of plain text files: time=1,acceleration=2, or "
+                 "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
+                 "vertical=COLUMN and skip=LINES"),
+)  # fmt: skip
+takes_record = takes(
+    takes_format,
+    click.option("--accept", multiple=True, callback=_accept, metavar="WORD,...",
+                 help="Let pass a peak outside 1e-5 to 5 g (pga), a time step outside 1e-4 to "
+                 "0.1 s (time_step), another number of samples than announced (samples), another "
+                 "peak than the header states (header)."),
+)  # fmt: skip
+
+
+def echo(text: str, err: bool = False) -> None:
+    """Print a line, without the characters of foreign text that a terminal obeys."""
+    from archfrag.files import printable
+
+    click.echo(printable(text), err=err)
+
+
+def warn(message: str) -> None:
+    """Print a line on standard error."""
+    echo(f"archfrag: {message}", err=True)
+
+
+def show(facts: Any, text: str, as_json: bool) -> None:
+    """Print a result, as JSON or as text."""
+    echo(json.dumps(facts, allow_nan=False) if as_json else text)

@@ -1,0 +1,294 @@
+"""The commands `archfrag records ...`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from archfrag.cli.options import PATH, json_option, show, takes, takes_format, takes_record, warn
+
+_files = click.argument("files", nargs=-1, required=True, type=PATH)
+_out = click.option("--out", type=PATH, required=True, help="Folder to write to.")
+
+
+def _figure_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
+    """Refuse what is not an SVG file before anything is done."""
+    from archfrag.errors import InputError
+
+    if path is not None and path.suffix.lower() != ".svg":
+        raise InputError(f"--figure {path}: figures are written as SVG; name a FILE.svg")
+    return path
+
+
+_figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_figure_file,
+                       help="Draw a figure.")  # fmt: skip
+
+
+@click.group()
+def records() -> None:
+    """Inspect, measure, select, convert, fetch and make records."""
+
+
+@records.command()
+@_files
+@takes_format
+@_figure
+@json_option
+@click.pass_context
+def inspect(
+    context: click.Context, files: tuple[Path, ...], figure: Path | None, as_json: bool,
+    **reading: Any,
+) -> None:  # fmt: skip
+    """List the content of record FILES and their errors.
+
+    Each channel of each file is shown with its faults. Nothing but an unreadable file is
+    refused; the others are shown nevertheless, and the exit code is 2. The figure has
+    acceleration, velocity and response spectra.
+
+    \b
+    Example:
+      archfrag records inspect *.V2 --figure records.svg
+    """
+    from archfrag.cli import record_tables as commands
+    from archfrag.errors import RecordError
+    from archfrag.motions.index import goes_with_records
+    from archfrag.motions.inspection import inspect_record
+
+    found, facts, unreadable = [], [], []
+    for file in files:
+        if len(files) > 1 and goes_with_records(file):
+            continue
+        try:
+            found.append(inspect_record(file, **commands.reading_of(file, reading)))
+            facts.append(commands.inspection_facts(found[-1]))
+        except RecordError as error:
+            unreadable.append(str(error))
+            facts.append({"file": str(file), "error": str(error)})
+    if figure is not None and found:
+        from archfrag.report.motions import channels
+        from archfrag.study.files import write_text
+
+        write_text(figure, channels(commands.inspection_motions(found)).file)
+    if found or as_json:
+        show(facts, "\n".join(map(commands.inspection_text, found)), as_json)
+    for message in unreadable:
+        warn(f"error: {message}")
+    if unreadable:
+        context.exit(RecordError.exit_code)
+
+
+@records.command()
+@_files
+@click.option("--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write.")
+@click.option("--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s.")
+@takes_record
+@_figure
+@json_option
+def measure(
+    files: tuple[Path, ...], out: Path, figure: Path | None, periods: str | None, as_json: bool,
+    **reading: Any,
+) -> None:  # fmt: skip
+    """Measure record FILES and write a flatfile.
+
+    Every horizontal component has a row; files of verticals beside theirs are left out. Columns
+    are named as in the NGA flatfiles; the figure has the response spectra.
+
+    \b
+    Example:
+      archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
+    """
+    from archfrag.cli.record_tables import measure_files, table_spectra
+    from archfrag.files import counted
+    from archfrag.motions.flatfile import write_flatfile
+
+    table = measure_files(files, out, periods, reading)
+    write_flatfile(out, table)
+    if figure is not None:
+        from archfrag.report.motions import measured_spectra
+        from archfrag.study.files import write_text
+
+        write_text(figure, measured_spectra(table_spectra(table)).file)
+    rows = json.loads(table.to_json(orient="records", double_precision=15))
+    show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
+
+
+@records.command()
+@click.argument("flatfile", type=PATH)
+@takes(
+    click.option("--out", type=PATH, required=True, metavar="INDEX.csv", help="Index to write."),
+    click.option("--count", type=int, required=True, help="Number of records."),
+    click.option("--target", type=PATH, metavar="FILE.csv",
+                 help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd."),
+    click.option("--magnitude", type=float, help="Moment magnitude of a conditional spectrum."),
+    click.option("--distance", type=float, help="Its distance to the rupture [km]."),
+    click.option("--vs30", type=float, help="Its Vs30 [m/s]."),
+    click.option("--period", type=float, help="Its conditioning period [s]."),
+    click.option("--sa", type=float, help="Sa at that period [g], or --epsilon."),
+    click.option("--epsilon", type=float, help="Standard deviations of Sa above the median."),
+    click.option("--model", default="CY14", show_default=True,
+                 help="Ground-motion model, by its name in pygmm."),
+    click.option("--max-scale", type=float, default=4.0, show_default=True,
+                 help="Largest scale factor; its inverse is the smallest."),
+    click.option("--per-event", type=int, help="Largest number of records of one event."),
+    click.option("--seed", type=int, default=1, show_default=True),
+    _figure, json_option,
+)  # fmt: skip
+def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
+    """Select records of a FLATFILE for a target.
+
+    Their scaled spectra are distributed as the target's, in mean and scatter. The target is a
+    file, or a conditional spectrum of an earthquake and a site. The same seed selects the same
+    records. The figure has target and selected spectra.
+
+    \b
+    Example:
+      archfrag records select flatfile.csv --out selected.csv --count 30 \\
+        --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
+    """
+    from archfrag.cli.record_tables import select_from, selection_text
+
+    selection = select_from(flatfile, options)
+    selection.write(out, folder=flatfile.parent)
+    if figure is not None:
+        from archfrag.report.motions import selected_spectra
+        from archfrag.study.files import write_text
+
+        write_text(figure, selected_spectra(selection).file)
+    for caution in selection.cautions:
+        warn(f"caution: {caution}")
+    show(selection.facts(), selection_text(selection, out), as_json)
+
+
+@records.command()
+@_files
+@takes(
+    _out,
+    click.option("--to", "form", default="mseed",
+                 type=click.Choice(["mseed", "at2", "text"], case_sensitive=False),
+                 show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
+    click.option("--in", "wanted", type=click.Choice(["m/s2", "g"]), default="m/s2",
+                 show_default=True, help="Unit to write."),
+    takes_record, json_option,
+)  # fmt: skip
+def convert(
+    files: tuple[Path, ...], out: Path, form: str, wanted: str, as_json: bool, **reading: Any
+) -> None:
+    """Write record FILES in another format.
+
+    The index beside them states where they come from and what was done to them.
+
+    \b
+    Example:
+      archfrag records convert CE23837.V1C --to at2 --in g --out converted
+    """
+    from archfrag.cli.record_tables import reading_of
+    from archfrag.motions.channels import Reading
+    from archfrag.motions.convert import convert_record
+
+    written = [
+        {"file": str(path), "source": str(file)}
+        for file in files
+        for path in convert_record(file, out, form, wanted, Reading(**reading_of(file, reading)))
+    ]
+    show(written, "\n".join(entry["file"] for entry in written), as_json)
+
+
+@records.command()
+@click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
+@takes(
+    _out,
+    click.option("--from", "stations_from", required=True, metavar="SERVICE",
+                 help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://..."),
+    click.option("--events-from", default="USGS", show_default=True, metavar="SERVICE",
+                 help="Service that knows the given event identifiers."),
+    click.option("--radius", type=click.FloatRange(0.0, 2000.0), default=100.0, show_default=True,
+                 help="Largest epicentral distance [km]."),
+    click.option("--channels", default="HN,EN,BN", show_default=True, metavar="KINDS",
+                 help="Accelerometers, the best first; each station gives one kind."),
+    click.option("--before", type=click.FloatRange(0.0, 3600.0), default=30.0, show_default=True,
+                 help="Begin before the origin time [s]."),
+    click.option("--after", type=click.FloatRange(1.0, 7200.0), default=180.0, show_default=True,
+                 help="End after the origin time [s]."),
+    click.option("--stations", "most", type=click.IntRange(1), default=100, show_default=True,
+                 help="Largest number of stations of an event, the nearest first."),
+    click.option("--timeout", type=click.FloatRange(0.01, 3600.0), default=60.0,
+                 show_default=True, help="Longest wait for a service [s]."),
+    json_option,
+)  # fmt: skip
+def fetch(
+    events: tuple[str, ...], out: Path, channels: str, as_json: bool, **options: Any
+) -> None:
+    """Fetch records of events from data centres.
+
+    They come by FDSN web services as miniSEED with StationXML and an index. What is in the
+    folder already is kept: the same command goes on where it was stopped. The exit code is 7
+    if a service failed that may answer later, and 2 if there is no record at all.
+
+    \b
+    Example:
+      archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
+    """
+    from archfrag.errors import InputError, ServiceError
+    from archfrag.files import counted
+    from archfrag.motions.fetch import PASSING, Request, fetch_records
+
+    kinds = tuple(kind.strip() for kind in channels.split(","))
+    came: dict[str, list[str]] = {"new": [], "kept": []}
+    failures = []
+    for kind, text in fetch_records(Request(events, channels=kinds, **options), out):
+        if kind in came:
+            came[kind].append(text)
+        else:
+            failures.append({"kind": kind, "message": text})
+            warn(text)
+    new, kept = came.values()
+    text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
+    show({"folder": str(out), **came, "failures": failures}, text, as_json)
+    if passing := [failure for failure in failures if failure["kind"] in PASSING]:
+        count = counted(len(passing), "request")
+        raise ServiceError(f"{count} failed; try again later: the same command goes on")
+    if not new and not kept:
+        raise InputError("no record was fetched, for the reasons stated above")
+
+
+@records.command()
+@takes(
+    _out,
+    click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
+    click.option("--records-per-event", type=click.IntRange(1, 100_000),
+                 help="Records of each; 1 if not given."),
+    click.option("--magnitude", metavar="M,...|M:M",
+                 help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+                 "between which they are drawn."),
+    click.option("--distance-km", metavar="D,...|D:D",
+                 help="Distances to the rupture [km]: a list that the records take in turn, or "
+                 "two ends."),
+    click.option("--sites", type=click.IntRange(1),
+                 help="Number of sites; one for each record if not given."),
+    click.option("--vs30", type=click.FloatRange(450.0, 1000.0),
+                 help="Vs30 of sites [m/s]; 760 if not given."),
+    click.option("--vertical", is_flag=True, default=None, help="Also make vertical components."),
+    click.option("--pulses", type=click.FloatRange(0.0, 1.0),
+                 help="Probability of a near-fault pulse in a motion."),
+    click.option("--seed", type=click.IntRange(0, 10**9),
+                 help="Seed of the random numbers; 1 if not given."),
+    json_option,
+)  # fmt: skip
+def make(out: Path, as_json: bool, **wanted: Any) -> None:
+    """Make synthetic motions with their index.
+
+    A study reads them by `motions: {index: OUT/index.csv}`. Without any option but --out the
+    motions are those that archfrag ships.
+
+    \b
+    Example:
+      archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
+        --distance-km 10:100 --out synthetic
+    """
+    from archfrag.cli.record_tables import make_chosen
+    from archfrag.files import counted
+
+    paths = make_chosen(out, wanted)
+    facts = {"folder": str(out), "files": [str(path) for path in paths]}
+    show(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)

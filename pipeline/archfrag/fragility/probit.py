@@ -1,0 +1,202 @@
+"""Likeliest lines of many data sets at once: of verdicts, and of values known within bounds.
+
+All these losses are convex, so there is one least value or none, and Newton's method finds it.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import erfcx, expit, log_ndtr
+
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
+
+# Loss (n_fit,), gradient (n_fit, q) and second derivatives (n_fit, q, q).
+Terms = tuple[FloatArray, FloatArray, FloatArray]
+LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
+_STEPS, _HALVINGS, _CLOSE = 200, 60, 1e-11
+_EXACT = 1e-5  # width, in deviations of all values, of the bounds about one known exactly
+
+
+class Lines(NamedTuple):
+    """Lines intercept + slope x on the scale of the link; nan without a maximum with slope > 0."""
+
+    intercept: FloatArray  #: (n_fit,)
+    slope: FloatArray  #: (n_fit,)
+    loss: FloatArray  #: (n_fit,), negative log-likelihood without binomial coefficients
+    information: FloatArray  #: (n_fit, 2, 2), observed, in (intercept, slope)
+
+    @property
+    def degenerate(self) -> BoolArray:
+        """Fits without a maximum, (n_fit,)."""
+        return np.isnan(self.slope)
+
+
+def least(
+    terms: Callable[[FloatArray, IntArray], Terms], start: FloatArray
+) -> tuple[FloatArray, Terms]:
+    """Parameters (n_fit, q) where each loss is least, and the terms there.
+
+    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss is inf where it
+    is not defined. Newton's steps are halved until the loss does not grow.
+    """
+    p = np.array(start, dtype=float)
+    active = np.arange(len(p))
+    for _ in range(_STEPS):
+        loss, gradient, hessian = terms(p[active], active)
+        # A direction in which the loss is flat is not followed.
+        ridge = 1e-14 * np.trace(hessian, axis1=1, axis2=2) + 1e-250
+        hessian = hessian + ridge[:, None, None] * np.eye(p.shape[1])
+        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        allowed = loss + 1e-12 * (1.0 + np.abs(loss))
+        for _ in range(_HALVINGS):
+            worse = ~(terms(p[active] - step, active)[0] <= allowed)
+            if not worse.any():
+                break
+            step[worse] *= 0.5
+        p[active] -= step
+        active = active[(np.abs(step) > _CLOSE * (1.0 + np.abs(p[active]))).any(axis=1)]
+        if not active.size:
+            break
+    return p, terms(p, np.arange(len(p)))
+
+
+def interval_terms(
+    p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray
+) -> Terms:
+    """Terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), which is convex in `p`, (n_fit, q).
+
+    `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
+    (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76; Burridge 1981, J. R. Stat. Soc. B
+    43.
+    """
+    z, rows = [], []
+    for side, none in ((low, -np.inf), (high, np.inf)):
+        bounded = ~np.isnan(side[..., 0])
+        rows.append(np.where(bounded[..., None], side, 0.0))
+        z.append(np.where(bounded, (rows[-1] @ p[..., None])[..., 0], none))
+    log_mass = log_between(*z)
+    with np.errstate(invalid="ignore", over="ignore"):
+        down, up = (np.exp(-0.5 * each**2 - LOG_ROOT_TWO_PI - log_mass) for each in z)
+        below, above = (np.where(np.isfinite(each), each, 0.0) for each in z)
+        first = up[..., None] * rows[1] - down[..., None] * rows[0]
+        hessian = np.swapaxes(first * weight[..., None], 1, 2) @ first
+        for bound, factor in zip(rows, (-down * below, up * above)):
+            hessian += np.swapaxes(bound * (weight * factor)[..., None], 1, 2) @ bound
+        loss = -(weight * log_mass).sum(axis=1)
+        return loss, -(weight[..., None] * first).sum(axis=1), hessian
+
+
+def binomial_lines(
+    x: FloatArray, collapses: FloatArray, n: FloatArray, link: str = "probit"
+) -> Lines:
+    """Likeliest lines of counts 0 <= collapses <= n, (n_fit, n_point), which may be fractions,
+    at x, (n_point,) or (n_fit, n_point). `link` is "probit" or "logistic".
+    """
+    k, n = np.atleast_2d(collapses), np.atleast_2d(n)
+    x = np.broadcast_to(x, k.shape)
+    # There is a maximum unless the data are separated (Albert and Anderson 1984).
+    overlap = np.where(k > 0, x, np.inf).min(axis=1) < np.where(n > k, x, -np.inf).max(axis=1)
+    rises = np.where(k > 0, x, -np.inf).max(axis=1) > np.where(n > k, x, np.inf).min(axis=1)
+    todo = np.flatnonzero(overlap & rises)
+    intercept, steepness, least_loss = np.full((3, len(k)), np.nan)
+    lines = Lines(intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan))
+    if not todo.size:
+        return lines
+    x, k, n = x[todo], k[todo], n[todo]
+    total = n.sum(axis=1)
+    centre = (n * x).sum(axis=1) / total
+    width = np.sqrt((n * (x - centre[:, None]) ** 2).sum(axis=1) / total)
+    scaled = (x - centre[:, None]) / width[:, None]
+
+    def terms(p: FloatArray, fit: IntArray) -> Terms:
+        return _binomial_terms(p, scaled[fit], k[fit], n[fit], link)
+
+    line, (loss, _, found) = least(terms, np.zeros((todo.size, 2)))
+    # (a, b) of the scaled line are linear in those of the line itself.
+    scaling = np.zeros((todo.size, 2, 2))
+    scaling[:, 0, 0], scaling[:, 0, 1], scaling[:, 1, 1] = 1.0, centre, width
+    slope = line[:, 1] / width
+    known = line[:, 0] - slope * centre, slope, loss, scaling.transpose(0, 2, 1) @ found @ scaling
+    rising = line[:, 1] > 1e-9
+    for part, values in zip(lines, known, strict=True):
+        part[todo[rising]] = values[rising]
+    return lines
+
+
+def _binomial_terms(
+    p: FloatArray, x: FloatArray, k: FloatArray, n: FloatArray, link: str
+) -> Terms:
+    """Loss of lines `p` (n_fit, 2), and its derivatives in them."""
+    z = p[:, :1] + p[:, 1:] * x
+    if link == "probit":
+        up, down = inverse_mills(z), inverse_mills(-z)
+        first = (n - k) * down - k * up
+        second = k * up * (z + up) + (n - k) * down * (down - z)
+        loss = -(k * log_ndtr(z) + (n - k) * log_ndtr(-z))
+    else:
+        chance = expit(z)
+        first, second = n * chance - k, n * chance * (1.0 - chance)
+        loss = k * np.logaddexp(0.0, -z) + (n - k) * np.logaddexp(0.0, z)
+    a, b, c = second.sum(1), (second * x).sum(1), (second * x * x).sum(1)
+    gradient = np.stack([first.sum(1), (first * x).sum(1)], axis=1)
+    return loss.sum(axis=1), gradient, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
+
+
+def normal_lines(
+    design: FloatArray, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Likeliest regressions y = design @ coefficients + error of values within bounds (Tobit).
+
+    `lower` and `upper`, (n_point,) or (n_fit, n_point), are equal where a value is known exactly,
+    -inf or inf where there is no bound; the first column of `design`, (n_point, q), is 1. In
+    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46).
+
+    Returns
+    -------
+    (ndarray, ndarray, ndarray, ndarray)
+        Coefficients (n_fit, q); deviation of the error (n_fit,); negative log-likelihood
+        (n_fit,); observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
+    """
+    low, high = np.atleast_2d(lower), np.atleast_2d(upper)
+    known = np.where(np.isfinite(low), low, high)
+    known = 0.5 * (known + np.where(np.isfinite(high), high, low))
+    centre, scale = known.mean(axis=1, keepdims=True), known.std(axis=1, keepdims=True)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    low, high = (low - centre) / scale, (high - centre) / scale
+    exact = np.where(np.isfinite(high - low), high - low, 1.0) < _EXACT
+    # A value known exactly counts by its density, one in narrow bounds by density times width.
+    width = np.where(exact & (high > low), (high - low) * scale, 1.0)
+    density = np.where(exact, np.log(scale * _EXACT / width), 0.0).sum(axis=1)
+    middle, q = 0.5 * (low + high), design.shape[1]
+    bounds = []
+    for end, sign in ((low, -1.0), (high, 1.0)):
+        end = np.where(exact, middle + sign * 0.5 * _EXACT, end)[..., None]
+        rows = np.concatenate([np.broadcast_to(-design, (*low.shape, q)), end], axis=2)
+        bounds.append(np.where(np.isfinite(end), rows, np.nan))
+
+    def terms(p: FloatArray, fit: IntArray) -> Terms:
+        return interval_terms(p, bounds[0][fit], bounds[1][fit], np.ones((1, len(design))))
+
+    p, (loss, _, found) = least(terms, np.tile(np.append(np.zeros(q), 1.0), (len(low), 1)))
+    coefficients = p[:, :-1] / p[:, -1:] * scale
+    coefficients[:, :1] += centre
+    back = np.tile(np.eye(q + 1), (len(low), 1, 1))
+    back[:, 0, q], back[:, q, q] = -centre[:, 0], scale[:, 0]
+    information = back.transpose(0, 2, 1) @ found @ back
+    return coefficients, scale[:, 0] / p[:, -1], loss + density, information
+
+
+def inverse_mills(z: FloatArray) -> FloatArray:
+    """phi(z) / Phi(z), also far in the lower tail."""
+    return np.sqrt(2.0 / np.pi) / erfcx(-z / np.sqrt(2.0))
+
+
+def log_between(low: FloatArray, high: FloatArray) -> FloatArray:
+    """ln(Phi(high) - Phi(low)), precise in both tails; -inf unless low < high."""
+    flip = low + high > 0.0
+    near, far = np.where(flip, -low, high), np.where(flip, -high, low)
+    top = log_ndtr(near)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside = top + np.log(-np.expm1(log_ndtr(far) - top))
+    return np.where((high > low) & np.isfinite(top), inside, -np.inf)

@@ -1,0 +1,221 @@
+"""What else follows from runs: other shapes, measures, limit states, parts of the dispersion."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import FitError, InputError, attempt
+from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.study.answer.curves import Answer, Runs, curve_to_dict
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SEED, _RESAMPLES = 1, 300
+MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
+MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
+
+
+def free_shapes(
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
+) -> dict[str, Any]:
+    """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
+    from archfrag.fragility.shapes import check_lognormal, isotonic_curve
+
+    shaped: dict[str, Any] = {}
+    try:
+        curve = isotonic_curve(
+            runs.brackets, runs.group, seed=_SEED, resamples=_RESAMPLES, confidence=confidence
+        )
+        shaped["isotonic"] = {name: values.tolist() for name, values in curve.items()}
+        p_value, _ = check_lognormal(runs.brackets, seed=_SEED, resamples=_RESAMPLES)
+        shaped["test_of_fit"] = {"p_value": p_value, "message": _fit_message(p_value)}
+    except FitError as error:
+        shaped["none"] = worded(error)
+    return shaped
+
+
+def _fit_message(p_value: float) -> str:
+    if p_value < MISFIT:
+        return (
+            f"The lognormal curve does not describe these collapses (p = {p_value:.3g}): quote "
+            "the isotonic curve too."
+        )
+    return (
+        f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small number of "
+        "records only a large misfit would show."
+    )
+
+
+def cloud_curves(
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
+) -> dict[str, Any]:
+    """Curve of a cloud by logistic regression."""
+    from archfrag.fragility.fit import fit_cloud
+
+    decided = runs.decided.ravel()
+    collapsed = runs.verdict.ravel()[decided] == Verdict.COLLAPSED
+    event = None if runs.group is None else runs.group[decided]
+    fit = partial(
+        fit_cloud, runs.level.ravel()[decided], collapsed, event,
+        seed=_SEED, resamples=_RESAMPLES, confidence=confidence,
+    )  # fmt: skip
+    curve = attempt(fit, worded)
+    return {"logistic": {"none": curve} if isinstance(curve, str) else curve}
+
+
+def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
+    """The study's measure beside others in which its motions are known."""
+    from archfrag.fragility.measures import compare_measures
+
+    names, rows = cube["measure"].values.astype(str).tolist(), runs.rows
+    value = cube["record_measure"].transpose("measure", "record").values[:, rows]
+    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
+    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    table = compare_measures(
+        runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
+        magnitude=cube["magnitude"].values[rows], distance=cube["distance"].values[rows],
+        event=runs.group,
+    )  # fmt: skip
+    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
+    rows_with_units = [{**row, "unit": units[row["measure"]]} for row in table["rows"]]
+    return {**table, "rows": rows_with_units}
+
+
+def limit_states(
+    parts: "Sequence[tuple[xr.Dataset, Runs]]", keys: Mapping[str, float],
+    worded: Callable[[FitError], str] = str,
+) -> dict[str, Any]:  # fmt: skip
+    """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
+
+    Parameters
+    ----------
+    parts : sequence of (xarray.Dataset, Runs)
+        Each arch with its part of the cube.
+    keys : mapping of str to float
+        ``limit_states`` of the study.
+    worded : callable
+        As of `archfrag.study.answer.curves.answer`.
+    """
+    from archfrag.fragility.limit_states import fit_limit_states
+
+    limits = [float(cube["static_limit"]) for cube, _ in parts]
+    rad = f", {limits[0]:.3g} rad" if len(parts) == 1 else ""
+    meanings = {
+        "motion": "a joint opens or slides",
+        "impact": "a joint closes by an impact",
+        "residual": f"a displacement of {keys['residual']:g} of a joint's length is left",
+        "rotation": f"rotation by {keys['rotation']:g} of the static limit{rad}",
+        "contact lost": "a joint opens at both corners, regained or not",
+        "collapse": "a loss of contact that cannot be regained",
+    }
+    if not np.isfinite(limits).all():
+        del meanings["rotation"]
+    exceeded = np.concatenate([_exceeded(*part, keys, list(meanings)) for part in parts])
+    level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for _, r in parts])
+    found, message = fit_limit_states(exceeded, level, list(meanings))
+    onset = min(_onset(cube) for cube, _ in parts)
+    notes = [worded(each.none) if each.none else "" for each in found]
+    return {
+        "message": message,
+        "states": [
+            {"name": each.name, "meaning": meanings[each.name],
+             "note": note, "curve": curve_to_dict(_above(each.fit, onset) or note)}
+            for each, note in zip(found, notes, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def _exceeded(
+    cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float], names: Sequence[str]
+) -> NDArray[np.int64]:
+    """1 where a run of an arch exceeds a limit state, 0 where not, -1 where that is not known."""
+
+    def values(name: str) -> NDArray:
+        table: NDArray = cube[name].transpose("record", "level").values
+        return table[runs.rows]
+
+    length, limit = float(cube["joint_length"]), float(cube["static_limit"])
+    states = {
+        "motion": values("openings") + values("slides") + values("impacts") > 0,
+        "impact": values("impacts") > 0,
+        "residual": values("residual_displacement") >= keys["residual"] * length,
+        "rotation": values("peak_rotation") >= keys["rotation"] * limit,
+        "contact lost": np.isfinite(values("lost_contact_time")),
+        "collapse": runs.verdict == Verdict.COLLAPSED,
+    }
+    reached = [np.where(runs.decided, states[name], -1).astype(np.int64) for name in names]
+    if runs.design.adaptive:  # where the runs of a record imply others
+        for i, codes in enumerate(reached):
+            codes = np.where(codes < 0, Verdict.NOT_SIMULATED, codes)
+            filled = find_brackets(codes, runs.level).filled
+            reached[i] = np.where(filled == Verdict.NOT_SIMULATED, -1, filled)
+    return np.stack(reached, axis=-1)
+
+
+def _onset(cube: "xr.Dataset") -> float:
+    """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
+    own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
+    if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
+        return 0.0
+    value = cube["record_measure"].transpose("record", "measure").values
+    least = STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+    factor = least / value[:, names.index("PGA")]
+    power = float(cube["measure_exponent"].values[names.index(own)])
+    return float(np.min(value[:, names.index(own)] * factor**power))
+
+
+def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
+    """The curve, or why it is none: it gives a probability where nothing can move."""
+    below = float(fit.probability(onset)) if fit is not None and onset > 0.0 else 0.0
+    if below <= MOST_BELOW:
+        return fit
+    return (
+        f"it would give a probability of {below:.2f} at the onset of motion, below which nothing "
+        "moves; levels near the onset may show it"
+    )
+
+
+def dispersion_split(
+    members: Sequence[Runs], answers: Sequence[Answer], beta: float
+) -> dict[str, Any]:
+    """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
+
+    By the capacities of all runs; by the likeliest curve of each arch where records withstand the
+    largest level, since without these, the mildest, what is left would differ less.
+    """
+    from archfrag.fragility.dispersion import split_capacities, split_curves
+
+    n_record = len(members[0].verdict)
+    if not members[0].design.on_levels or any(len(each.verdict) != n_record for each in members):
+        return {}
+    capacity = np.stack([each.brackets.middle for each in members])
+    try:
+        if np.isnan(capacity).any():
+            fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
+            split = split_curves(
+                [fit.theta for fit in fits], [fit.beta for fit in fits],
+                [fit.standard_errors[0] for fit in fits],
+                shared=_shared_error(capacity),
+            )  # fmt: skip
+        else:
+            split = split_capacities(capacity)
+    except (FitError, InputError) as error:
+        return {"none": str(error)}
+    scale = beta / np.hypot(*split)
+    return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}
+
+
+def _shared_error(capacity: FloatArray) -> float:
+    """Mean correlation of ln capacities between arches, by the records known for all."""
+    logs = np.log(capacity[:, ~np.isnan(capacity).any(axis=0)])
+    if logs.shape[1] < 3 or (np.ptp(logs, axis=1) == 0.0).any():
+        return 0.0
+    pairs = np.triu_indices(len(logs), k=1)
+    return float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))

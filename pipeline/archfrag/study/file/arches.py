@@ -1,0 +1,263 @@
+"""Arches as a study file gives them: one block, whose keys follow from its profile."""
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
+
+from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
+from archfrag.errors import StudyError
+from archfrag.study.file.messages import PathText, Section, refuse, refuse_key, refuse_missing
+from archfrag.study.file.vary import VARIABLE, Vary
+
+if TYPE_CHECKING:
+    from archfrag.arch import Arch
+
+# Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
+MOST_FRICTION, MOST_DENSITY, MOST_LOAD = 1e6, 1e6, 1e12
+
+Profile = Literal[
+    "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block", "polygons"
+]
+_SPANNED = ("span", "rise", "thickness", "voussoirs")
+_DRAWN = ("thickness_factor", "tolerance", "dead_load")
+# Keys that each profile needs, and keys that it may have.
+PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "circular": (
+        ("radius", "thickness", "embrace", "voussoirs"), ("sector", "joints", "dead_load"),
+    ),
+    "segmental": (_SPANNED, ("sector", "joints", "dead_load")),
+    "pointed": (_SPANNED, ("joints", "dead_load")),
+    "elliptic": (_SPANNED, ("joints", "dead_load")),
+    "catenary": (_SPANNED, ("joints", "dead_load")),
+    "from_joints": (("intrados", "extrados"), ("free_end", "dead_load")),
+    "block": (("width", "height"), ()),
+    "polygons": (("outlines",), ("ground", *_DRAWN)),
+}  # fmt: skip
+_DRAWING = ("drawing", "layer", "unit", *_DRAWN)
+_MATERIAL = ("friction", "density", "depth")
+_COMMON = ("id", "profile", *_MATERIAL, "recess", "vary")
+# Columns of a table that are keys of its arches, and those of them that are one number each.
+COLUMNS = tuple(dict.fromkeys(
+    (*_COMMON, *(key for name, (needs, may) in PROFILES.items() if name != "polygons"
+                 for key in (*needs, *may)))
+))  # fmt: skip
+NUMBERS = ("voussoirs", *VARIABLE)
+
+
+def _infinite(given: Any) -> Any:
+    return math.inf if given == "inf" else given
+
+
+def _coefficient(value: float) -> float:
+    if MOST_FRICTION < value < math.inf:
+        raise refuse(f"must be at most {MOST_FRICTION:g}, or inf for no sliding")
+    return value
+
+
+# Bounds that `arch` checks, with messages of its own, are here for the schema only.
+Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
+Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
+Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
+Density = Annotated[float, Field(le=MOST_DENSITY, json_schema_extra={"exclusiveMinimum": 0})]
+_T = TypeVar("_T")
+List = Annotated[list[_T], Field(max_length=MOST_VOUSSOIRS + 1)]
+Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
+Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Friction = Annotated[
+    float,
+    Field(allow_inf_nan=True),
+    BeforeValidator(_infinite),
+    AfterValidator(_coefficient),
+    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
+]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
+Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
+
+
+class Recess(Section):
+    """Joints that transmit nothing near their ends: mortar lost, edges spalled."""
+
+    intrados: Depth | List[Depth] = 0.0
+    """Depth from the intrados along the joint, one for all joints or one for each [m]."""
+    extrados: Depth | List[Depth] = 0.0
+    """Depth from the extrados along the joint, one for all joints or one for each [m]."""
+
+
+class ArchEntry(Section):
+    """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
+
+    id: Identifier
+    """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
+    profile: Profile | None = None
+    """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
+    table: PathText | None = None
+    """Table (CSV) with an arch in each row, relative to the study file: a column id, columns named
+    like the keys here, and attributes, which are text. Other keys hold for rows without them."""
+    drawing: PathText | None = None
+    """DXF file, relative to the study file, with blocks as closed polylines on one layer and
+    lines where they stand on the ground."""
+    layer: str | None = None
+    """Layer of the blocks of a drawing; the only one with polylines if not given."""
+    unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
+    """Unit of a drawing; overrides what it states."""
+    radius: Length | None = None
+    """Mid-thickness radius (circular) [m]."""
+    embrace: Angle | None = None
+    """Angle between the springings (circular) [degrees]."""
+    span: Length | None = None
+    """Span of the centre line [m]."""
+    rise: Length | None = None
+    """Rise of the centre line [m]; at most half the span (segmental), at least (pointed)."""
+    thickness: Length | None = None
+    """Thickness of the ring, measured along its joints [m]."""
+    voussoirs: Count | None = None
+    """Number of voussoirs."""
+    sector: bool | None = None
+    """Exact annular sectors (circular, segmental); false: straight-sided voussoirs."""
+    joints: List[float] | None = None
+    """Joints from the left springing: degrees (circular) or fractions of the centre line."""
+    intrados: List[Point] | None = None
+    """Inner ends of the joints, in order [m]."""
+    extrados: List[Point] | None = None
+    """Outer ends of the joints, in order [m]."""
+    free_end: bool | None = None
+    """Whether the last voussoir touches no ground, as in a column or a wall."""
+    width: Length | None = None
+    """Of a block [m]."""
+    height: Length | None = None
+    """Of a block [m]."""
+    outlines: List[list[Corner]] | None = None
+    """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
+    ground: Annotated[list[Annotated[list[Point], Field(min_length=2, max_length=2)]],
+                      Field(max_length=2)] | None = None  # fmt: skip
+    """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
+    thickness_factor: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Factor on the length of the joints of drawn blocks; the sides between joints follow."""
+    tolerance: Length | None = None
+    """Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default."""
+    dead_load: Load | List[Load] | None = None
+    """Weight on the back of all voussoirs, or a list with one for each [N]."""
+    friction: Friction | List[Friction] | None = None
+    """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction."""
+    density: Density = 2000.0
+    """Density of the masonry [kg/m3]."""
+    depth: Length = 1.0
+    """Width of the arch across its plane [m]."""
+    recess: Recess | None = None
+    """Depths near the ends of joints over which they transmit nothing."""
+    vary: Vary | None = None
+    """Uncertain keys of the arch: sampled arches replace it."""
+
+    @classmethod
+    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
+        """Those of the profile; those of a drawing or a table; of an unknown profile all."""
+        if "table" in given:
+            return ("table", *COLUMNS)
+        if "drawing" in given:
+            return (*(key for key in _COMMON if key != "profile"), *_DRAWING)
+        needs, may = PROFILES.get(str(given.get("profile")), ((), tuple(cls.model_fields)))
+        return dict.fromkeys((*_COMMON, *needs, *may))
+
+    @model_validator(mode="after")
+    def _is_complete(self) -> Self:
+        needs: tuple[str, ...] = ("friction",)
+        if self.drawing is None:
+            profile = () if self.profile is None else PROFILES[self.profile][0]
+            needs = ("profile", *profile, *needs)
+        missing = [key for key in needs if getattr(self, key) is None]
+        if missing and self.table is None:
+            raise refuse_missing(missing)
+        if self.vary is not None and self.table is None:
+            self._can_vary(self.vary)
+        return self
+
+    def _can_vary(self, vary: Vary) -> None:
+        own = list(self.allowed_keys(self.model_dump(include={"profile", "drawing"},
+                                                     exclude_none=True)))  # fmt: skip
+        what = self.profile or "drawing"
+        for key, distribution in vary.of.items():
+            if key not in own or key not in VARIABLE:
+                names = ", ".join(name for name in VARIABLE if name in own)
+                text = f"is nothing that varies of the profile {what}; allowed are {names}"
+                raise refuse_key(f"vary.of.{key}", text)
+            if distribution.relative and not _is_finite(getattr(self, key)):
+                text = f"must have a finite {key} of the arch to multiply"
+                raise refuse_key(f"vary.of.{key}.relative", text)
+        if vary.joints is None:
+            return
+        if vary.joints.position is not None and "joints" not in own:
+            raise refuse_key("vary.joints.position", f"has no place in the profile {what}")
+        if vary.joints.friction is not None and not _is_finite(self.friction):
+            raise refuse_key("vary.joints.friction", "must have a finite friction to multiply")
+
+    @property
+    def file(self) -> Path | None:
+        """Table or drawing from which the arches follow."""
+        name = self.table or self.drawing
+        return None if name is None else Path(name)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Keys that have a value, with defaults, as a study file gives them."""
+        return self.model_dump(exclude_none=True)
+
+    def read(self) -> "ArchEntry":
+        """The same arch with what its drawing holds in place of the file; itself if it has none.
+
+        Raises
+        ------
+        GeometryError
+            If the drawing cannot be read or is no arch.
+        """
+        if self.drawing is None:
+            return self
+        from archfrag.arch.drawing import read_drawing
+        from archfrag.arch.polygons import polygon_ring
+
+        drawn = read_drawing(self.drawing, self.layer, self.unit)
+        polygon_ring(drawn, self.tolerance)
+        blocks = {"outlines": drawn.outlines, "ground": drawn.ground}
+        listed = {name: [each.tolist() for each in value] for name, value in blocks.items()}
+        given = self.parameters
+        for key in ("drawing", "layer", "unit"):
+            given.pop(key, None)
+        return ArchEntry.model_validate({**given, **listed, "profile": "polygons"})
+
+    def build(self) -> "Arch":
+        """The arch; of one that varies, that of its own values.
+
+        Raises
+        ------
+        GeometryError
+            If it cannot exist.
+        StudyError
+            For a table, which has no one arch.
+        """
+        from archfrag import arch
+
+        if self.table is not None:
+            raise StudyError(f"{self.id}: is a table of arches, of which one must be chosen")
+        if self.drawing is not None:
+            return self.read().build()
+        assert self.profile is not None
+        needs, may = PROFILES[self.profile]
+        values = {key: getattr(self, key) for key in (*needs, *may, *_MATERIAL)}
+        given = {key: value for key, value in values.items() if value is not None}
+        makers: dict[str, Any] = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
+        make = makers.get(self.profile) or getattr(arch.Arch, self.profile)
+        built: Arch = make(**given)
+        if self.recess is None:
+            return built
+        return built.recessed(self.recess.intrados, self.recess.extrados)
+
+
+def _is_finite(given: Any) -> bool:
+    """Whether a key has a value, and no value of it is infinite."""
+    values = given if isinstance(given, list) else [given]
+    return None not in values and all(map(math.isfinite, values))
+
+

@@ -1,0 +1,356 @@
+"""The records of a study: read, processed, measured and stored once for all workers."""
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.files import cannot_write, make_folder, sha256_of
+from archfrag.study.file.processing import Step, apply_step
+from archfrag.study.file.schema import Study
+from archfrag.study.file.sources import Source, find_sources, known_ids, needs_pairs
+from archfrag.study.files import (
+    Inputs,
+    canonical_json,
+    read_inputs,
+    read_json,
+    sha256_if_there,
+    write_text,
+)
+
+if TYPE_CHECKING:
+    from archfrag.motions.motion import Motion
+
+MANIFEST, FOLDER = "motions.json", "motions"
+# Measures in which every run is known: the study's own is compared with them.
+COMPARED = (
+    "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
+    "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
+)  # fmt: skip
+_AGAIN = "`archfrag motions` on the study file makes it"
+
+
+@dataclass(frozen=True)
+class PreparedRecord:
+    """One stored motion and what results state of it."""
+
+    id: str
+    file: str  # of the stored motion, in the study's folder of work
+    source: str  # name of the record file
+    sha256: str  # of the record file
+    prepared: str  # SHA-256 of the stored motion
+    dt: float  # [s]
+    duration: float  # [s]
+    magnitude: float | None
+    distance: float | None  # [km]
+    factor: float  # that brings the study's measure to 1 in its SI unit
+    measures: dict[str, float]  # of the motion as it is, in SI units
+    event: str = ""  # name of the earthquake, if it is known
+    accepted: str = ""  # what is implausible and was accepted by a key of the study
+    vertical: bool = False  # whether the motion has its vertical component
+    raw: bool = False  # whether the file states that nothing was corrected
+    samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.prepared))
+
+
+def read_sources(study: Study) -> Iterator["Motion"]:
+    """Read the motions of a study one after the other, processed as it asks.
+
+    Raises
+    ------
+    StudyError, RecordError
+    """
+    taken: dict[str, Path] = {}
+    select = study.motions.select
+    for path, motion in _motions(study):
+        if motion.id in taken:
+            twice = f"{motion.id!r} is that of {taken[motion.id]} too; each record needs its own"
+            raise RecordError(f"{path}: the record id {twice}")
+        taken[motion.id] = path
+        if select is None or motion.id in select:
+            yield motion
+    known_ids(select or (), taken)
+
+
+def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
+    """Each motion with its file."""
+    steps = study.motions.processing
+    chooses = (step.settings["components"] for step in steps if step.name == "choose")
+    wanted: list[str] = next(chooses, [])
+    rotates = any(step.name == "rotate" for step in steps)
+    pairs, rotated = needs_pairs(study), set()
+    chosen, others = set(), dict[Any, str]()
+    for source in find_sources(study):
+        facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
+        motions = _read(source)
+        every = tuple(motions) if pairs else ()
+        while motions:
+            motion = motions.pop(0)
+            if wanted:
+                code, record = str(motion.metadata.get("component", "")), _record(motion, source)
+                if not {code.upper(), code[-1:].upper()} & {each.upper() for each in wanted}:
+                    others.setdefault(record, f"{source.path}: record {motion.id} ({code})")
+                    continue
+                chosen.add(record)
+            motion = _with_components(study, motion, every, source)
+            if rotates:
+                pair = _pair(motion)
+                if pair in rotated:
+                    continue
+                rotated.add(pair)
+            motion = _processed(motion, source, steps)
+            yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
+    for record, name in others.items():
+        if record not in chosen:
+            text = f"{', '.join(wanted)} that motions.processing chooses"
+            raise RecordError(f"{name}: has none of the components {text}")
+
+
+def _read(source: Source) -> list["Motion"]:
+    from archfrag.motions.read import load_motion, read_motions
+
+    if source.entry is not None:
+        return [load_motion(source.entry)]
+    names = ("unit", "inventory", "accept", "columns", "name")
+    return read_motions(source.path, **{name: getattr(source, name) for name in names})
+
+
+def _record(motion: "Motion", source: Source) -> Any:
+    """What the components of one record have in common."""
+    facts = tuple(str(motion.metadata.get(k) or "") for k in ("event", "station", "start_time"))
+    return facts if any(facts) else source.path
+
+
+def _pair(motion: "Motion") -> frozenset[tuple[str, str]]:
+    """What two motions have in common of which each has the other as its second component."""
+    about = motion.metadata
+    file = str(about.get("file", ""))
+    other = str(about.get("file_across", file)), str(about.get("component_across", ""))
+    return frozenset(((file, str(about.get("component", ""))), other))
+
+
+def _with_components(
+    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
+) -> "Motion":
+    """The motion with the components that the study asks for and without others."""
+    from archfrag.motions.partners import other_horizontal, with_across, with_vertical
+    from archfrag.motions.read import read_vertical
+
+    alone = motion
+    if not study.motions.vertical and motion.vertical is not None:
+        labels = {**motion.metadata, "vertical_component": ""}
+        log = (*motion.log, "Vertical component left out.")
+        motion = motion._replaced(vertical=None, metadata=labels, log=log)
+    elif study.motions.vertical and motion.vertical is None:
+        if source.vertical is None:
+            raise _lacks(source, motion, "vertical", "motions.vertical asks for it")
+        vertical = read_vertical(
+            source.vertical, source.unit, inventory=source.inventory, accept=source.accept
+        )
+        motion = with_vertical(motion, _as_listed(vertical, source))
+    if not needs_pairs(study):
+        return motion
+    other = other_horizontal(alone, every)
+    if other is None and source.transverse is not None:
+        found = _read(replace(source, path=source.transverse, entry=None, name=None))
+        other = found[0] if len(found) == 1 else None
+    if other is None:
+        both = "motions.processing or intensity.measure needs both"
+        raise _lacks(source, motion, "other horizontal", both)
+    motion = with_across(motion, _as_listed(other, source))
+    return motion._replaced(metadata={**motion.metadata, "id_across": other.id})
+
+
+def _lacks(source: Source, motion: "Motion", component: str, why: str) -> RecordError:
+    return RecordError(
+        f"{source.path}: record {motion.id} has no {component} component, and {why}. It must be "
+        "in this file, in one whose name differs in the direction only (N and E; 090, 180 and "
+        "UP), or in the one other row of an index with this event and station"
+    )
+
+
+def _as_listed(partner: "Motion", source: Source) -> "Motion":
+    """A component as the index names it, whose event and station need not be the header's."""
+    if source.entry is None:
+        return partner
+    unknown = dict.fromkeys(("event", "date", "station"), "")
+    return partner._replaced(metadata={**partner.metadata, **unknown})
+
+
+def _processed(motion: "Motion", source: Source, steps: Sequence[Step]) -> "Motion":
+    for number, step in enumerate(steps):
+        if step.name == "choose":
+            text = f"Components {', '.join(step.settings['components'])} chosen."
+            motion = motion._replaced(log=(*motion.log, text))
+            continue
+        try:
+            motion = apply_step(step, motion, source.path, source.inventory)
+        except InputError as error:
+            key = f"motions.processing[{number}] ({step.name})"
+            raise RecordError(f"{source.path}: {key}: {error}") from None
+        if step.name == "rotate":
+            one, other = motion.id, str(motion.metadata.get("id_across", ""))
+            common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
+            motion = motion._replaced(id=common or f"{one}+{other}")
+    return motion
+
+
+def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
+    """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
+    from archfrag.motions.measures import factor_of, measure_all
+
+    own = study.intensity.measure
+    values = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    return factor_of(motion, own, values[own], 1.0), values
+
+
+def is_raw(motion: "Motion") -> bool:
+    """Whether a record is uncorrected by its header, or in counts."""
+    about = motion.metadata
+    return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
+
+
+def study_inputs(study: Study) -> Inputs:
+    """What the motions of a study follow from, by content; errors are those of `find_sources`."""
+    return read_inputs(study.motions.index, find_sources(study), study.folder)
+
+
+def prepare_motions(
+    study: Study, progress: Callable[[int], None] | None = None
+) -> list[PreparedRecord]:
+    """Store the motions of a study, one file each, with a manifest.
+
+    New motions count when the manifest is written, which is last; until then the old ones do.
+
+    Raises
+    ------
+    StudyError, RecordError, OutputError
+    """
+    inputs = study_inputs(study)
+    folder = make_folder(study.work / FOLDER)
+    records: list[PreparedRecord] = []
+    try:
+        for motion in read_sources(study):
+            records.append(_stored(motion, study))
+            if progress is not None:
+                progress(len(records))
+        if not records:
+            raise StudyError("motions: the study has no record")
+        if study.motions.select is not None:
+            records.sort(key=lambda record: (study.motions.select or []).index(record.id))
+        listed = [asdict(record) for record in records]
+        manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs}
+        write_text(study.work / MANIFEST, canonical_json({**manifest, "records": listed}) + "\n")
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    finally:
+        _remove_others(study)
+    return records
+
+
+def _remove_others(study: Study) -> None:
+    """Remove stored motions that the manifest does not name: older ones, or new ones in vain."""
+    with contextlib.suppress(InputError, OSError):
+        kept = {Path(record["file"]).name for record in read_manifest(study)["records"]}
+        for path in (study.work / FOLDER).glob("*.npz"):
+            if path.name not in kept:
+                path.unlink()
+
+
+def _stored(motion: "Motion", study: Study) -> PreparedRecord:
+    """Store a motion under the SHA-256 of the file, and describe it."""
+    from archfrag.motions.store import save_motions
+
+    (factor, measures), about = measured(motion, study), motion.metadata
+    new = study.work / FOLDER / "new.npz"
+    save_motions(new, [motion])
+    prepared = sha256_of(new)
+    file = f"{FOLDER}/{prepared[:16]}.npz"
+    os.replace(new, study.work / file)
+    samples = hashlib.sha256(float(motion.dt).hex().encode())
+    for part in (motion.acceleration, motion.vertical):
+        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    return PreparedRecord(
+        motion.id, file, about["file"], about["file_sha256"], prepared, motion.dt,
+        motion.duration, _number(about.get("Mw") or about.get("magnitude")),
+        _number(about.get("distance_km")), factor, measures,
+        event=str(about.get("event") or about.get("event_id") or ""),
+        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
+        raw=is_raw(motion), samples=samples.hexdigest(),
+    )  # fmt: skip
+
+
+def read_manifest(study: Study) -> dict[str, Any]:
+    """What `prepare_motions` wrote of its work."""
+    path = study.work / MANIFEST
+    try:
+        manifest = read_json(path)
+        if not isinstance(manifest["inputs"], dict):
+            raise TypeError("inputs")
+        return {name: manifest[name] for name in ("key", "inputs", "records")}
+    except FileNotFoundError:
+        raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+
+
+def load_prepared(study: Study) -> list[PreparedRecord]:
+    """Records that `prepare_motions` stored, each as it was stored.
+
+    Raises
+    ------
+    InputError
+        If there are none yet, they are of other records or another measure, or a stored motion
+        is not the one that was prepared.
+    """
+    manifest, path = read_manifest(study), study.work / MANIFEST
+    if manifest["key"] != motions_key(study):
+        other = "other records or another measure than the study now has"
+        raise InputError(f"{path}: was made for {other}; {_AGAIN} anew")
+    try:
+        records = [PreparedRecord(**entry) for entry in manifest["records"]]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+    for record in records:
+        _check_stored(study.work, record)
+    return records
+
+
+def load_record(work: Path, record: PreparedRecord) -> "Motion":
+    """The motion of a record, stored in a study's folder of work."""
+    from archfrag.motions.store import load_motions
+
+    return load_motions(_check_stored(work, record))[0]
+
+
+def _check_stored(work: Path, record: PreparedRecord) -> Path:
+    path = work / record.file
+    if sha256_if_there(path) != record.prepared:
+        what = f"is not the motion that was prepared of record {record.id!r}"
+        raise InputError(f"{path}: {what}, but missing, changed or damaged; {_AGAIN} anew")
+    return path
+
+
+def motions_key(study: Study) -> dict[str, Any]:
+    """Settings of a study on its motions and its measure; paths are as in `read_inputs`."""
+    motions = study.motions.model_dump(mode="json")
+    for given, name in ((motions, "index"), *((each, "path") for each in motions["files"]),
+                        *((each, "inventory") for each in motions["files"])):  # fmt: skip
+        if given[name] is not None:
+            given[name] = os.path.relpath(given[name], study.folder)
+    return {"motions": motions, "measure": study.intensity.measure}
+
+
+def _number(value: Any) -> float | None:
+    try:
+        return None if value in (None, "") else float(value)
+    except (TypeError, ValueError):
+        return None

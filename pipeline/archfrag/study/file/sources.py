@@ -1,0 +1,203 @@
+"""The record files of a study: found by an index or by patterns, each with how to read it."""
+
+import difflib
+import fnmatch
+import glob
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from archfrag.errors import RecordError, StudyError
+from archfrag.files import opened
+from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
+from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
+from archfrag.motions.plausible import LARGEST_INVENTORY, record_size
+from archfrag.study.file.schema import FileSet, Study
+
+if TYPE_CHECKING:
+    from archfrag.motions.formats.columns import Columns
+
+
+@dataclass(frozen=True)
+class Source:
+    """A record file, and how to read it."""
+
+    path: Path
+    unit: str | None = None
+    inventory: str | None = None
+    accept: tuple[str, ...] = ()
+    columns: "Columns | None" = None
+    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    entry: IndexEntry | None = None  # row of the study's index
+    vertical: Path | None = None  # file of that component, if asked for and not in the record's
+    transverse: Path | None = None  # file of the other horizontal component, if it is needed
+
+
+def needs_pairs(study: Study) -> bool:
+    """Whether both horizontal components of a record are needed at once."""
+    steps = [step.name for step in study.motions.processing]
+    return "rotate" in steps or study.intensity.measure.strip().startswith("RotD")
+
+
+def find_sources(study: Study) -> list[Source]:
+    """Find the record files of a study, in the order of its results.
+
+    Raises
+    ------
+    StudyError, RecordError
+        If a file or an id is missing, or a file is found twice with different settings.
+    """
+    asked = study.motions
+    rows = [] if asked.index is None else load_index(asked.index)
+    listed = rows
+    if asked.select is not None and not asked.files:
+        table = {row.id: row for row in rows}
+        listed = [table[name] for name in known_ids(asked.select, table)]
+    indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in listed]
+    given: dict[Path, Source] = {}
+    for number, files in enumerate(asked.files):
+        for source in _from_files(files, f"motions.files[{number}]"):
+            # Two patterns may match the same file.
+            if given.setdefault(source.path, source) != source:
+                text = "by an entry before it too, with another unit, inventory, columns or accept"
+                raise StudyError(f"motions.files[{number}]: {source.path} is matched {text}")
+    for source in (*indexed, *given.values()):
+        record_size(source.path)
+        if source.inventory is not None:
+            _check_inventory(source.inventory)
+    found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
+    return _with_partners(found, study, rows)
+
+
+def known_ids(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
+    """The ids that a study selects; `StudyError` if one of them is no record."""
+    names, selected = list(known), list(wanted)
+    for name in selected:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(names)}"
+            raise StudyError(f"motions.select: {name!r} is no record of the study; {hint}")
+    return selected
+
+
+def _check_inventory(path: str) -> None:
+    try:
+        with opened(path, LARGEST_INVENTORY):
+            pass
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+        raise RecordError(f"the StationXML file {path} {why}") from None
+
+
+def _from_files(files: FileSet, key: str) -> list[Source]:
+    paths = [Path(files.path)]
+    if glob.has_magic(files.path) and not paths[0].is_file():
+        paths = [path for path in _matches(paths[0]) if not goes_with_records(path)]
+        if not paths:
+            raise StudyError(f"{key}: no file matches {files.path}")
+    columns = None
+    if files.columns is not None:
+        from archfrag.motions.formats.columns import parse_columns
+
+        columns = parse_columns(files.columns)
+    known = files.unit, files.inventory, tuple(files.accept), columns
+    return [Source(path, *known) for path in paths]
+
+
+def _matches(pattern: Path) -> list[Path]:
+    """Files that a pattern matches: folders as they are written, names in any case."""
+    place = str(pattern.parent)
+    folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
+    name = re.compile(fnmatch.translate(pattern.name), re.IGNORECASE)
+    found = (
+        Path(folder, each)
+        for folder in folders if os.path.isdir(folder)
+        for each in os.listdir(folder) if name.match(each)
+    )  # fmt: skip
+    return sorted(path for path in found if path.is_file())
+
+
+def _with_names(sources: list[Source]) -> list[Source]:
+    """The same sources; those whose ids would be the same get their folders before the name.
+
+    Folders that they have in common do not count, so that a study can be moved.
+    """
+    from archfrag.motions.read import record_name
+
+    stems = Counter(source.path.stem for source in sources)
+    groups: dict[str, list[Path]] = {}
+    for source in sources:
+        if stems[source.path.stem] > 1 and find_entry(source.path) is None:
+            groups.setdefault(record_name(source.path), []).append(source.path)
+    names: dict[Path, str] = {}
+    for name, paths in groups.items():
+        parents = [Path(os.path.abspath(path)).parent for path in paths]
+        common = os.path.commonpath(parents)
+        rows = [
+            (*parent.relative_to(common).parts, path.name if parents.count(parent) > 1 else name)
+            for path, parent in zip(paths, parents)
+        ]
+        depth = 1
+        while len({row[-depth:] for row in rows}) < len(rows):
+            depth += 1
+        if len(paths) > 1:
+            names |= {path: "+".join(row[-depth:]) for path, row in zip(paths, rows)}
+    return [replace(source, name=names.get(source.path)) for source in sources]
+
+
+def _without_verticals(sources: Sequence[Source]) -> list[Source]:
+    """Sources without those that hold only the vertical component of another one's record."""
+    paths = {source.path for source in sources}
+    verticals = vertical_files(sorted(paths)) if len(paths) > 1 else set()
+    rows = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
+    return [
+        source
+        for source in sources
+        if source.path not in verticals
+        and not (source.entry and _is_vertical(source.entry) and _same_record(source.entry, rows))
+    ]
+
+
+def _with_partners(
+    sources: Sequence[Source], study: Study, rows: Sequence[IndexEntry]
+) -> list[Source]:
+    """Sources with the files of the other components that are asked for.
+
+    A row of the index with the same event and station comes before a file of nearly the same
+    name; what is in the record's own file comes before both when it is read.
+    """
+    asked = needs_pairs(study), study.motions.vertical
+    if not any(asked):
+        return list(sources)
+    folders = {
+        folder: partners(folder_names(folder)) for folder in {s.path.parent for s in sources}
+    }
+    found = []
+    for source in sources:
+        files: list[Path | None] = []
+        for kind, by_name in zip((False, True), folders[source.path.parent]):
+            alike = [row for row in rows if _is_vertical(row) == kind]
+            row = _same_record(source.entry, alike) if source.entry is not None else None
+            name = by_name.get(source.path.name)
+            path = row.path if row else source.path.with_name(name) if name else None
+            files.append(path if asked[kind] else None)
+        found.append(replace(source, transverse=files[0], vertical=files[1]))
+    return found
+
+
+def _is_vertical(row: IndexEntry) -> bool:
+    return VERTICAL.fullmatch(str(row.metadata.get("component") or "")) is not None
+
+
+def _same_record(row: IndexEntry, rows: Sequence[IndexEntry]) -> IndexEntry | None:
+    """The one other row of the same event and station."""
+
+    def record(one: IndexEntry) -> list[str]:
+        return [str(one.metadata.get(key) or "") for key in ("event", "station")]
+
+    alike = [other for other in rows if other is not row and record(other) == record(row)]
+    return alike[0] if all(record(row)) and len(alike) == 1 else None

@@ -1,0 +1,119 @@
+"""A run of a study: one at a time in a folder, stopped by signals."""
+
+import contextlib
+import errno
+import fcntl
+import os
+import signal
+import socket
+import stat
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+from archfrag.errors import OutputError
+from archfrag.files import cannot_write
+from archfrag.study.file.schema import Study
+
+LOCK = "lock"
+GRACE = 4.0  # after a signal, for the run to end by itself [s]
+_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+
+
+class Stopped(BaseException):
+    """The run was asked to stop by a signal."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        super().__init__(f"stopped by {signal.Signals(number).name}")
+
+
+class Stop:
+    """Whether a signal came; raised again where an exception in a signal handler got lost."""
+
+    number: int | None = None
+
+    def check(self) -> None:
+        """Raise `Stopped` if a signal came."""
+        if self.number is not None:
+            raise Stopped(self.number)
+
+
+@contextlib.contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Let SIGTERM, SIGINT and SIGHUP raise `Stopped` once; what follows the first is ignored.
+
+    The process ends after `GRACE` also where code in C, such as a compiler, does not return.
+    """
+    stop = Stop()
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+
+    def note(number: int, frame: FrameType | None) -> None:
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        stop.number = number
+        stop.check()
+
+    ended = threading.Event()
+
+    def end_late() -> None:
+        while content := os.read(reader, 1):
+            if content[0] in _SIGNALS and not ended.wait(GRACE):
+                os._exit(128 + content[0])
+        os.close(reader)
+
+    for number in _SIGNALS:
+        if before[number] != signal.SIG_IGN:  # under nohup a hang-up does not matter
+            signal.signal(number, note)
+    wakeup = signal.set_wakeup_fd(writer)
+    threading.Thread(target=end_late, daemon=True).start()
+    try:
+        yield stop
+    except Exception:
+        stop.check()  # what became of it where code in C reports errors of its own
+        raise
+    finally:
+        ended.set()
+        signal.set_wakeup_fd(wakeup)
+        os.close(writer)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def only_run(study: Study) -> Iterator[None]:
+    """Hold the lock of a study's folder, which the system takes back whatever ends the process.
+
+    Raises
+    ------
+    OutputError
+        If another run holds it.
+    """
+    path = study.work / LOCK
+    with contextlib.ExitStack() as stack:
+        try:
+            lock = stack.enter_context(open(path, "r+b", buffering=0, opener=_own))
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock.truncate()
+            lock.write(f"process {os.getpid()} on {socket.gethostname()}".encode())
+        except BlockingIOError:
+            holder = lock.read(200).decode(errors="replace")
+            what = f"another run of study {study.id!r} is at work here ({holder})"
+            raise OutputError(f"{study.folder}: {what}; wait for it or stop it") from None
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:  # of the file system
+                raise cannot_write(path, error) from error
+        yield
+
+
+def _own(path: str, flags: int) -> int:
+    """Open the lock, which is written in its place: through no link, which may lead anywhere."""
+    file = os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    found = os.fstat(file)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+        os.close(file)
+        raise OSError(errno.EEXIST, "it is a link or no regular file; remove it")
+    return file

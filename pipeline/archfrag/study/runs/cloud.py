@@ -1,0 +1,44 @@
+"""The design `cloud`: every record once, as it is or by one factor."""
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from archfrag.fragility.brackets import Brackets
+from archfrag.study.runs.design import Design, Grid, Requests
+
+if TYPE_CHECKING:
+    from archfrag.fragility.quoted import QuotedBand
+
+
+class Cloud(Design):
+    """Every record once, as it is or by one factor."""
+
+    kind: Literal["cloud"]
+    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    """On every record."""
+    on_levels = False
+    text = "every record once"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for all runs at once."""
+        level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
+        verdicts = yield grid.cases_at(np.arange(level.size), level)
+        return {"runs": len(verdicts), "records": len(verdicts)}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch."""
+        return n_record, "exactly"
+
+    def estimate(
+        self, found: Brackets, im: ArrayLike, confidence: float = 0.9,
+        groups: ArrayLike | None = None, unit: str = "event",
+    ) -> "QuotedBand":  # fmt: skip
+        """Curve and band from single runs, each with a motion of its own."""
+        from archfrag.fragility.quoted import quoted_runs
+
+        decided = found.collapsed | found.survived
+        level, collapsed = found.levels[decided], found.collapsed[decided]
+        return quoted_runs(level, collapsed, im, confidence=confidence)

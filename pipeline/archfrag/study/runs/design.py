@@ -1,0 +1,102 @@
+"""What a design is: it asks for runs, takes their verdicts and estimates the curve from them.
+
+It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
+returns facts for the report. What it asks for follows from the verdicts alone: the same study asks
+for the same runs whatever the workers, and a study that was stopped goes on by asking again.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from archfrag.fragility.brackets import Brackets
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.study.file.messages import Section
+
+if TYPE_CHECKING:
+    from archfrag.fragility.quoted import QuotedBand
+
+# A run: `place` is the number of the study's level, 0 where a run has a level of its own.
+CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
+Cases = NDArray[np.void]
+Verdicts = NDArray[np.int8]
+Requests = Generator[Cases, Verdicts, dict[str, Any]]
+NO_CASES: Cases = np.empty(0, CASE)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Records and levels of one arch's part of a study."""
+
+    arch: int
+    records: NDArray[np.int64]  # (n_record,): their numbers
+    levels: FloatArray  # (n_level,): [SI]
+    unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
+    power: float  # a level grows with the factor to the power 1 / `power`
+    # (n_record, n_measure): logarithms of other intensity measures of the records where the
+    # study's own is 1.
+    measures: FloatArray
+    # (n_record,): labels of the records' earthquakes, where several have one in common.
+    groups: NDArray[np.str_] | None = None
+
+    def cases(self, rows: ArrayLike, places: ArrayLike) -> Cases:
+        """Runs of some rows at some of the study's levels, (n,) of `CASE`."""
+        place = np.asarray(places, dtype=np.int64)
+        return self.cases_at(rows, self.levels[place], place)
+
+    def cases_at(self, rows: ArrayLike, level: FloatArray, place: ArrayLike = 0) -> Cases:
+        """Runs of some rows, each at a level, (n,) of `CASE`."""
+        cases = np.empty(len(level), CASE)
+        cases["arch"], cases["record"] = self.arch, self.records[np.asarray(rows, np.int64)]
+        cases["place"], cases["level"] = place, level
+        return cases
+
+
+class Design(Section):
+    """Which runs are made, and how the curve follows from them."""
+
+    kind: str
+    on_levels: ClassVar[bool] = True  # whether runs are made at the study's levels
+    adaptive: ClassVar[bool] = False  # whether runs requested depend on verdicts of others
+    text: ClassVar[str] = ""  # for the report
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for the runs of one arch."""
+        raise NotImplementedError
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch, and whether that is meant exactly, about or at most."""
+        raise NotImplementedError
+
+    def estimate(
+        self, found: Brackets, im: ArrayLike, confidence: float = 0.9,
+        groups: ArrayLike | None = None, unit: str = "event",
+    ) -> "QuotedBand":  # fmt: skip
+        """Curve and band; arguments and errors are those of `quoted_band`."""
+        from archfrag.fragility.quoted import quoted_band
+
+        return quoted_band(found, im, confidence=confidence, groups=groups, unit=unit)
+
+    def likelihood(self, found: Brackets) -> Fragility:
+        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
+        from archfrag.fragility.fit import fit_stripes
+
+        decided = found.collapsed | found.survived
+        level, place = np.unique(found.levels[decided], return_inverse=True)
+        collapsed = np.bincount(place, found.collapsed[decided], level.size)
+        return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
+
+
+class Precision(Section):
+    """Rounds of runs are made until the median is known this well."""
+
+    theta: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
+    """How far the interval of ln(median) may reach to either side: 0.05 is 5 %."""
+    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9
+    """Of the interval, two-sided."""
+    runs: Annotated[int, Field(ge=10, le=10**6)] = 500
+    """Most runs of an arch; where they do not suffice the report states so."""

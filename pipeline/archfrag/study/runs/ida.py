@@ -1,0 +1,259 @@
+"""The design `ida`: a search of each record's border between survival and collapse."""
+
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from archfrag.errors import FitError
+from archfrag.fragility.brackets import Brackets, find_brackets
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.study.runs.design import Cases, Design, Grid, Precision, Requests, Verdicts
+
+FIRST_RECORDS = 10  # searched without knowing what others have shown
+# A run that stands goes on to the end of the record and costs five times one that collapses. With
+# that ratio levels would be tried from above, and of a record that stands again above a level at
+# which it collapsed the upper border be found.
+COST_OF_STANDING = 2.0
+NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
+LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
+LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
+MOST_AT_ONCE = 2.0  # factor by which records are added at most
+MARGIN = 1.1  # on the records that the present width suggests
+# A design that looks after each round stops too soon where its runs happen to scatter little.
+LEAST_RECORDS = 20
+LOOKS_IN_A_ROW = 2
+BETWEEN_LOOKS = 0.05  # of the records so far are added at least, so that a second look is one
+
+
+class Ida(Design):
+    """The levels bisected for each record: a border between standing and collapse."""
+
+    kind: Literal["ida"]
+    seed: Annotated[int, Field(ge=0, le=10**9)] = 1
+    """What the random choices of the design follow from."""
+    checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    """Cells near the borders chosen at random for each arch, to see how often a run contradicts
+    the capacity of its record; as many as records searched where not given."""
+    precision: Precision | None = None
+    """Records are added until this is reached; all are used where not given."""
+    adaptive = True
+    text = "the levels bisected for each record"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Search a border of each record, then try cells near it.
+
+        A record that stands again above a level at which it collapsed has several borders. The
+        search finds one of them, not the lowest: which one depends on the levels that it tries.
+        The cells near the borders show how far single runs scatter, and the curve includes this.
+
+        The first records are searched knowing nothing, the others expecting what their measures
+        and the first suggest. If a record has one border, the search finds it whatever it expects.
+        """
+        borders, done = Borders(grid), 0
+        used = min(FIRST_RECORDS, grid.records.size)
+        stop = None if self.precision is None else Stop(self.precision)
+        while used > done:
+            rows = range(done, used)
+            if done > 2:
+                borders.expect(rows, *expected_by_measures(borders, range(done), rows))
+            yield from search(borders, rows)
+            done = used
+            used = grid.records.size if stop is None else stop.records_to_use(borders, done)
+        found = yield from self._check(borders, done)
+        note = {"runs": borders.runs, "records": done, **found}
+        return note | ({} if stop is None else stop.note)
+
+    def _check(self, borders: "Borders", done: int) -> Generator[Cases, Verdicts, dict[str, int]]:
+        """Some cells near the borders, any as likely as another: how often do they contradict?"""
+        count = done if self.checks is None else self.checks
+        place = np.arange(borders.grid.levels.size)
+        low, high = borders.low[:done, None], borders.high[:done, None]
+        near = (place >= low - NEAR) & (place <= high + NEAR)
+        free, places = np.nonzero(near & (borders.seen[:done] == Verdict.NOT_SIMULATED))
+        generator = np.random.default_rng([self.seed, borders.grid.arch])
+        chosen = np.sort(generator.permutation(free.size)[:count])
+        rows, places = free[chosen], places[chosen]
+        if not rows.size:
+            return {"checked": 0, "contradictions": 0}
+        verdicts = yield borders.grid.cases(rows, places)
+        borders.seen[rows, places] = verdicts
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        against = np.where(places <= borders.low[rows], collapsed, survived)
+        return {"checked": int((collapsed | survived).sum()), "contradictions": int(against.sum())}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch: a search distinguishes levels + 1 places of the border."""
+        search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
+        checks = n_record // 3 if self.checks is None else self.checks
+        runs = min(search_runs + checks, n_record * n_level)
+        if self.precision is None:
+            return runs, "about"
+        return min(runs, self.precision.runs + checks), "at most"
+
+    def likelihood(self, found: Brackets) -> Fragility:
+        """Curve by maximum likelihood, from the brackets of the records' capacities."""
+        from archfrag.fragility.fit import fit_brackets
+
+        known = found.known()
+        return fit_brackets(known.lower, known.upper)
+
+
+class Borders:
+    """Where each record goes from survival to collapse, as far as it is known."""
+
+    def __init__(self, grid: Grid) -> None:
+        n_record, n_level = grid.records.size, grid.levels.size
+        self.grid = grid
+        # The highest level known to be below the border and the lowest above it.
+        self.low = np.full(n_record, -1)
+        self.high = np.full(n_record, n_level)
+        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)  # verdicts
+        # Probability that level l is the first above the border, n_level if none does.
+        self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+
+    @property
+    def runs(self) -> int:
+        """Number of runs made."""
+        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
+
+    def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
+        """Expect ln capacities of some rows to be normal about `median`."""
+        ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
+        reach = max(deviation, LEAST_DEVIATION)
+        mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
+        self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
+
+    def next_places(self, rows: ArrayLike) -> NDArray[np.int64]:
+        """Level to try next for each of some rows, -1 where nothing is left to try.
+
+        The most informative one for its cost: the entropy of its verdict over the cost expected.
+        Levels where a run had no verdict are not tried again.
+        """
+        row = np.asarray(rows)
+        place = np.arange(self.grid.levels.size)
+        low, high = self.low[row, None], self.high[row, None]
+        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
+        mass = np.where(within, self.expected[row], 0.0)
+        below = np.cumsum(mass, axis=1)
+        collapse = below[:, :-1] / below[:, -1:]
+        cost = collapse + COST_OF_STANDING * (1.0 - collapse)
+        gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
+        free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
+        best = np.where(free, gain, -1.0).argmax(axis=1)
+        return np.where(free.any(axis=1), best, -1)
+
+    def take(self, rows: NDArray, places: NDArray, verdicts: Verdicts) -> None:
+        """Note verdicts."""
+        self.seen[rows, places] = verdicts
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        np.minimum.at(self.high, rows[collapsed], places[collapsed])
+        np.maximum.at(self.low, rows[survived], places[survived])
+
+    def middles(self) -> FloatArray:
+        """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
+        logs = np.log(self.grid.levels)
+        step = np.diff(logs).mean() if logs.size > 1 else 0.5
+        ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
+        return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
+
+
+def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None]:
+    """Narrow the brackets of some rows until neighbouring levels are left."""
+    left = np.asarray(rows, dtype=np.int64)
+    while left.size:
+        places = borders.next_places(left)
+        left, places = left[places >= 0], places[places >= 0]
+        if left.size:
+            verdicts = yield borders.grid.cases(left, places)
+            borders.take(left, places, verdicts)
+
+
+def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
+    """ln capacities of some rows from those known, by the measure that predicts these best.
+
+    Straight lines in the logarithm of one other measure at the study's own; the one with the
+    least error where each record is predicted from the others.
+    """
+    capacity = borders.middles()[known.start : known.stop]
+    best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))
+    least = best[1]
+    for values in borders.grid.measures.T:
+        x = values[known.start : known.stop]
+        centred = x - x.mean()
+        if not centred @ centred > 1e-9:
+            continue
+        slope = centred @ capacity / (centred @ centred)
+        leverage = 1.0 / x.size + centred**2 / (centred @ centred)
+        left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
+        error = float(np.sqrt(left @ left / (x.size - 1)))
+        if error < least:
+            at = values[rows.start : rows.stop] - x.mean()
+            best, least = (capacity.mean() + slope * at, error), error
+    return best
+
+
+@dataclass
+class Stop:
+    """Whether there are records enough: the interval is narrow enough in two rounds in a row."""
+
+    wanted: Precision
+    met: int = 0
+    note: dict[str, Any] = field(default_factory=dict)
+
+    def look(self, half_width: float, done: int) -> bool:
+        """Note the width of the interval of ln(median) after `done` records."""
+        narrow = half_width <= self.wanted.theta and done >= LEAST_RECORDS
+        self.met = self.met + 1 if narrow else 0
+        reached = self.met >= LOOKS_IN_A_ROW
+        self.note = {"half_width": half_width, "reached": reached}
+        return reached
+
+    def records_to_use(self, borders: Borders, done: int) -> int:
+        """Records to use next; as many as before if there are to be no more."""
+        grid = borders.grid
+        groups = None if grid.groups is None else grid.groups[:done]
+        width = half_width(borders.seen[:done], grid.levels, self.wanted.confidence, groups)
+        if self.look(width, done):
+            return done
+        allowed = int((self.wanted.runs - borders.runs) * done / max(borders.runs, 1))
+        available = grid.records.size - done
+        more = min(more_needed(width, self.wanted.theta, done), allowed, available)
+        if more > 0:
+            return done + more
+        if width <= self.wanted.theta:
+            self.note["reached"] = True
+        elif available <= 0:
+            self.note["why"] = f"there are no more than {done} records"
+        else:
+            self.note["why"] = f"{self.wanted.runs} runs do not suffice"
+        return done
+
+
+def half_width(
+    verdict: ArrayLike, level: ArrayLike, confidence: float, groups: ArrayLike | None = None
+) -> float:
+    """How far the interval of ln(median) reaches, by the quoted posterior; inf without a curve."""
+    from archfrag.fragility.quoted import capacity_posterior
+
+    try:
+        known = capacity_posterior(find_brackets(verdict, level), groups)[0]
+    except FitError:
+        return np.inf
+    middle = float(np.log(known.fragility.theta))
+    low, high = np.log(known.theta_interval(confidence))
+    return float(max(middle - low, high - middle))
+
+
+def more_needed(width: float, wanted: float, done: int) -> int:
+    """Records to add to `done`, for a width that falls with the root of their number."""
+    if not np.isfinite(width):
+        return done
+    needed = MARGIN * done * (width / wanted) ** 2
+    needed = min(max(needed, (1.0 + BETWEEN_LOOKS) * done), MOST_AT_ONCE * done)
+    return int(np.ceil(needed)) - done
