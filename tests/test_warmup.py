@@ -30,7 +30,7 @@ messages = []
 warmup("auto", messages.append)
 from archfrag.mechanics import onset
 from archfrag.methods.time_stepping import run
-tops = (run.run_four, run.run_one, onset.rest_limit)
+tops = (run.run_four, onset.rest_limit)
 waiting = [name for top in tops for sig in top.overloads
            for name in read_version(top._cache.path(sig, top.targetctx))[2]]
 versions = {}

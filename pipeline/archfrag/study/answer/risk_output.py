@@ -137,9 +137,9 @@ def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
     for key in ("by_mechanism", "by_magnitude", "by_distance"):
         lines.append(f"  {key.replace('_', ' ')}")
         for part in arch[key]:
-            a, b = part["band"]
-            count = part["collapses"]
-            band = f" ({percent}: {a:.3f} to {b:.3f}), {count} collapses"
-            band = ", 1 collapse" if count == 1 else band
+            (low, high), count = part["band"], part["collapses"]
+            band = f" ({percent}: {low:.3f} to {high:.3f}), {count} collapses"
+            if low is None:  # one collapse has no interval
+                band = ", 1 collapse"
             lines.append(f"    {part['category']:24s} {part['fraction']:6.3f}{band}")
     return lines + [f"  caution: {caution}" for caution in arch["cautions"]]
