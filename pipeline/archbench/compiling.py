@@ -18,7 +18,7 @@ QUICK = ("auto",)
 
 def compile_method(method: str) -> Row:
     """Seconds by the clock and of all processors, of an empty cache and of a full one."""
-    program = f"import archbench, archfrag.simulate as s; s.warmup({method!r})"
+    program = f"import archbench, archfrag.warmup as w; w.warmup({method!r})"
     row: Row = {"method": method}
     with tempfile.TemporaryDirectory() as cache:
         for state in ("empty", "full"):
