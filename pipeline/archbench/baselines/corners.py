@@ -11,10 +11,8 @@ A corner that touches may not approach, one that is open by a gap g may close by
 a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic. Jean's theta is
 1/2: for rigid bodies it only sets at which instant of a step positions are looked at.
 
-What that gets wrong: velocities obey the law, positions only follow. Rotation in a step opens or
-closes a touching corner by the square of its angle; an opening heals in the next step, an overlap
-never does, and sticking vertices drift. Where two vertices meet, the contact has one normal,
-halfway between those of the two faces.
+Where two vertices meet, the contact has one normal, halfway between those of the two faces.
+Rotation in a step opens or closes a touching corner by the square of its angle.
 """
 
 from typing import NamedTuple

@@ -145,18 +145,10 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-    sweep_tolerance: float,
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
     sweeps: float,
-) -> Results:
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))

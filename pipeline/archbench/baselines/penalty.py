@@ -17,25 +17,8 @@ elastic ringing below that is rest.
 
 In the energy balance, the elastic energy belongs to the potential one, and what dashpots and the
 other damping take stands under impacts. A run whose balance is off by half of the largest kinetic
-energy has diverged, and has no verdict.
-
-What it gets wrong, measured on the arch of validation A (7 voussoirs; tp 0.3 s) at default damping
-and step, for stiffnesses of 1e9, 1e10, 1e11 and 1e12 Pa/m; rigid voussoirs by time stepping:
-
-- Joints that give make the early motion too large: the keystone's displacement under 0.5 g at
-  0.4 s, before any impact, by 61, 20, 6.4 and 2.3 %, as the root of stiffness.
-- Collapse starts at 0.69, 0.70, 0.67 and 0.67 g (rigid: 0.68), but verdicts are not monotone (at
-  1e10 Pa/m it stands again at 0.72 and 0.73 g), and damping shifts them: 0.65 to 0.72 g at
-  1e10 Pa/m for 0.1 to 1.0. With tp 0.5 s: 0.43, 0.43, 0.44 and 0.44 g (rigid: 0.44).
-- Impacts bounce: after the first one of a block at 1e10 Pa/m (validation, section 3) the amplitude
-  is 0.445, 0.429 and 0.421 of alpha at 0.01, 0.3 and 1.0 of critical damping; Housner 0.4202.
-  Strong dashpots on soft joints brake the rocking itself (0.30 at 1e7 Pa/m and 1.0).
-- Little damped joints ring after impacts, and friction, not impacts, dissipates what they hold.
-- A contact that closes within a step makes or loses energy, of second order in the step: 5, 1.6,
-  0.5, 0.1 and 0.03 % of the largest kinetic one at 0.8, 0.5, 0.25, 0.1 and 0.05 of the critical
-  step. Hence the default of a quarter; without damping, contacts that open and close are
-  unstable just below the critical step already.
-- The depth is taken to be 1 m, as a chain does not know it.
+energy has diverged, and has no verdict. The depth counts as 1 m, as a chain does not know it.
+`docs/evidence.md` says what the method gets wrong.
 """
 
 import numpy as np
@@ -279,24 +262,11 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-    stiffness: float,
-    shear_ratio: float,
-    damping_stiffness: float,
-    damping_mass: float,
-    damping_frequency: float,
-    local_damping: float,
-    step_fraction: float,
-    rounding: float,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+    stiffness: float, shear_ratio: float, damping_stiffness: float, damping_mass: float,
+    damping_frequency: float, local_damping: float, step_fraction: float, rounding: float,
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
 
     The settings are those of `archbench.baselines`; the depth counts as 1 m, as a chain
