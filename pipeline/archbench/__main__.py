@@ -29,7 +29,7 @@ def main(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Measure cost against error.
 
     Makes tables, charts and a page. PARTS are speed, fragility, growth, stability, corner_cases,
-    bands, designs and compiling; all of them by default.
+    bands and designs; all of them by default.
     """
     from archbench.page import gather
 

@@ -27,7 +27,6 @@ PARTS = {
     "corner_cases": "Corner cases",
     "bands": "How often bands hold the truth",
     "designs": "Designs of a study",
-    "compiling": "Compiling, once for a machine",
 }
 LINES = 10
 

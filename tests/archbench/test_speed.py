@@ -31,7 +31,7 @@ def made_up(*rows):
     return table.assign(scene="s", quantity="amplitude", floor=1e-7, drawn=True, parameter="dt")
 
 
-@pytest.mark.parametrize("column", ["values", "quick", "fragility", "fragility_quick", "offered"])
+@pytest.mark.parametrize("column", ["values", "quick", "fragility", "fragility_quick"])
 def test_settings_of_ladders_are_known_to_the_registry(column):
     for method, settings in ladders(column, ["siconos"]).items():
         info = resolve(method)
