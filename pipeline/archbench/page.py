@@ -26,7 +26,6 @@ PARTS = {
     "stability": "Stability: where methods fail",
     "corner_cases": "Corner cases",
     "bands": "How often bands hold the truth",
-    "designs": "Designs of a study",
 }
 LINES = 10
 

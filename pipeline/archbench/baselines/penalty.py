@@ -6,18 +6,13 @@ Min. Sci.* 25, as in UDEC; reviewed for masonry by Lemos 2007, *Int. J. Archit. 
 used for arches by De Lorenzis, DeJong and Ochsendorf 2007, *Earthq. Eng. Struct. Dyn.* 36).
 The step is a part of the critical one, found from the highest frequency of the joints all closed.
 
-Damping is Rayleigh's or Cundall's local one. By default it is proportional to stiffness only: a
-mass-proportional or local one also brakes motion as rigid bodies, which nothing in dry masonry
-does, and the dashpots stand for what impacts dissipate (Vlachakis and others 2021, *J. Eng.
-Mech.* 147(11)); the price is a smaller critical step. A chain at rest is first brought to static
-equilibrium on its springs, so that the weight comes without a jolt; the energy balance starts
-there. There is no rest test in the record: every step is computed. After it, the chain stands
-once no body has been faster than 1e-3 of the root of gravity times joint length for a second;
-elastic ringing below that is rest.
-
-In the energy balance, the elastic energy belongs to the potential one, and what dashpots and the
-other damping take stands under impacts. A run whose balance is off by half of the largest kinetic
-energy has diverged, and has no verdict. The depth counts as 1 m, as a chain does not know it.
+Damping is proportional to stiffness: one proportional to mass also brakes motion as rigid bodies,
+which nothing in dry masonry does, and the dashpots stand for what impacts dissipate (Vlachakis and
+others 2021, *J. Eng. Mech.* 147(11)). A chain at rest is first brought to static equilibrium on
+its springs; the energy balance starts there. Every step of the record is computed. After it, the
+chain stands once no body has been faster than 1e-3 of the root of gravity times joint length for a
+second. In the energy balance, the elastic energy belongs to the potential one, and what dashpots
+take stands under impacts. The depth counts as 1 m, as a chain does not know it.
 `docs/evidence.md` says what the method gets wrong.
 """
 
@@ -79,22 +74,13 @@ def pose_springs(case, springs):
     kick = kick_between(case.grounds, state.clock, time, time + step)
     go_to_middle(model, state, work, step)
     press_joints(model, state, work, springs, step)
-    half = 0.5 * step * springs.mass_rate
-    lost = 0.0
     for i in range(1, state.position.shape[0] - 1):
         fall = kick.y + step * model.gravity
         for c in range(3):
             mass = model.inertia[i] if c == 2 else model.mass[i]
             outer = kick.x if c == 0 else (fall if c == 1 else 0.0)
             impulse = step * springs.total[i, c] - mass * outer
-            # Cundall's local damping opposes motion by a part of the force.
-            speed, brake = state.velocity[i, c], springs.local_damping * abs(impulse)
-            damped = impulse - np.sign(speed) * brake
-            solved = ((1.0 - half) * speed + damped / mass) / (1.0 + half)
-            mean = 0.5 * (speed + solved)
-            lost += (damped - impulse - 2.0 * half * mass * mean) * mean
-            work.solved[i, c] = solved
-    springs.sums[Sum.DAMPING] += lost
+            work.solved[i, c] = state.velocity[i, c] + impulse / mass
     return kick
 
 
@@ -264,8 +250,8 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-    stiffness: float, shear_ratio: float, damping_stiffness: float, damping_mass: float,
-    damping_frequency: float, local_damping: float, step_fraction: float, rounding: float,
+    stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
+    rounding: float,
 ) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
 
@@ -281,11 +267,7 @@ def run(
     start(case, position, velocity, False)
     springs = new_springs(model, stiffness, shear_ratio, rounding)
     frequency = highest_frequency(model, state, work, springs)
-    springs = springs._replace(
-        damping=2.0 * damping_stiffness / frequency,
-        mass_rate=4.0 * np.pi * damping_mass * damping_frequency,
-        local_damping=local_damping,
-    )
+    springs = springs._replace(damping=2.0 * damping_stiffness / frequency)
     clock, nominal = state.clock, options.time_step
     until = (grounds.horizontal.size - 1) * grounds.time_step[0] + options.follow
     elastic = np.nan

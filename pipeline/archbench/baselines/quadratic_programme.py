@@ -9,11 +9,10 @@ reactions, in the metric of the masses (Gauss's principle). With two contacts at
 
     minimise (w - w_free) M (w - w_free)   with   u_n + b +- mu u_t >= 0   at every corner,
 
-two linear inequalities a corner in the plane. Coulomb's cone of reactions is exact; the price is
-that slip has a part mu times its size normal to the joint, as under the associated flow rule of
-limit analysis (Anitescu 2006, *Math. Program.* 105, 113-143, uses it knowingly). Where friction is
-infinite a corner that touches gets u_n + b >= 0 and u_t = 0; one that closes in the step gets both
-in a second pass.
+two linear inequalities a corner in the plane. Coulomb's cone of reactions is exact; slip has a
+part mu times its size normal to the joint, as under the associated flow rule (Anitescu 2006,
+*Math. Program.* 105, 113-143). Where friction is infinite a corner that touches gets u_n + b >= 0
+and u_t = 0; one that closes in the step gets both in a second pass.
 
 `docs/evidence.md` says what the method gets wrong. It costs 11 to 12.5 iterations of the solver a
 step whatever the number of voussoirs.
