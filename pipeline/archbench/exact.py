@@ -43,8 +43,7 @@ class Rocking:
     def amplitudes(self, start: float, count: int) -> list[float]:
         """Largest rotations after the first `count` impacts of a release from `start` [rad].
 
-        Between impacts p² cos(alpha − theta) + theta'² / 2 stays; an impact leaves `ratio`² of
-        the kinetic energy. Rotations of any size.
+        Between impacts p² cos(alpha − theta) + theta'² / 2 stays. Rotations of any size.
         """
         found, peak = [], start
         for _ in range(count):

@@ -1,10 +1,9 @@
 """What users ask for: theta and beta of a fragility curve, against what the study costs.
 
-One study is the main job's records and levels on its arch with straight-sided voussoirs. Every
-setting makes all of it, again and again with the motions scaled by 1 plus multiples of 1e-5:
-beyond the predictability horizon no run has one answer, and a single study is one draw of its
-theta. The reference is the curve of many studies together, by two methods that have nothing but
-the contact problem in common, with settings that differ a little.
+One study is the shipped records and levels on the shipped arch with straight-sided voussoirs.
+Every setting repeats it with the motions scaled by 1 plus multiples of 1e-5: beyond the
+predictability horizon a single study is one draw of its theta. The reference is the curve of many
+studies together, by two methods that have nothing but the contact problem in common.
 """
 
 import math
