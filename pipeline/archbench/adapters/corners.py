@@ -37,7 +37,7 @@ class Corners:
         self.arm_after = corner - self.place[self.after]
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
-        """Gap and slip of each contact [m] at positions (n_body, 3) from rest, and their derivatives.
+        """Gap and slip of each contact [m], and their derivatives, at positions (n_body, 3).
 
         Values (n_contact, 2) are along the normal of the body before, and across it
         (anticlockwise); derivatives (n_contact, 2, 6) by the body before, then by that after.
