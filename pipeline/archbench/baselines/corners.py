@@ -109,10 +109,7 @@ def pose_corners(case, corners):
 
 @kernel
 def gather_joints(case, corners):
-    """Reactions about the pivots and contact modes from the impulses of a solved step.
-
-    A joint is closed where both corners touch, and slides where all that touch slide alike.
-    """
+    """Reactions about the pivots and contact modes from the impulses of a solved step."""
     work = case.work
     for j in range(work.slide.size):
         for c in range(3):
@@ -135,11 +132,7 @@ def gather_joints(case, corners):
 
 @allocating
 def accept_corners(case, corners, kick, converged):
-    """Make a step whose contact problem is solved, and leave in the clock how it goes on.
-
-    A step whose problem the solver has left unsolved has its residual measured, others now and
-    then.
-    """
+    """Make a step whose contact problem is solved, and leave in the clock how it goes on."""
     model, state, options = case.model, case.state, case.options
     gather_joints(case, corners)
     fallen, broken = accept_recorded(model, state, case.work, kick, options, case.output)

@@ -88,9 +88,7 @@ def shake_at(grounds, time, shake):
 
 @kernel
 def accelerate(case, linkage, motion, q, speed, late):
-    """Accelerations of all voussoirs and reactions at all joints, into ``case.work``.
-
-    Returns acceleration, power.
+    """Accelerations of all voussoirs and reactions, into ``case.work``; acceleration, power.
 
     The contact problem with the linkage's modes; what rotation takes from the relative
     accelerations of the corners (the centripetal terms of Eqs 17 and 18) is its bias.

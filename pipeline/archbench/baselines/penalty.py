@@ -103,9 +103,7 @@ def gather_reactions(case, springs, span):
 
 @kernel
 def balance_energy(case, springs, kick):
-    """Bring the energy balance up to the middle of the next step.
-
-    Returns whether by the balance this is still a motion, and not a divergence.
+    """Bring the energy balance up to the middle of the next step; False if the run diverges.
 
     The kinetic energy is that which central differences conserve with the elastic one: half the
     mass times the velocities before and after.
@@ -255,10 +253,7 @@ def run(
 ) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
 
-    The settings are those of `archbench.baselines`; the depth counts as 1 m, as a chain
-    knows its masses but not its depth. Where the chain is not at rest, springs take up the weight
-    in the first instants. ``options.max_steps`` counts steps of its size; smaller ones are
-    allowed as many more.
+    ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
     """
     case = case_of(chain, grounds, factor, False, options, frames, log)
     model, state, work = case.model, case.state, case.work
