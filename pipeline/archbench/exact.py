@@ -1,7 +1,4 @@
-"""What chains do by exact solutions: the static theorem as a linear programme, a single block.
-
-Nothing of our methods is in it.
-"""
+"""Exact solutions without our methods: the static theorem as a linear programme, a block."""
 
 import math
 from dataclasses import dataclass, replace

@@ -137,8 +137,8 @@ class Scene:
     def ground_acceleration(self) -> tuple[Array, float]:
         """Samples of the horizontal ground acceleration [m/s2] and their step [s].
 
-        Linear between samples and zero outside them. A jump inside the motion stands in one
-        sample of its mean, which keeps the ground's velocity exact beyond it.
+        A jump inside the motion stands in one sample of its mean, which keeps the ground's
+        velocity exact beyond it.
         """
         motion, kind = self.motion, self.motion["kind"]
         if kind == "none":

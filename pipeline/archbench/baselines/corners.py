@@ -1,18 +1,14 @@
 """A step of contact dynamics with two contacts at each joint, as general codes for bodies have it.
 
-Shared by the two baselines on the velocity level, `gauss_seidel` and `quadratic_programme`. They
-are `archfrag.methods.time_stepping` with equal steps but for the contact problem: a closed joint
-has a contact at each of its corners, each with a normal and a tangential impulse, four unknowns
-where three suffice; and how it is solved.
+Shared by `gauss_seidel` and `quadratic_programme`, which are `archfrag.methods.time_stepping` with
+equal steps but for the contact problem: a closed joint has a contact at each of its corners, each
+with a normal and a tangential impulse, four unknowns where three suffice; and how it is solved.
 
 The scheme is Moreau's (1988, CISM 302; Jean 1999, *Comput. Methods Appl. Mech. Engrg.* 177):
 contacts are looked for half a step after the velocities, and Signorini's law holds on velocities.
 A corner that touches may not approach, one that is open by a gap g may close by no more than g in
-a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic. Jean's theta is
-1/2: for rigid bodies it only sets at which instant of a step positions are looked at.
-
-Where two vertices meet, the contact has one normal, halfway between those of the two faces.
-Rotation in a step opens or closes a touching corner by the square of its angle.
+a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic, Jean's theta is
+1/2. Where two vertices meet, the contact has one normal, halfway between those of the two faces.
 """
 
 from typing import NamedTuple

@@ -7,9 +7,8 @@ the corners about which the joints open, bar ``k`` is the vector ``r_k`` from pi
     r_0 + r_1 + r_2 = d        d from the first pin to the last, both fixed to the ground
 
 The one coordinate is the rotation of the first body, ``sense * q``, signed so that the joints open
-for ``q > 0``; at ``q = 0`` the linkage is the arch. For a given q the third pin lies where two
-circles meet, on the side on which it lies in the arch (Oppenheim 1992, Earthquake Engng Struct.
-Dyn. 21(11), 1005-1017). A chain with a free end has one hinge and one body: the rocking block
+for ``q > 0``; at ``q = 0`` the linkage is the arch (Oppenheim 1992). For a given q the third pin
+lies where two circles meet. A chain with a free end has one hinge and one body: the rocking block
 (Housner 1963). Points and vectors of the plane are complex numbers.
 """
 

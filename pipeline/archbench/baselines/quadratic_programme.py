@@ -23,12 +23,7 @@ from typing import Any
 import numpy as np
 
 from archbench.baselines.common import Case, integrate
-from archbench.baselines.corners import (
-    accept_corners,
-    corner_case,
-    new_corners,
-    pose_corners,
-)
+from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.mechanics.ground import Grounds, Kick
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
