@@ -10,8 +10,8 @@ import archfrag as af
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Cause, Status
 from archfrag.methods.registry import OWN_STEP
-from archfrag.simulation.checks import own_time
-from archfrag.simulation.mechanism import summary
+from archfrag.simulation.response import summary
+from archfrag.simulation.rest import own_time
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)

@@ -10,8 +10,8 @@ import time
 import psutil
 import pytest
 
-from archfrag.simulate import kernels_are_compiled, warmup
-from archfrag.simulation import warm
+from archfrag import warmup as warm
+from archfrag.warmup import kernels_are_compiled, warmup
 
 COUNT = """
 import json, sys
@@ -23,7 +23,7 @@ class Listener(event.Listener):
     def on_end(self, e):
         pass
 event.register("numba:compile", Listener())
-from archfrag.simulate import warmup
+from archfrag.warmup import warmup
 from archfrag.mechanics.compile import read_version
 from archfrag.kernel_cache import use_kernel_cache
 messages = []
@@ -79,8 +79,8 @@ def test_messages_compiling_then_loading(empty):
         time.sleep(0.3)
     assert len(messages) > 3
     assert set(messages) == {"compiling kernels, once: 0 s of about 80 s"}
-    assert warm.are_compiled(["auto"])
-    assert not warm.are_compiled(["auto", "event_driven"])
+    assert warm.kernels_are_compiled("auto")
+    assert not warm.kernels_are_compiled("event_driven")
     messages.clear()
     with warm.compiling(["auto"], messages.append):
         time.sleep(0.1)
@@ -90,7 +90,7 @@ def test_messages_compiling_then_loading(empty):
 @pytest.mark.skipif(warm.config.NUMBA_DEFAULT_NUM_THREADS < 2, reason="only with two cores")
 def test_a_second_process_ends_with_a_first_one_that_is_killed(tmp_path):
     first = subprocess.Popen(
-        [sys.executable, "-c", "from archfrag.simulate import warmup; warmup('auto')"],
+        [sys.executable, "-c", "from archfrag.warmup import warmup; warmup('auto')"],
         env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
     )
     try:

@@ -1,7 +1,4 @@
-"""What chains do by exact solutions: the static theorem as a linear programme, a single block.
-
-Nothing of our methods is in it.
-"""
+"""Exact solutions without our methods: the static theorem as a linear programme, a block."""
 
 import math
 from dataclasses import dataclass, replace
@@ -43,8 +40,7 @@ class Rocking:
     def amplitudes(self, start: float, count: int) -> list[float]:
         """Largest rotations after the first `count` impacts of a release from `start` [rad].
 
-        Between impacts p² cos(alpha − theta) + theta'² / 2 stays; an impact leaves `ratio`² of
-        the kinetic energy. Rotations of any size.
+        Between impacts p² cos(alpha − theta) + theta'² / 2 stays. Rotations of any size.
         """
         found, peak = [], start
         for _ in range(count):

@@ -1,10 +1,9 @@
 """What users ask for: theta and beta of a fragility curve, against what the study costs.
 
-One study is the main job's records and levels on its arch with straight-sided voussoirs. Every
-setting makes all of it, again and again with the motions scaled by 1 plus multiples of 1e-5:
-beyond the predictability horizon no run has one answer, and a single study is one draw of its
-theta. The reference is the curve of many studies together, by two methods that have nothing but
-the contact problem in common, with settings that differ a little.
+One study is the shipped records and levels on the shipped arch with straight-sided voussoirs.
+Every setting repeats it with the motions scaled by 1 plus multiples of 1e-5: beyond the
+predictability horizon a single study is one draw of its theta. The reference is the curve of many
+studies together, by two methods that have nothing but the contact problem in common.
 """
 
 import math
@@ -20,8 +19,8 @@ import pandas as pd
 from archbench.runner import Bench, Row
 from archbench.scene import Array, Scene, load_scene
 from archbench.settings import Setting, ladders
-from archbench.solve import solve, solve_many, with_motion
-from archfrag.errors import ArchfragError, FitError
+from archbench.solve import solve_many, with_motion
+from archfrag.errors import FitError
 from archfrag.fragility.fit import fit_stripes
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion
@@ -31,8 +30,7 @@ DISTURBANCE = 1e-5
 # Of the reference: settings, and the relative distance between those of its repetitions.
 REFERENCES = (Setting("time_stepping", "dt", 2e-4), Setting("event_driven", "rtol", 1e-5))
 APART = 0.04
-# A setting is left out where all its repetitions would take longer [s of CPU].
-LONGEST = {True: 120.0, False: 900.0}
+LIMIT = 9000.0  # of one study [s]
 FALL = 4.0  # after a record, for what has lost contact to move two thicknesses [s]
 RESAMPLES, SEED = 200, 20250101
 
@@ -81,53 +79,28 @@ def run_study(setting: Setting, repeat: int, folder: Path, real: bool, quick: bo
     return {"outcomes": outcomes, "seconds": seconds}
 
 
-def predicted_seconds(setting: Setting, folder: Path, real: bool, quick: bool) -> float | str:
-    """CPU time of all repetitions [s], from one run near the curve's median; or why none runs."""
-    scenes, levels = scenes_of(folder, real, quick)
-    scene = sorted(scenes, key=lambda each: each.duration)[len(scenes) // 2]
-    try:
-        run = solve(scene.at(levels[int(0.6 * len(levels))]), setting)
-    except ArchfragError as reason:
-        return str(reason)
-    if not math.isfinite(run.seconds):
-        return run.status
-    return REPEATS * len(scenes) * len(levels) * run.seconds
-
-
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Make the studies."""
-    left_out: list[tuple[str, str, float, str]] = []
     tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": []}
-    longest = LONGEST[bench.quick]
+    column = "fragility_quick" if bench.quick else "fragility"
+    chosen = [each for row in ladders(column, bench.solvers).values() for each in row]
+    roles = []
+    for k in range(REPEATS):
+        roles += [("reference", each.finer(1.0 - APART * k), k) for each in REFERENCES]
+        roles += [("setting", each, k) for each in chosen]
     for name, folder in (("shipped", bench.records), ("real", bench.real)):
         if folder is None:
             continue
         place = (folder, name == "real", bench.quick)
-        offered = [each for row in ladders("offered", bench.solvers).values() for each in row]
-        asked = {(name, bench.quick, *each.columns.values()): (each, *place) for each in offered}
-        costs = bench.run("fragility_costs", predicted_seconds, asked, longest)
-        column = "fragility_quick" if bench.quick else "fragility"
-        chosen = [each for row in ladders(column).values() for each in row]
-        for setting, seconds in zip(offered, costs.values(), strict=True):
-            if not isinstance(seconds, str) and seconds <= longest:
-                chosen.append(setting)
-                continue
-            why = seconds if isinstance(seconds, str) else f"about {seconds:.0f} s of CPU"
-            left_out.append((name, setting.method, setting.value, why))
-        roles = []
-        for k in range(REPEATS):
-            roles += [("reference", each.finer(1.0 - APART * k), k) for each in REFERENCES]
-            roles += [("setting", each, k) for each in chosen]
         tasks = {(name, bench.quick, *each.columns.values(), k): (each, k, *place)
                  for _, each, k in roles}  # fmt: skip
-        found = bench.run("fragility", run_study, tasks, 10.0 * longest)
+        found = bench.run("fragility", run_study, tasks, LIMIT)
         studies = [Study(*role, **result)
                    for role, result in zip(roles, found.values(), strict=True)
                    if not isinstance(result, str)]  # fmt: skip
         for part, table in tables_of(studies, np.array(scenes_of(*place)[1])).items():
             tables[part].append(table.assign(study=name))
-    left = pd.DataFrame(left_out, columns=["study", "method", "value", "reason"])
-    return {part: pd.concat(found) for part, found in tables.items()} | {"left_out": left}
+    return {part: pd.concat(found) for part, found in tables.items()}
 
 
 def tables_of(studies: Sequence[Study], levels: Array) -> dict[str, pd.DataFrame]:

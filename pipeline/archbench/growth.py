@@ -1,7 +1,7 @@
 """Growth: of the cost with the number of voussoirs, and of a difference in the ground's motion.
 
-Cost: one arch cut into more and more equal voussoirs, under one pulse to a fixed instant, every
-method at its defaults. A difference of 1e-9 of the motion: how long a run can be predicted.
+One arch is cut into more and more equal voussoirs, under one pulse, every method at its defaults.
+A difference of 1e-9 of the motion shows how long a run can be predicted.
 """
 
 import math

@@ -36,9 +36,8 @@ def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array
 def overlap_depth(before: Array, after: Array) -> Array:
     """How deep the bodies on both sides of a joint are inside each other.
 
-    The deepest point of one face behind the other, of those that lie between the other's ends, or
-    the same with faces exchanged where that is less. At most the width in which the faces face
-    each other, across which the bodies may part as well.
+    The deepest point of one face behind the other, between the other's ends, or the same with
+    faces exchanged where that is less; at most the width in which the faces face each other.
     """
     least = np.full(before.shape[:-2], np.inf)
     for face, other, sense in ((before, after, 1.0), (after, before, -1.0)):
@@ -70,13 +69,9 @@ def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
 
 
 def energy_gain(
-    arch: Arch,
-    motion: Motion,
-    time: Array,
-    displacement: Array,
-    velocity: Array,
+    arch: Arch, motion: Motion, time: Array, displacement: Array, velocity: Array,
     angular_velocity: Array,
-) -> float:
+) -> float:  # fmt: skip
     """Largest rise of mechanical energy that the ground's work does not explain.
 
     That work is minus mass times ground acceleration over the displacement between frames, of all
@@ -91,9 +86,9 @@ def path_energy_gain(
 ) -> float:
     """The same as `energy_gain` from positions alone.
 
-    Velocities are differences between frames: those of leapfrog schemes lag by half a step. An
-    interval with an impact in it has too little kinetic energy, one with a jump of the ground's
-    acceleration a little too much: dips and peaks of less than `LASTING` intervals do not count.
+    Velocities are differences between frames. An interval with an impact in it has too little
+    kinetic energy, one with a jump of the ground's acceleration a little too much: dips and peaks
+    of less than `LASTING` intervals do not count.
     """
     distinct = np.append(True, np.diff(time) > 1e-9)
     time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]

@@ -26,8 +26,6 @@ PARTS = {
     "stability": "Stability: where methods fail",
     "corner_cases": "Corner cases",
     "bands": "How often bands hold the truth",
-    "designs": "Designs of a study",
-    "compiling": "Compiling, once for a machine",
 }
 LINES = 10
 
@@ -98,22 +96,15 @@ def _write(path: Path, text: str) -> None:
 
 
 def gather(
-    parts: Sequence[str],
-    output: Path,
-    *,
-    quick: bool = False,
-    records: Path | None = None,
-    real: Path | None = None,
-    solvers: Sequence[str] = (),
-    workers: int | None = None,
+    parts: Sequence[str], output: Path, *, quick: bool = False, records: Path | None = None,
+    real: Path | None = None, solvers: Sequence[str] = (), workers: int | None = None,
     report: Callable[[str], None] = print,
-) -> Path:
+) -> Path:  # fmt: skip
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
-    `parts` are of `PARTS`, all if empty; tables in `output` of other parts are left and shown, and
-    what a killed run has finished is not done again. `records` are those of the working folder, or
-    of the checkout, if not given. `solvers` may be "all" of those that are installed. InputError
-    if there is no part or solver of a name, or it is not installed.
+    `parts` are of `PARTS`, all if empty; tables of other parts in `output` are left and shown.
+    `records` are those of the working folder, or of the checkout, if not given. `solvers` may be
+    "all" of those that are installed.
     """
     for name in parts:
         if name not in PARTS:

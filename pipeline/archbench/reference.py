@@ -13,7 +13,6 @@ import numpy as np
 
 from archbench.growth import measure_growth
 from archbench.quantities import (
-    TRUE_ZERO,
     Marks,
     Observed,
     errors_of,
@@ -33,18 +32,16 @@ LARGEST_FLOOR = 0.1  # a chart that begins above this would show no decade
 TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
 STEPS = tuple(1e-3 / 2**k for k in range(7))
 DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # of the amplitudes whose outcomes are asked
-_STRIDES = (1, 2, 4, 8, 16, 32)
 
 
 @dataclass
 class Reference:
     """What a scene's runs are compared with: a run at a tolerance `tight`.
 
-    `loose` is ten times as coarse and gives its `error`, by quantity; `interval` is between frames
-    [s]; `amplitude` where outcomes change [g], nan if there is none; `blur` its errors read from
-    every 1st, 2nd, 4th … frame; `grid` the amplitudes [g] at which two tolerances agree, `truth`
-    whether it collapses there; `second` the distance and the uncertainty of the second method's
-    limit; `growth` as of `growth_of`.
+    `loose` is ten times as coarse and gives its `error`, by quantity; `amplitude` is where
+    outcomes change [g], nan if they do not; `grid` holds the amplitudes [g] at which two
+    tolerances agree, `truth` whether it collapses there; `second` is the distance and the
+    uncertainty of the second method's limit; `growth` is as of `growth_of`.
     """
 
     scene: str
@@ -53,10 +50,8 @@ class Reference:
     marks: Marks
     seen: Observed
     end_time: float
-    interval: float
     amplitude: float
     error: dict[str, float]
-    blur: dict[str, list[float]]
     grid: list[float]
     truth: list[bool]
     second: dict[str, list[float]] = field(default_factory=dict)
@@ -72,15 +67,9 @@ class Reference:
         too_large = MARGIN * error > LARGEST_FLOOR
         return f"the reference's own error is {error:.1e}" if too_large else ""
 
-    def floor(self, quantity: str, interval: float) -> float:
-        """Smallest error that is drawn, no less than the reference's from frames as far apart."""
-        own = MARGIN * self.error.get(quantity, math.nan)
-        if quantity not in self.blur:
-            return own
-        place = np.searchsorted(_STRIDES, interval / self.interval * (1.0 - 1e-6))
-        blur = self.blur[quantity][min(int(place), len(_STRIDES) - 1)]
-        # Interpolation blurs by so much at most; ten times would hide true errors.
-        return max(own, MARGIN * blur if quantity == "energy_gain" else blur)
+    def floor(self, quantity: str) -> float:
+        """Smallest error that is drawn."""
+        return MARGIN * self.error.get(quantity, math.nan)
 
 
 def find_reference(scene: Scene, quick: bool) -> Reference:
@@ -94,7 +83,7 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     coarser = solve(scene, loose, history=True)
     if base.collapsed is None or base.response is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status}")
-    marks = marks_of(scene, base)
+    marks = marks_of(base)
     seen, beside = (observe(scene, run, marks) for run in (base, coarser))
     # With the peak over frames too: event-driven runs look for it at the ends of steps only.
     highest = (float(lengths(run.frames.displacement).max()) for run in (base, coarser))
@@ -102,35 +91,26 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
                     for each, top in zip((seen, beside), highest))  # fmt: skip
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # proves nothing about an error below the tolerance itself.
-    errors = errors_of(beside, seen, scene.thickness)
-    errors |= {name: abs(getattr(seen, name)) for name in TRUE_ZERO}
+    errors = errors_of(beside, seen, scene.thickness) | {"overlap": seen.overlap}
     error = {name: max(value, tight.value) for name, value in errors.items()}
     between = math.nan
     if not math.isnan(marks.position):  # what interpolation may cost: as every second frame goes
-        at, half = np.array([marks.position]), _thinned(base, 2)
-        apart = largest_distance(positions_at(half.frames, at), positions_at(base.frames, at))
+        at, half = np.array([marks.position]), Frames(*[each[::2] for each in base.frames])
+        apart = largest_distance(positions_at(half, at), positions_at(base.frames, at))
         between = max(error["position"], apart / 15.0 / scene.thickness)
     error["position"] = between
     amplitude, error["amplitude"] = _amplitude(scene, tight, loose, quick)
     grid, truth = _outcomes(scene, loose, amplitude, quick)
     # Amplitudes about which the reference is in doubt are left out; none is wrong.
     error["verdicts"] = 0.0 if grid else math.nan
-    rows = [errors_of(observe(scene, _thinned(base, stride), marks), seen, scene.thickness)
-            for stride in _STRIDES]  # fmt: skip
-    blurs = {name: [row[name] for row in rows]
-             for name in ("energy_gain", "position", "reactions")}  # fmt: skip
     reference = Reference(
-        scene.name, tight.value, loose.value, marks, seen, base.end_time,
-        float(np.median(np.diff(base.frames.time))), amplitude, error, blurs, grid, truth,
+        scene.name, tight.value, loose.value, marks, seen, base.end_time, amplitude, error, grid,
+        truth,
     )  # fmt: skip
     last = max((each.time for each in base.response.mechanism or ()), default=base.end_time)
     reference.growth = measure_growth(scene, loose, coarser, marks.onset, last, 2 if quick else 4)
     compare_with_steps(reference, scene, quick)
     return reference
-
-
-def _thinned(run: Solution, stride: int) -> Solution:
-    return replace(run, frames=Frames(*[values[::stride] for values in run.frames]))
 
 
 def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tuple[float, float]:
@@ -183,9 +163,6 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
         if true.peak > 0.0 and not any(each.collapsed for each in [*seen, true]):
             found, doubt = limit_of([np.array(each.peak) for each in seen])
             _note(reference, "peak", abs(float(found) - true.peak) / true.peak, doubt / true.peak)
-        if true.reactions:
-            found, doubt = limit_of([np.array(each.reactions) for each in seen])
-            _note(reference, "reactions", float(np.max(np.abs(found - true.reactions))), doubt)
     used = [step for step, run in zip(STEPS, runs, strict=False) if run.seconds <= limit / 3.0]
     error = reference.error["amplitude"]
     if len(used) < 4 or math.isnan(error):

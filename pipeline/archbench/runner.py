@@ -22,9 +22,9 @@ import psutil
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
 from archfrag.kernel_cache import kernel_hash
-from archfrag.simulate import warmup
 from archfrag.simulation.checks import available_methods
 from archfrag.study.provenance import commit, machine, strict_json, versions
+from archfrag.warmup import warmup
 
 Key = tuple[Any, ...]
 Row = dict[str, Any]
@@ -115,12 +115,9 @@ def sources() -> str:
 
 
 def in_processes(
-    function: Callable[..., Any],
-    tasks: Mapping[Key, Sequence[Any]],
-    workers: int,
-    limit: float,
+    function: Callable[..., Any], tasks: Mapping[Key, Sequence[Any]], workers: int, limit: float,
     compiled: bool = True,
-) -> Iterator[tuple[Key, Any]]:
+) -> Iterator[tuple[Key, Any]]:  # fmt: skip
     """Results of ``function(*task)`` as they come, with their keys; a message for those that fail.
 
     A process whose task takes longer than `limit` [s] is ended with all that it started.
@@ -128,10 +125,7 @@ def in_processes(
     try:
         from pebble import ProcessExpired, ProcessPool
     except ModuleNotFoundError:
-        raise InputError(
-            "archbench needs the package pebble: pip install pebble"
-        ) from None
-
+        raise InputError("archbench needs the package pebble: pip install pebble") from None
     pool = ProcessPool(workers, 0, _prepare_process, (compiled,), get_context("spawn"))
     try:
         running: dict[Future, Key] = {

@@ -34,16 +34,13 @@ class Scene:
     """Straight-sided voussoirs in a row, on the ground or between two springings, and a motion.
 
     `source` names the sets that the scene belongs to, or where its facts are from.
-    `chain`: `kind` "circular" (radius [m], thickness [m], embrace [degrees], voussoirs, and
-    `joints` if they are not equal: angles from the left springing [degrees]), "block" (width [m],
-    height [m]) or "column" (width and top_width [m], heights of its drums [m]); friction, a number
-    or "inf"; density [kg/m3]; depth [m]; `dead_load`, a weight on each back [N].
+    `chain`: `kind` "circular" (radius, thickness [m], embrace [degrees], voussoirs, and angles of
+    unequal `joints` from the left springing), "block" (width, height) or "column" (width,
+    top_width, heights of its drums); friction, a number or "inf"; density; depth; `dead_load` [N].
     `motion`: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same, then minus
-    half of it for twice as long), "sine" (`cycles` of `period`; in the middle of a `background`
-    that goes on for `length` [s] if there is one), "record" (`file` in the shipped records or in a
-    folder of real ones) or "samples" (`values` in units of the amplitude, linear between them
-    where `each` divides their step); amplitude in multiples of standard gravity, of a record its
-    peak; `sample_step` [s].
+    half of it for twice as long), "sine" (`cycles` of `period`, in a `background` of `length`),
+    "record" (`file`) or "samples" (`values` in units of the amplitude, at `each` of the steps);
+    amplitude in multiples of standard gravity, of a record its peak; `sample_step` [s].
     `duration` is simulated time [s]; collapse begins between the amplitudes `low` and `high`, nan
     if it is not searched; `initial` is the state at time 0, see `initial_state`, None: at rest.
     """
@@ -140,8 +137,8 @@ class Scene:
     def ground_acceleration(self) -> tuple[Array, float]:
         """Samples of the horizontal ground acceleration [m/s2] and their step [s].
 
-        Linear between samples and zero outside them. A jump inside the motion stands in one
-        sample of its mean, which keeps the ground's velocity exact beyond it.
+        A jump inside the motion stands in one sample of its mean, which keeps the ground's
+        velocity exact beyond it.
         """
         motion, kind = self.motion, self.motion["kind"]
         if kind == "none":

@@ -53,7 +53,7 @@ class Setting:
 def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]]:
     """Settings of each method that can run here, and of other solvers, from coarse to fine.
 
-    `column` is of `settings.json`; "offered" are for studies of what may be too slow.
+    `column` is of `settings.json`.
     """
     table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
     rows = {name: row for name, row in table.items() if name in available_methods()}

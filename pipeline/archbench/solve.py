@@ -19,7 +19,7 @@ from archfrag.errors import InputError
 from archfrag.mechanics.status import Status
 from archfrag.motions.motion import Motion
 from archfrag.motions.read import read_motion
-from archfrag.simulation.many import simulate_runs
+from archfrag.simulate import simulate_runs
 from archfrag.simulation.response import Response
 
 RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]

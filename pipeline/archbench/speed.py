@@ -107,13 +107,11 @@ def points_of(
 def _rows(
     reference: Reference, scene: Scene, setting: Setting, run: Solution, spent: float, quick: bool
 ) -> list[Row]:
-    times = run.frames.time
-    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.01
     cost = _cost(scene, setting, spent, quick)
     errors = errors_of(observe(scene, run, reference.marks), reference.seen, scene.thickness)
 
     def row(quantity: str, seconds: float, error: float, status: str = "") -> Row:
-        floor = reference.floor(quantity, interval)
+        floor = reference.floor(quantity)
         if quantity == "verdicts":  # one wrong outcome is the least that the set can show
             floor = 0.5 / max(len(reference.grid), 1)
         drawn = not reference.why_not(quantity) and math.isfinite(error)

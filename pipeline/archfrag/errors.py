@@ -33,12 +33,9 @@ def from_extra(module: str, extra: str) -> Any:
 
 
 class RecordError(InputError):
-    """A ground-motion record that cannot be read or used; names the file.
+    """A ground-motion record that cannot be read or used; names the file."""
 
-    What is quoted from a file may have any length: beyond `LONGEST` characters it is cut.
-    """
-
-    LONGEST = 900
+    LONGEST = 900  # characters: what is quoted from a file may have any length
 
     def __init__(self, message: str) -> None:
         cut = len(message) > self.LONGEST

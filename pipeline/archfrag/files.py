@@ -40,7 +40,6 @@ def counted(number: int, noun: str) -> str:
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """The message for a file or folder that cannot be written."""
     return OutputError(
         f"{path}: cannot be written ({error.strerror or error}); the output folder must exist or "
         "be creatable, allow writing and have space; what was finished is kept"
@@ -52,20 +51,13 @@ def printable(text: str) -> str:
     return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
-def _not_waiting(name: str, flags: int) -> int:
-    return os.open(name, flags | os.O_NONBLOCK)
-
-
 @contextlib.contextmanager
 def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO]:
     """Open a file to read its bytes; a pipe or device is not waited for.
 
-    Raises
-    ------
-    OSError
-        Also for what is no regular file, and for one of more than `largest` bytes.
+    `OSError` also for what is no regular file, and for one of more than `largest` bytes.
     """
-    with open(path, "rb", opener=_not_waiting) as file:
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         state = os.fstat(file.fileno())
         if not stat.S_ISREG(state.st_mode):
             raise OSError(0, "it is not a regular file")
@@ -75,13 +67,7 @@ def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO
 
 
 def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> bytes:
-    """Content of a file of at most `largest` bytes.
-
-    Raises
-    ------
-    kind
-        Naming `what` it was to be, and the file.
-    """
+    """Content of a file of at most `largest` bytes; else an error of a `kind`, naming `what`."""
     try:
         with opened(path, largest) as file:
             return file.read(largest)
@@ -104,12 +90,7 @@ def sha256_of(path: Path) -> str:
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder with its parents and see that it can be written.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Make a folder with its parents and see that it can be written, or raise `OutputError`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
@@ -137,20 +118,17 @@ def sweep(folder: Path) -> None:
         if found is None or entry.is_symlink():
             continue
         with contextlib.suppress(OSError):
-            gone = found["host"] == _HOST and not _is_there(int(found["pid"]))
-            if gone or time.time() - entry.stat().st_mtime > _SURELY_LEFT:
+            gone = time.time() - entry.stat().st_mtime > _SURELY_LEFT
+            if found["host"] == _HOST:
+                try:
+                    os.kill(int(found["pid"]), 0)
+                except ProcessLookupError:
+                    gone = True
+                except (PermissionError, OverflowError):
+                    pass
+            if gone:
                 path = Path(entry.path)
                 shutil.rmtree(path) if entry.is_dir() else path.unlink()
-
-
-def _is_there(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        pass
-    return True
 
 
 def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:
@@ -166,15 +144,9 @@ def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:
 def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     """Give a temporary name and, if all goes well, put that file in `path`'s place.
 
-    It is in the hidden folder of a study beside `path`, or else in the same folder.
-
-    The bytes are on the disk before the name is, unless not `lasting`: then a kill, but not a
-    power cut, leaves the file complete.
-
-    Raises
-    ------
-    OutputError
-        For any `OSError` inside; the temporary file is gone then, `path` as it was.
+    It is in the hidden folder of a study beside `path`, or else in the same folder. The bytes are
+    on the disk before the name is, unless not `lasting`: then a kill, but not a power cut, leaves
+    the file complete. `OutputError` for any `OSError` inside; `path` is then as it was.
     """
     temporary, hidden = None, path.parent / WORK
     try:

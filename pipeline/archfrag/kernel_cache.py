@@ -1,13 +1,11 @@
 """Where compiled kernels are kept: one private folder for each state of the kernels' source.
 
 The folder's name is a hash of `mechanics`, `methods` and the versions of Python, numba and
-llvmlite. An edited helper therefore never leaves old machine code in use, and all clones and
-environments of a machine share the compiled code (`archfrag.mechanics.compile`).
-
-Files of the folder run as machine code, so archfrag uses it only if nobody else can write to it:
-the folder is ours and private, and no directory above it lets others replace it. If the user's
-cache does not fulfil that or cannot be written, a temporary folder takes its place; if that is
-not safe either, nothing is kept.
+llvmlite: edited source never leaves old machine code in use, and all clones and environments of a
+machine share the compiled code (`archfrag.mechanics.compile`). Its files run as machine code, so
+archfrag uses it only if nobody else can write to it or replace it. If the user's cache is not
+safe or cannot be written, a temporary folder takes its place; if that is not safe either, nothing
+is kept.
 """
 
 import atexit
@@ -32,14 +30,7 @@ INHERITED = "ARCHFRAG_KERNEL_CACHE"
 
 
 def kernel_hash() -> str:
-    """Hash of everything that compiled kernels depend on: 40 hexadecimal digits.
-
-    Examples
-    --------
-    >>> from archfrag.kernel_cache import kernel_hash
-    >>> len(kernel_hash())
-    40
-    """
+    """Hash of everything that compiled kernels depend on: 40 hexadecimal digits."""
     digest = hashlib.sha256()
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name}={version(name)};".encode())
@@ -59,16 +50,15 @@ def use_kernel_cache() -> Path | None:
     """Choose and make the folder for the compiled kernels as they are now, once a process.
 
     It is in ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory; if that is
-    not safe, in a temporary folder for this process and those that it starts.
-
-    Returns
-    -------
-    Path or None
-        None if there is no safe place: kernels are then compiled again in every process.
+    not safe, in a temporary folder for this process and those that it starts. None if there is no
+    safe place: kernels are then compiled again in every process.
     """
+    from platformdirs import user_cache_path
+
     chosen = os.environ.get(INHERITED) or os.environ.get("NUMBA_CACHE_DIR")
+    usual = user_cache_path("archfrag") / "kernels"
     with contextlib.suppress(OSError):
-        return _prepared(Path(chosen).absolute() if chosen else _users_folder())
+        return _prepared(Path(chosen).absolute() if chosen else usual)
     with contextlib.suppress(OSError):
         base = Path(tempfile.mkdtemp(prefix="archfrag-"))
         atexit.register(_remove, base, os.getpid())
@@ -76,12 +66,6 @@ def use_kernel_cache() -> Path | None:
         os.environ[INHERITED] = str(base)
         return folder
     return None
-
-
-def _users_folder() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("archfrag") / "kernels"
 
 
 def _prepared(base: Path) -> Path:

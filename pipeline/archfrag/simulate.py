@@ -1,44 +1,57 @@
-"""Simulate arches under ground motions, and compile the kernels for it."""
+"""Simulate arches under ground motions."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.mechanics.ground import Grounds, grounds_of
+from archfrag.mechanics.collapse import NOTED_GAP
+from archfrag.mechanics.ground import Grounds, grounds_of, one_of
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Frames, MechanismLog, Options, Results
-from archfrag.methods.registry import AUTO
+from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
-from archfrag.simulation import checks, warm
-from archfrag.simulation.history import empty_frames, history_of
-from archfrag.simulation.many import LOSS_LIMIT, at_rest, checked_call, simulate_runs
-from archfrag.simulation.mechanism import (
+from archfrag.simulation import checks
+from archfrag.simulation.response import (
     FIRST_LOG,
     LARGEST_LOG,
     MechanismChange,
-    empty_log,
+    Response,
+    empty_output,
+    history_of,
     mechanism_of,
+    response_of,
 )
-from archfrag.simulation.response import Response, response_of
-from archfrag.simulation.rest import Hinge, Onset, check_stands, onset
+from archfrag.simulation.rest import (
+    Hinge,
+    Onset,
+    at_rest,
+    check_initial,
+    check_stands,
+    onset,
+    own_time,
+)
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = [
-    "Hinge", "MechanismChange", "Onset", "Response", "kernels_are_compiled", "onset", "simulate",
-    "simulate_many", "warmup",
+    "Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate", "simulate_many",
 ]  # fmt: skip
 
+LOSS_LIMIT = 0.5
+CHECK_INTERVAL = 64
+# Frames of a history are as fine as the record, or this where the record is coarser [s].
+COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
 _LEFT_OUT = {
     "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
@@ -50,6 +63,14 @@ _UNITS = {
 }  # fmt: skip
 
 
+class MoreOptions(TypedDict, total=False):
+    """What runs take that is seldom given; `simulate` documents it."""
+
+    follow: float
+    settings: Mapping[str, float] | None
+    loss_limit: float
+
+
 def simulate(
     arch: Arch,
     motion: Motion,
@@ -59,9 +80,7 @@ def simulate(
     dt: float | None = None,
     history: bool = False,
     initial: tuple[ArrayLike, ArrayLike] | None = None,
-    follow: float = 20.0,
-    settings: Mapping[str, float] | None = None,
-    loss_limit: float = LOSS_LIMIT,
+    **more: Unpack[MoreOptions],
 ) -> Response:
     """Simulate one arch under one ground motion, until it rests or collapses.
 
@@ -89,6 +108,13 @@ def simulate(
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
         ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open, but bodies
         must not overlap by more than rounding.
+
+    Returns
+    -------
+    Response
+
+    Other Parameters
+    ----------------
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
@@ -98,10 +124,6 @@ def simulate(
         Gap at both corners of a joint, over its length, beyond which its contact cannot be
         regained: the run ends as a collapse. It also does if a joint has slid past its end or
         rotated by 90 degrees, or has no contact when `follow` ends.
-
-    Returns
-    -------
-    Response
 
     Raises
     ------
@@ -119,29 +141,131 @@ def simulate(
     >>> response.collapsed, response.collapse_mode
     (False, 'none')
     """
-    info, own, options = checked_call(
-        arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
-    )
+    info, own, options = _checked_call(arch, [motion], [scale], method, rtol, dt, **more)
     position, velocity = at_rest(arch)
     if initial is None:
         check_stands(arch)
     else:
-        shift, velocity = checks.check_initial(initial, arch)
+        shift, velocity = check_initial(initial, arch)
         position += shift
-    grounds = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
-    span = motion.duration + follow
+    ground = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
+    span = motion.duration + options.follow
     n_frame = int(span / options.frame_interval) + 64 if history else 0
-    run, from_rest = partial(info.load(), **own), initial is None
+    run, start = partial(info.load(), **own), (position, velocity, initial is None)
     started = time.perf_counter()
-    start = position, velocity, from_rest
-    results, frames, log = _run(arch, run, (grounds, float(scale)), start, options, n_frame)
+    results, frames, log = _run(arch, run, (ground, float(scale)), start, options, n_frame)
     wall_time = time.perf_counter() - started
     if not history:
         return response_of(results, 0, info.name, wall_time)
     count, end_time = results.count[0], float(results.end_time[0])
-    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, from_rest)
+    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, initial is None)
     frames_written = history_of(arch, frames, int(count[Count.FRAMES]))
     return response_of(results, 0, info.name, wall_time, changes, frames_written)
+
+
+def _run(
+    arch: Arch,
+    run: Callable[..., Results],
+    moved_by: tuple[Grounds, float],
+    start: tuple[np.ndarray, np.ndarray, bool],
+    options: Options,
+    n_frame: int = 0,
+) -> tuple[Results, Frames, MechanismLog]:
+    """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
+    n_entry = FIRST_LOG if n_frame else 0
+    position, velocity, from_rest = start
+    while True:
+        output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
+        moving = position.copy(), velocity.copy(), from_rest
+        results = run(arch.chain, *moved_by, *moving, options, *output)
+        n_written, n_changed = results.count[0, [Count.FRAMES, Count.LOG_ENTRIES]].astype(int)
+        frames_fit = n_frame == 0 or n_written < n_frame
+        log_fits = n_changed <= n_entry or n_entry in (0, LARGEST_LOG)
+        if frames_fit and log_fits:
+            return results, *output
+        if not frames_fit:
+            n_frame *= 2
+        if not log_fits:
+            n_entry = min(n_changed, LARGEST_LOG)
+
+
+def _checked_call(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, follow: float = 20.0,
+    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
+) -> tuple[MethodInfo, dict[str, float], Options]:  # fmt: skip
+    """Check a call and return the method, its own settings and its options."""
+    if not isinstance(arch, Arch):
+        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
+    info = checks.check_method(method)
+    for motion in motions:
+        if not isinstance(motion, Motion):
+            raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
+    checks.check_taken(info, rtol=rtol, dt=dt)
+    tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
+    check, lengths = checks.check_number, f"from {NOTED_GAP:g} to 10 times the joint's length"
+    check("loss_limit", loss_limit, lengths, lambda x: NOTED_GAP <= x <= 10.0)
+    for factor in factors:
+        check("scale", factor, "finite", math.isfinite)
+    check("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
+    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
+    if dt is not None:
+        check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+    own, unit = checks.check_settings(info, settings), own_time(arch)
+    if dt is not None or info.step_rule is None:
+        step = largest_step = checks.default_of(info, "dt") if dt is None else float(dt)
+    else:
+        rule = info.step_rule(float(tolerance), arch.n_voussoir)
+        step, largest_step = unit * rule[0], unit * rule[1]
+    span = max(motion.duration for motion in motions) + follow
+    samples = max(len(motion.acceleration) for motion in motions)
+    sampling = min(float(motion.dt) for motion in motions)
+    options = Options(
+        time_step=float(step),
+        tolerance=float(tolerance),
+        accuracy=float(tolerance),
+        follow=float(follow),
+        max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
+        loss_limit=float(loss_limit),
+        check_interval=CHECK_INTERVAL,
+        frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
+        crowding=0.0,
+        largest_step=float(largest_step),
+    )
+    return info, own, options
+
+
+def results_of_runs(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
+) -> tuple[Results, np.ndarray]:
+    """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
+    info, own, options = _checked_call(arch, motions, factors, **given)
+    check_stands(arch)
+    unique = list({id(motion): motion for motion in motions}.values())
+    number = {id(motion): k for k, motion in enumerate(unique)}
+    motion = np.array([number[id(each)] for each in motions], int)
+    grounds = grounds_of([(each.acceleration, each.vertical, each.dt) for each in unique])
+    factor = np.array(factors, float)
+    started = time.perf_counter()
+    if info.load_many is not None:
+        results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
+    else:
+        run, start = partial(info.load(), **own), (*at_rest(arch), True)
+        moved_by = [(one_of(grounds, k, 1.0), by) for k, by in zip(motion, factor)]
+        rows = [_run(arch, run, each, start, options)[0] for each in moved_by]
+        results = Results(*map(np.concatenate, zip(*rows)))
+    spent = time.perf_counter() - started
+    # The calls of several runs are timed together.
+    work = 1.0 + results.count[:, Count.STEPS]
+    return results, spent * work / work.sum()
+
+
+def simulate_runs(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
+) -> list[Response]:
+    """As `simulate_many`, a response for each run."""
+    results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
+    return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
 
 
 def simulate_many(
@@ -151,9 +275,7 @@ def simulate_many(
     method: str = AUTO,
     rtol: float | None = None,
     dt: float | None = None,
-    follow: float = 20.0,
-    settings: Mapping[str, float] | None = None,
-    loss_limit: float = LOSS_LIMIT,
+    **more: Unpack[MoreOptions],
 ) -> xarray.Dataset:
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
@@ -166,7 +288,7 @@ def simulate_many(
         One for each run, or one for all.
     factors : array_like, (n_run,)
         On the motions, vertical components included.
-    method, rtol, dt, follow, settings, loss_limit
+    method, rtol, dt, **more
         As for `archfrag.simulate.simulate`.
 
     Returns
@@ -199,10 +321,7 @@ def simulate_many(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
             "motion for each factor, or one for all"
         )
-    responses = simulate_runs(
-        arch, each, scales.tolist(), method=method, rtol=rtol, dt=dt, follow=follow,
-        settings=settings, loss_limit=loss_limit,
-    )  # fmt: skip
+    responses = simulate_runs(arch, each, scales.tolist(), method, rtol=rtol, dt=dt, **more)
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
     columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
     columns["status"] = [response.status.name.lower() for response in responses]
@@ -211,121 +330,3 @@ def simulate_many(
         for name, values in columns.items()
     }
     return xarray.Dataset(variables, coords={"factor": ("run", scales)}, attrs={"method": method})
-
-
-def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
-    """Compile the kernels, or load them from the cache, once for this machine.
-
-    Two processes divide the work where there are two cores.
-
-    Parameters
-    ----------
-    method : str, optional
-        Method to compile for; all installed methods if not given.
-    progress : callable, optional
-        Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
-        about 80 s", first at once, then about every second from another thread.
-
-    Returns
-    -------
-    float
-        Seconds it took.
-
-    Raises
-    ------
-    InputError
-        If there is no such method.
-
-    Examples
-    --------
-    >>> from archfrag.simulate import warmup
-    >>> warmup("time_stepping") > 0.0
-    True
-    """
-    started = time.perf_counter()
-    names = _methods_of(method)
-    with warm.compiling(names, progress):
-        for name in names:
-            _move_once(name)
-        check_stands(_smallest_arch())
-        onset(_smallest_arch())
-    return time.perf_counter() - started
-
-
-def kernels_are_compiled(method: str | None = None) -> bool:
-    """Whether `warmup` has only to load kernels.
-
-    Parameters
-    ----------
-    method : str, optional
-        As for `warmup`.
-
-    Examples
-    --------
-    >>> from archfrag.simulate import kernels_are_compiled, warmup
-    >>> seconds = warmup("time_stepping")
-    >>> kernels_are_compiled("time_stepping")
-    True
-    """
-    return warm.are_compiled(_methods_of(method))
-
-
-def compile_in_second_process(methods: Sequence[str]) -> None:
-    """What the second process of a warm-up compiles: what the first, in its order, needs late."""
-    warm.end_with_parent()
-    check_stands(_smallest_arch())
-    if len(methods) == 1:
-        # One run alone, while the other process makes the kernels of four.
-        simulate(_smallest_arch(), Motion(np.zeros(3), dt=0.01), method="time_stepping")
-        methods = []
-    for name in reversed(methods):
-        _move_once(name)
-    onset(_smallest_arch())
-
-
-def _methods_of(method: str | None) -> tuple[str, ...]:
-    return checks.method_names() if method is None else (checks.check_method(method).name,)
-
-
-def _smallest_arch() -> Arch:
-    return Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-
-
-def _move_once(method: str) -> None:
-    arch, motion = _smallest_arch(), Motion(np.zeros(3), dt=0.01)
-    if checks.check_method(method).load_many is not None:
-        # The kernels of events, which auto may need, are those of event_driven.
-        simulate_many(arch, motion, [1.0], method=method)
-        simulate(arch, motion, method=method)
-        return
-    # With an initial state the kernels that see whether an arch stands are not needed first.
-    at_rest = np.zeros((arch.n_voussoir, 3))
-    simulate(arch, motion, method=method, initial=(at_rest, at_rest))
-
-
-def _run(
-    arch: Arch,
-    run: Callable[..., Results],
-    moved_by: tuple[Grounds, float],
-    start: tuple[np.ndarray, np.ndarray, bool],
-    options: Options,
-    n_frame: int,
-) -> tuple[Results, Frames, MechanismLog]:
-    """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
-    n_entry = FIRST_LOG if n_frame else 0
-    while True:
-        frames = empty_frames(n_frame, arch.n_voussoir, arch.n_joint)
-        log = empty_log(n_entry, arch.n_joint)
-        position, velocity, from_rest = start[0].copy(), start[1].copy(), start[2]
-        results = run(
-            arch.chain, *moved_by, position, velocity, from_rest, options, frames, log
-        )
-        count = results.count[0]
-        frames_fit = n_frame == 0 or count[Count.FRAMES] < n_frame
-        log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_LOG)
-        if frames_fit and log_fits:
-            return results, frames, log
-        if not frames_fit:
-            n_frame *= 2
-        if not log_fits:
-            n_entry = min(int(count[Count.LOG_ENTRIES]), LARGEST_LOG)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import archfrag as af
 from archfrag.arch.drawing import read_drawing
-from archfrag.arch.outlines import outline_section
+from archfrag.arch.geometry import outline_section
 from archfrag.cli import main
 from archfrag.errors import GeometryError
 from archfrag.study.file.arches import ArchEntry

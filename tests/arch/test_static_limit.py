@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import fsolve, minimize_scalar
 
 import archfrag as af
-from archfrag.simulation.static_limit import static_limit
+from archfrag.simulation.rest import static_limit
 
 
 def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest():

@@ -29,8 +29,7 @@ from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
 from archfrag.mechanics.status import Status
 from archfrag.mechanics.types import Options
-from archfrag.simulation.history import empty_frames
-from archfrag.simulation.mechanism import empty_log
+from archfrag.simulation.response import empty_output
 
 LINKS, SPRINGS = "four_link", "penalty"
 SWEEPS, PROGRAMME = "gauss_seidel", "quadratic_programme"
@@ -52,7 +51,7 @@ def still(seconds):
 
 def no_output(arch):
     size = arch.n_voussoir, arch.n_joint
-    return empty_frames(0, *size), empty_log(0, size[1])
+    return empty_output(0, 0, *size)
 
 
 def rocking_errors(method, friction, dt, **settings):

@@ -1,20 +1,15 @@
-"""Curves of studies beside a reference, coverage of bands, designs, and the page."""
+"""Curves of studies beside a reference, coverage of bands, and the page."""
 
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from archbench import bands, compiling, designs, page
+from archbench import bands, page
 from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
-from archfrag.errors import ArchfragError
 from archfrag.study.file.schema import load_study
 
 LEVELS = np.linspace(0.2, 3.0, 15)
@@ -101,26 +96,3 @@ def test_the_summary_takes_who_reaches_an_error_in_most_scenes():
 def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
     held = [bands.coverage_of(bands.RECORDS, family, 24, 40)["theta"] for family in bands.FAMILIES]
     assert held[0] > 0.75 > held[-1]
-
-
-def test_a_study_that_fails_is_reported(tmp_path):
-    shutil.copytree(ROOT / "configs", tmp_path / "configs")
-    with pytest.raises(ArchfragError, match=r"design ida: .*index\.csv"):
-        designs.run_design("ida", 0, tmp_path / "records")
-
-
-def test_compiling_is_timed_from_an_empty_cache_and_then_from_what_it_left(monkeypatch):
-    code = "import os, pathlib; pathlib.Path(os.environ['NUMBA_CACHE_DIR'], 'kernel').touch()"
-    found = []
-
-    def command(arguments, env, **options):
-        found.append((arguments[1:], os.listdir(env["NUMBA_CACHE_DIR"])))
-        busy = "; sum(range(10**7))" if not found[-1][1] else ""
-        return run([sys.executable, "-c", code + busy], env=env, **options)
-
-    run = subprocess.run
-    monkeypatch.setattr(compiling.subprocess, "run", command)
-    row = compiling.compile_method("four_link")
-    assert [each for _, each in found] == [[], ["kernel"]]
-    assert "four_link" in found[0][0][-1]
-    assert row["empty_cpu_seconds"] > 1.5 * row["full_cpu_seconds"] > 0.0

@@ -9,7 +9,7 @@ from archfrag.mechanics.status import Status
 from archfrag.methods import auto
 from archfrag.methods.auto import count_breaks, goes_by_events
 from archfrag.methods.registry import steps_of_tolerance
-from archfrag.simulation.checks import own_time
+from archfrag.simulation.rest import own_time
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 1.2, 0.001)

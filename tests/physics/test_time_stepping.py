@@ -38,7 +38,7 @@ def code_of(state, options, until, solved):
 @pytest.fixture
 def every_step_measured(monkeypatch):
     """Contact laws measured in every step instead of in every sixty-fourth."""
-    monkeypatch.setattr(sys.modules["archfrag.simulation.many"], "CHECK_INTERVAL", 1)
+    monkeypatch.setattr(sys.modules["archfrag.simulate"], "CHECK_INTERVAL", 1)
 
 
 @kernel

@@ -14,7 +14,7 @@ from archfrag.report import arch as arches
 from archfrag.report import curves, drawing, example, motions, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.report.results import arch_results, reading_scale
-from archfrag.simulation.mechanism import MechanismChange
+from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
 

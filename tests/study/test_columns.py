@@ -6,7 +6,7 @@ import pytest
 import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
-from archfrag.simulation.many import results_of_runs, simulate_runs
+from archfrag.simulate import results_of_runs, simulate_runs
 from archfrag.study.runs.outcome import COLUMNS, columns_of, tabulate_cases
 
 FACTORS = [0.0, 0.5, 2.0, 6.0]
@@ -24,7 +24,7 @@ def both():
     arch, motion = ring_and_wave()
     options = {"method": "time_stepping", "dt": 2e-3, "follow": 1.0}
     given = arch, [motion] * len(FACTORS), FACTORS
-    return results_of_runs(*given, **options).results, simulate_runs(*given, **options)
+    return results_of_runs(*given, **options)[0], simulate_runs(*given, **options)
 
 
 VERDICTS = {None: Verdict.UNFINISHED, False: Verdict.STANDING, True: Verdict.COLLAPSED}

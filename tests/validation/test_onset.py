@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.simulation.static_limit import static_limit
+from archfrag.simulation.rest import static_limit
 from tests.validation.scenes import HEIGHT, WIDTH, column, limit_analysis
 
 TOPIC = "Onset of motion"

@@ -14,7 +14,7 @@ from archbench.adapters.drive import Outcome
 from archbench.scene import Scene
 
 # MuJoCo with contact points at corners, which is more accurate than its own between hulls.
-NAMES = ("mujoco_corners", "pymunk", "lmgc90", "siconos", "pinocchio", "kamino")
+NAMES = ("mujoco_corners", "pymunk", "lmgc90", "siconos", "pinocchio")
 MODULE = "archbench.adapters.{}_adapter"
 _START_LIMIT = 900.0  # some compile when they start [s]
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")

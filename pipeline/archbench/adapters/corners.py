@@ -8,11 +8,10 @@ from archbench.scene import Array, Scene
 class Corners:
     """Two contact points at each joint, for solvers that are given theirs.
 
-    `joint`, `before`, `after` are (n_contact,): the joint, and the bodies on both sides of it; the
-    ground is the body after the last. `columns` (n_contact, 6) are those of both bodies in a
-    matrix by (n_body + 1) times 3 positions. `place` (n_body + 1, 2) are centroids at rest, of the
-    ground the origin; `normal` is that of the face of the body before, at rest, `arm_before` and
-    `arm_after` reach from either centroid to the corner, (n_contact, 2) each [m].
+    `joint`, `before`, `after` are (n_contact,): the joint and the bodies on both sides; the ground
+    is the body after the last. `columns` (n_contact, 6) are those of both bodies among all
+    positions. `normal` is that of the face of the body before, `arm_before` and `arm_after` reach
+    from either centroid (`place`) to the corner, (n_contact, 2) each, at rest [m].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -38,11 +37,10 @@ class Corners:
         self.arm_after = corner - self.place[self.after]
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
-        """Gap and slip of each contact [m] at positions `q`, and their derivatives.
+        """Gap and slip of each contact [m], and their derivatives, at positions (n_body, 3).
 
-        Positions (n_body, 3) are displacements and rotations from rest [m], [rad]; values
-        (n_contact, 2) are along the normal of the body before, and across it (anticlockwise);
-        derivatives (n_contact, 2, 6) by the body before, then by the body after.
+        Values (n_contact, 2) are along the normal of the body before, and across it
+        (anticlockwise); derivatives (n_contact, 2, 6) by the body before, then by that after.
         """
         q = np.vstack([q, np.zeros(3)])
         rotation = np.exp(1j * q[:, 2])

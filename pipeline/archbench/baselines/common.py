@@ -76,12 +76,9 @@ def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
 
 
 def integrate(
-    case: Case,
-    advance: Callable[[], object],
-    position: np.ndarray,
-    velocity: np.ndarray,
+    case: Case, advance: Callable[[], object], position: np.ndarray, velocity: np.ndarray,
     from_rest: bool,
-) -> Results:
+) -> Results:  # fmt: skip
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
     while case.state.clock[Clock.CODE] == GO:

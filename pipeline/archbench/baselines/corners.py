@@ -1,20 +1,14 @@
 """A step of contact dynamics with two contacts at each joint, as general codes for bodies have it.
 
-Shared by the two baselines on the velocity level, `gauss_seidel` and `quadratic_programme`. They
-are `archfrag.methods.time_stepping` with equal steps but for the contact problem: a closed joint
-has a contact at each of its corners, each with a normal and a tangential impulse, four unknowns
-where three suffice; and how it is solved.
+Shared by `gauss_seidel` and `quadratic_programme`, which are `archfrag.methods.time_stepping` with
+equal steps but for the contact problem: a closed joint has a contact at each of its corners, each
+with a normal and a tangential impulse, four unknowns where three suffice; and how it is solved.
 
 The scheme is Moreau's (1988, CISM 302; Jean 1999, *Comput. Methods Appl. Mech. Engrg.* 177):
 contacts are looked for half a step after the velocities, and Signorini's law holds on velocities.
 A corner that touches may not approach, one that is open by a gap g may close by no more than g in
-a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic. Jean's theta is
-1/2: for rigid bodies it only sets at which instant of a step positions are looked at.
-
-What that gets wrong: velocities obey the law, positions only follow. Rotation in a step opens or
-closes a touching corner by the square of its angle; an opening heals in the next step, an overlap
-never does, and sticking vertices drift. Where two vertices meet, the contact has one normal,
-halfway between those of the two faces.
+a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic, Jean's theta is
+1/2. Where two vertices meet, the contact has one normal, halfway between those of the two faces.
 """
 
 from typing import NamedTuple
@@ -111,10 +105,7 @@ def pose_corners(case, corners):
 
 @kernel
 def gather_joints(case, corners):
-    """Reactions about the pivots and contact modes from the impulses of a solved step.
-
-    A joint is closed where both corners touch, and slides where all that touch slide alike.
-    """
+    """Reactions about the pivots and contact modes from the impulses of a solved step."""
     work = case.work
     for j in range(work.slide.size):
         for c in range(3):
@@ -137,11 +128,7 @@ def gather_joints(case, corners):
 
 @allocating
 def accept_corners(case, corners, kick, converged):
-    """Make a step whose contact problem is solved, and leave in the clock how it goes on.
-
-    A step whose problem the solver has left unsolved has its residual measured, others now and
-    then.
-    """
+    """Make a step whose contact problem is solved, and leave in the clock how it goes on."""
     model, state, options = case.model, case.state, case.options
     gather_joints(case, corners)
     fallen, broken = accept_recorded(model, state, case.work, kick, options, case.output)

@@ -7,9 +7,8 @@ the corners about which the joints open, bar ``k`` is the vector ``r_k`` from pi
     r_0 + r_1 + r_2 = d        d from the first pin to the last, both fixed to the ground
 
 The one coordinate is the rotation of the first body, ``sense * q``, signed so that the joints open
-for ``q > 0``; at ``q = 0`` the linkage is the arch. For a given q the third pin lies where two
-circles meet, on the side on which it lies in the arch (Oppenheim 1992, Earthquake Engng Struct.
-Dyn. 21(11), 1005-1017). A chain with a free end has one hinge and one body: the rocking block
+for ``q > 0``; at ``q = 0`` the linkage is the arch (Oppenheim 1992). For a given q the third pin
+lies where two circles meet. A chain with a free end has one hinge and one body: the rocking block
 (Housner 1963). Points and vectors of the plane are complex numbers.
 """
 
@@ -43,19 +42,10 @@ def cross(a, b):
 
 
 def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
-    """The linkage of an onset mechanism.
+    """The linkage of an onset mechanism: bits (n_joint,) of `archfrag.mechanics.onset`.
 
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    mechanism : ndarray, (n_joint,) int8
-        Bits of `archfrag.mechanics.onset`: joints that hinge or slide at the limit load.
-
-    Returns
-    -------
-    Linkage or None
-        None where the mechanism is none of a linkage: a joint slides, an arch has not four
-        hinges, a free chain not one, or a joint would have to open about the side it closes on.
+    None if a joint slides, an arch has not four hinges, a free chain not one, or a joint would
+    have to open about the side it closes on.
     """
     n_body, joint = model.mass.size - 2, np.flatnonzero(mechanism)
     free_end = model.friction.size == n_body
@@ -108,20 +98,9 @@ def _propagate(model, linkage, k, pin, moves, angle, spin, state):
 
 @kernel
 def place_linkage(model, linkage, q, speed, state):
-    """Positions and velocities of all voussoirs for a coordinate and its rate.
+    """Positions and velocities of all voussoirs, into `state`, for a coordinate and its rate.
 
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    linkage : Linkage
-    q, speed : float [rad], [rad/s]
-    state : archfrag.mechanics.model.State
-        Positions and velocities are overwritten.
-
-    Returns
-    -------
-    bool
-        False where the bars do not reach: the linkage has been stretched straight before.
+    Returns False where the bars do not reach: the linkage has been stretched straight before.
     """
     rest, sense = linkage.rest, linkage.sense
     for i in range(1, state.position.shape[0] - 1):
@@ -151,25 +130,13 @@ def place_linkage(model, linkage, q, speed, state):
 
 
 def speed_after_impact(mass: np.ndarray, unit: np.ndarray, before: np.ndarray) -> float:
-    """Speed at which a linkage leaves the undeformed shape after an impact there.
+    """Speed at which a linkage leaves the undeformed shape after an impact there [rad/s].
 
     All impulses but those at its pins are inside its three bodies, so that in its own motion the
     momentum gained does no work: the impulse balance of the three bodies, four pin impulses and
     one speed in nine equations, with the impulses eliminated (De Lorenzis, DeJong and Ochsendorf
-    2007, Earthquake Engng Struct. Dyn. 36, 2119-2136).
-
-    Parameters
-    ----------
-    mass : ndarray, (n_body, 3)
-        Masses and inertias of the voussoirs' coordinates.
-    unit : ndarray, (n_body, 3)
-        Velocities at the undeformed shape by the linkage after the impact at unit speed.
-    before : ndarray, (n_body, 3)
-        Velocities before the impact.
-
-    Returns
-    -------
-    float
-        [rad/s]; not positive where the mechanism would have to close.
+    2007, Earthquake Engng Struct. Dyn. 36, 2119-2136). All arrays are (n_body, 3): masses and
+    inertias, velocities of the new linkage at unit speed, and velocities before the impact. The
+    speed is not positive where the mechanism would have to close.
     """
     return float((mass * unit * before).sum() / (mass * unit * unit).sum())

@@ -3,32 +3,22 @@
 The model of Oppenheim (1992, *Earthquake Engng Struct. Dyn.* 21(11), 1005-1017), Clemente (1998,
 ibid. 27(5), 513-522) and De Lorenzis, DeJong and Ochsendorf (2007, ibid. 36(14), 2119-2136):
 
-- At rest until the ground acceleration leaves the range of rest. Limit analysis at that limit
-  gives which four hinges open; they stay for as long as the arch moves in that direction.
-- Then three bodies, four pins, one angle (`archbench.baselines.four_bars`). Its acceleration and
-  the reactions at all joints are those of the contact problem with the modes of the linkage; it
-  is integrated by the classical method of Runge and Kutta with equal steps.
+- At rest until the ground acceleration leaves the range of rest. Limit analysis there gives which
+  four hinges open; they stay for as long as the arch moves in that direction.
+- Then three bodies, four pins, one angle (`archbench.baselines.four_bars`), integrated by the
+  classical method of Runge and Kutta with equal steps. Its acceleration and the reactions at all
+  joints are those of the contact problem with the modes of the linkage.
 - Where the linkage returns to its undeformed shape all joints close, and the hinges jump to those
-  of limit analysis in the other direction: in a symmetric arch the mirror image. Balance of
-  impulse for the three bodies of the new linkage gives its speed. It goes on, or rests when that
-  speed is negligible and the body force lies inside the range of rest.
+  of limit analysis in the other direction, at the speed that the balance of impulse gives. The
+  arch rests when that speed is negligible and the body force lies inside the range of rest.
 - Collapse is where it cannot recover: three pins in a row have come into line (`STRAIGHT`), a
   joint has rotated by 90 degrees, or a pin would need a tensile force on a linkage that opens
-  beyond its unstable equilibrium (Signorini loss). Tension before that is counted as a loss of
-  contact, and the pin holds.
+  beyond its unstable equilibrium. Tension before that counts as a loss of contact; the pin holds.
 
-A chain with a free end moves about one hinge: for a single block this is Housner's (1963) rocking
-block with his impact. Where the onset mechanism is no linkage, because a joint slides in it, or
-where an initial state is none of a linkage's, the run ends as ``Status.NOT_APPLICABLE``.
-
-What the method gets wrong: hinges do not choose their joints by the load of the moment, nor split,
-nor wander; no joint slides once it moves; after an impact, where many joints of an arch move, the
-motion is projected on one mechanism, which throws energy away on the unsafe side. For Oppenheim's
-arch (radius 10 m, thickness 1.5 m, 157.5 degrees, 7 voussoirs, friction 0.7) one rectangular pulse
-of 0.5, 0.7, 1.0 g must last 0.662, 0.375, 0.232 s for collapse, 3 to 6 % longer than with all
-voussoirs; under +a for 0.3 s and then -a/2 for 0.6 s it collapses from 1.596 g, all voussoirs from
-0.6805 g. The contact laws at closed joints are not looked at while it moves; the residual that a
-response reports is how far they are broken, and pins hold where they would need a tensile force.
+A chain with a free end moves about one hinge, as Housner's (1963) block. If a joint slides in the
+onset mechanism, or an initial state is none of a linkage's, the run is ``NOT_APPLICABLE``. The
+contact laws at closed joints are not looked at while it moves; the residual of the response is
+how far they are broken. `docs/evidence.md` says what the method gets wrong.
 """
 
 from typing import NamedTuple
@@ -47,12 +37,13 @@ from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import Grounds, end_rest
+from archfrag.mechanics.ground import Grounds, end_rest, one_of, segment_at
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import NO_LIMIT, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods.common import AT_END, EXHAUSTED, FALLEN, GO, IDLE, log_change, write_frame
+from archfrag.methods.event_driven.phases import balance_energy
 from archfrag.methods.time_stepping.service import dominant_change, measure_state
 from archfrag.methods.time_stepping.step import count_changes, record_motion
 
@@ -76,13 +67,6 @@ OF_CLOSING, OF_ROTATION, OF_COLLAPSE = 0, 1, 2
 ROOT = 1e-13
 
 
-class Ground(NamedTuple):
-    """Ground acceleration where its slope changes; zero from the last instant but one on."""
-
-    time: np.ndarray  # (n_kink,) [s]
-    wave: np.ndarray  # (n_kink, 2) x, y [m/s2]
-
-
 class Motion(NamedTuple):
     """The one coordinate of a linkage."""
 
@@ -93,30 +77,18 @@ class Motion(NamedTuple):
     fell: np.ndarray  # (2,) joint and mode that are nearest to collapse
 
 
-def ground_of(grounds: Grounds, factor: float, end: float) -> Ground:
-    """A ground motion without the samples at which its slope does not change."""
-    wave = factor * np.stack([grounds.horizontal, grounds.vertical], axis=1)
-    kinks, dt = np.unique([0, *grounds.next_break]), grounds.time_step[0]
-    time = np.append(kinks * dt, [kinks[-1] * dt, end + 1.0])
-    return Ground(time, np.concatenate([wave[kinks], np.zeros((2, 2))]))
-
-
 @kernel
-def shake_at(ground, time, shake):
+def shake_at(grounds, time, shake):
     """Acceleration and its rate at an instant, into `shake`; until when they hold [s]."""
-    i = np.searchsorted(ground.time, time, "right") - 1
-    span = ground.time[i + 1] - ground.time[i]
-    for c in range(2):
-        shake[1, c] = (ground.wave[i + 1, c] - ground.wave[i, c]) / span
-        shake[0, c] = ground.wave[i, c] + (time - ground.time[i]) * shake[1, c]
-    return ground.time[i + 1]
+    segment = segment_at(time, grounds)
+    shake[0, 0], shake[1, 0] = segment.x, segment.slope_x
+    shake[0, 1], shake[1, 1] = segment.y, segment.slope_y
+    return segment.end
 
 
 @kernel
 def accelerate(case, linkage, motion, q, speed, late):
-    """Accelerations of all voussoirs and reactions at all joints, into ``case.work``.
-
-    Returns acceleration, power.
+    """Accelerations of all voussoirs and reactions, into ``case.work``; acceleration, power.
 
     The contact problem with the linkage's modes; what rotation takes from the relative
     accelerations of the corners (the centripetal terms of Eqs 17 and 18) is its bias.
@@ -279,19 +251,6 @@ def write_due(case, linkage, motion, step):
     _go_to(case, linkage, motion, step)
 
 
-@kernel
-def balance_energy(case):
-    """What of the present energy no law explains [J]."""
-    kinetic, potential = energies_of(case.model, case.state)
-    energy = case.state.energy
-    balance_error = (
-        kinetic - energy[Energy.START_KINETIC] + potential - case.state.clock[Clock.START]
-    )
-    balance_error -= energy[Energy.GROUND] + energy[Energy.IMPACT]
-    energy[Energy.BALANCE_ERROR] = balance_error
-    energy[Energy.BALANCE_ERROR_PEAK] = max(energy[Energy.BALANCE_ERROR_PEAK], abs(balance_error))
-
-
 @allocating
 def _accept(case, linkage, motion, step):
     """Take the end of a step over; peaks, energies and tension there, now and then the
@@ -301,7 +260,7 @@ def _accept(case, linkage, motion, step):
     state.energy[Energy.GROUND] += then[2]
     now[0], now[1], now[2] = then[0], then[1], 0.0
     record_motion(case.model, state, True)
-    balance_energy(case)
+    balance_energy(case.model, case.state)
     tensile = 1.0 if _weakest_pin(case, linkage)[1] < 0.0 else 0.0
     state.count[Count.LOSSES] += max(tensile - motion.tensile[0], 0.0)
     motion.tensile[0] = tensile
@@ -311,14 +270,14 @@ def _accept(case, linkage, motion, step):
 
 
 @allocating
-def move(case, linkage, motion, ground, largest, stop, most):
+def move(case, linkage, motion, grounds, largest, stop, most):
     """Integrate a linkage until it closes, collapses or time is up; returns the code."""
     clock, motion.tensile[0] = case.state.clock, 0.0
     while clock[Clock.TIME] < stop:
         if case.state.count[Count.STEPS] >= most:
             return EXHAUSTED
         time = clock[Clock.TIME]
-        end = min(shake_at(ground, time, motion.shake), stop)
+        end = min(shake_at(grounds, time, motion.shake), stop)
         cuts = time + 1.001 * largest >= end
         step, code = end_of_step(case, linkage, motion, end - time if cuts else largest)
         write_due(case, linkage, motion, step)
@@ -356,7 +315,7 @@ class Run:
         self.now = np.zeros(3)
         self.motion = Motion(self.now, np.zeros(3), np.zeros((2, 2)), np.zeros(1), np.zeros(2))
         self.stop = (grounds.horizontal.size - 1) * self.dt + options.follow
-        self.ground = ground_of(grounds, factor, self.stop)
+        self.ground = one_of(grounds, 0, factor)
         model, work = case.model, case.work
         self.unit = float(np.sqrt(model.length.min() / model.gravity))
         self.step = min(STEP * options.tolerance**0.25, LONGEST) * self.unit
@@ -462,7 +421,7 @@ class Run:
         """What the run has ended in."""
         self.clock[Clock.CODE] = IDLE if code == NOT_APPLICABLE else code
         results = finish(self.case, position, velocity)
-        balance_energy(self.case)
+        balance_energy(self.case.model, self.state)
         results.energy[0] = self.state.energy
         results.model_time[0, FOUR_HINGES] = results.end_time[0] - self.clock[Clock.RESTING]
         if code == NOT_APPLICABLE:
@@ -475,16 +434,9 @@ class Run:
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Results:  # fmt: skip
     """Move a chain on four hinges; as `archfrag.methods.time_stepping.front.run`.
 
     Frames at rest have no reactions.

@@ -1,12 +1,11 @@
 """Non-smooth contact dynamics: contacts relaxed one by one by block Gauss-Seidel sweeps.
 
-What LMGC90 does (Moreau 1988, CISM 302, 1-82; Jean 1999, *Comput. Methods Appl. Mech. Engrg.* 177,
-235-257; Dubois, Acary and Jean 2018, *C. R. Mecanique* 346, 247-262; Acary and Brogliato 2008,
+What LMGC90 does (Moreau 1988; Jean 1999; Dubois, Acary and Jean 2018; Acary and Brogliato 2008,
 *Numerical Methods for Nonsmooth Dynamical Systems*, chapter 13): two contacts at each joint
-(`step`), each solved exactly for given impulses at all others, in sweeps over the chain
-to and fro, from the impulses of the step before. A step ends when a sweep changes the impulses by
-less than `sweep_tolerance`, in the norm that the Delassus operator of each contact gives, or at
-`sweeps` sweeps: then it counts as unconverged, and the run goes on, as those codes do.
+(`corners`), each solved exactly for given impulses at all others, in sweeps to and fro over the
+chain. A step ends when a sweep changes the impulses by less than `sweep_tolerance`, in the norm
+that the Delassus operator of each contact gives, or at `sweeps` sweeps: then it counts as
+unconverged, and the run goes on, as those codes do.
 """
 
 import math
@@ -14,12 +13,7 @@ import math
 import numpy as np
 
 from archbench.baselines.common import integrate
-from archbench.baselines.corners import (
-    accept_corners,
-    corner_case,
-    new_corners,
-    pose_corners,
-)
+from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.ground import Grounds
 from archfrag.mechanics.model import Clock
@@ -145,18 +139,10 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-    sweep_tolerance: float,
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
     sweeps: float,
-) -> Results:
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))

@@ -6,36 +6,14 @@ Min. Sci.* 25, as in UDEC; reviewed for masonry by Lemos 2007, *Int. J. Archit. 
 used for arches by De Lorenzis, DeJong and Ochsendorf 2007, *Earthq. Eng. Struct. Dyn.* 36).
 The step is a part of the critical one, found from the highest frequency of the joints all closed.
 
-Damping is Rayleigh's or Cundall's local one. By default it is proportional to stiffness only: a
-mass-proportional or local one also brakes motion as rigid bodies, which nothing in dry masonry
-does, and the dashpots stand for what impacts dissipate (Vlachakis and others 2021, *J. Eng.
-Mech.* 147(11)); the price is a smaller critical step. A chain at rest is first brought to static
-equilibrium on its springs, so that the weight comes without a jolt; the energy balance starts
-there. There is no rest test in the record: every step is computed. After it, the chain stands
-once no body has been faster than 1e-3 of the root of gravity times joint length for a second;
-elastic ringing below that is rest.
-
-In the energy balance, the elastic energy belongs to the potential one, and what dashpots and the
-other damping take stands under impacts. A run whose balance is off by half of the largest kinetic
-energy has diverged, and has no verdict.
-
-What it gets wrong, measured on the arch of validation A (7 voussoirs; tp 0.3 s) at default damping
-and step, for stiffnesses of 1e9, 1e10, 1e11 and 1e12 Pa/m; rigid voussoirs by time stepping:
-
-- Joints that give make the early motion too large: the keystone's displacement under 0.5 g at
-  0.4 s, before any impact, by 61, 20, 6.4 and 2.3 %, as the root of stiffness.
-- Collapse starts at 0.69, 0.70, 0.67 and 0.67 g (rigid: 0.68), but verdicts are not monotone (at
-  1e10 Pa/m it stands again at 0.72 and 0.73 g), and damping shifts them: 0.65 to 0.72 g at
-  1e10 Pa/m for 0.1 to 1.0. With tp 0.5 s: 0.43, 0.43, 0.44 and 0.44 g (rigid: 0.44).
-- Impacts bounce: after the first one of a block at 1e10 Pa/m (validation, section 3) the amplitude
-  is 0.445, 0.429 and 0.421 of alpha at 0.01, 0.3 and 1.0 of critical damping; Housner 0.4202.
-  Strong dashpots on soft joints brake the rocking itself (0.30 at 1e7 Pa/m and 1.0).
-- Little damped joints ring after impacts, and friction, not impacts, dissipates what they hold.
-- A contact that closes within a step makes or loses energy, of second order in the step: 5, 1.6,
-  0.5, 0.1 and 0.03 % of the largest kinetic one at 0.8, 0.5, 0.25, 0.1 and 0.05 of the critical
-  step. Hence the default of a quarter; without damping, contacts that open and close are
-  unstable just below the critical step already.
-- The depth is taken to be 1 m, as a chain does not know it.
+Damping is proportional to stiffness: one proportional to mass also brakes motion as rigid bodies,
+which nothing in dry masonry does, and the dashpots stand for what impacts dissipate (Vlachakis and
+others 2021, *J. Eng. Mech.* 147(11)). A chain at rest is first brought to static equilibrium on
+its springs; the energy balance starts there. Every step of the record is computed. After it, the
+chain stands once no body has been faster than 1e-3 of the root of gravity times joint length for a
+second. In the energy balance, the elastic energy belongs to the potential one, and what dashpots
+take stands under impacts. The depth counts as 1 m, as a chain does not know it.
+`docs/evidence.md` says what the method gets wrong.
 """
 
 import numpy as np
@@ -96,22 +74,13 @@ def pose_springs(case, springs):
     kick = kick_between(case.grounds, state.clock, time, time + step)
     go_to_middle(model, state, work, step)
     press_joints(model, state, work, springs, step)
-    half = 0.5 * step * springs.mass_rate
-    lost = 0.0
     for i in range(1, state.position.shape[0] - 1):
         fall = kick.y + step * model.gravity
         for c in range(3):
             mass = model.inertia[i] if c == 2 else model.mass[i]
             outer = kick.x if c == 0 else (fall if c == 1 else 0.0)
             impulse = step * springs.total[i, c] - mass * outer
-            # Cundall's local damping opposes motion by a part of the force.
-            speed, brake = state.velocity[i, c], springs.local_damping * abs(impulse)
-            damped = impulse - np.sign(speed) * brake
-            solved = ((1.0 - half) * speed + damped / mass) / (1.0 + half)
-            mean = 0.5 * (speed + solved)
-            lost += (damped - impulse - 2.0 * half * mass * mean) * mean
-            work.solved[i, c] = solved
-    springs.sums[Sum.DAMPING] += lost
+            work.solved[i, c] = state.velocity[i, c] + impulse / mass
     return kick
 
 
@@ -134,9 +103,7 @@ def gather_reactions(case, springs, span):
 
 @kernel
 def balance_energy(case, springs, kick):
-    """Bring the energy balance up to the middle of the next step.
-
-    Returns whether by the balance this is still a motion, and not a divergence.
+    """Bring the energy balance up to the middle of the next step; False if the run diverges.
 
     The kinetic energy is that which central differences conserve with the elastic one: half the
     mass times the velocities before and after.
@@ -279,30 +246,14 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-    stiffness: float,
-    shear_ratio: float,
-    damping_stiffness: float,
-    damping_mass: float,
-    damping_frequency: float,
-    local_damping: float,
-    step_fraction: float,
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+    stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
     rounding: float,
-) -> Results:
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
 
-    The settings are those of `archbench.baselines`; the depth counts as 1 m, as a chain
-    knows its masses but not its depth. Where the chain is not at rest, springs take up the weight
-    in the first instants. ``options.max_steps`` counts steps of its size; smaller ones are
-    allowed as many more.
+    ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
     """
     case = case_of(chain, grounds, factor, False, options, frames, log)
     model, state, work = case.model, case.state, case.work
@@ -311,11 +262,7 @@ def run(
     start(case, position, velocity, False)
     springs = new_springs(model, stiffness, shear_ratio, rounding)
     frequency = highest_frequency(model, state, work, springs)
-    springs = springs._replace(
-        damping=2.0 * damping_stiffness / frequency,
-        mass_rate=4.0 * np.pi * damping_mass * damping_frequency,
-        local_damping=local_damping,
-    )
+    springs = springs._replace(damping=2.0 * damping_stiffness / frequency)
     clock, nominal = state.clock, options.time_step
     until = (grounds.horizontal.size - 1) * grounds.time_step[0] + options.follow
     elastic = np.nan

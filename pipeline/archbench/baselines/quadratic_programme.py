@@ -9,25 +9,13 @@ reactions, in the metric of the masses (Gauss's principle). With two contacts at
 
     minimise (w - w_free) M (w - w_free)   with   u_n + b +- mu u_t >= 0   at every corner,
 
-two linear inequalities a corner in the plane. Coulomb's cone of reactions is exact; the price is
-that slip has a part mu times its size normal to the joint, as under the associated flow rule of
-limit analysis (Anitescu 2006, *Math. Program.* 105, 113-143, uses it knowingly). Where friction is
-infinite a corner that touches gets u_n + b >= 0 and u_t = 0; one that closes in the step gets both
-in a second pass.
+two linear inequalities a corner in the plane. Coulomb's cone of reactions is exact; slip has a
+part mu times its size normal to the joint, as under the associated flow rule (Anitescu 2006,
+*Math. Program.* 105, 113-143). Where friction is infinite a corner that touches gets u_n + b >= 0
+and u_t = 0; one that closes in the step gets both in a second pass.
 
-What it gets wrong, as measured:
-
-- Slip lifts. A block pushed along the ground hovers at mu times its slip in one step (0.235 mm at
-  0.59 m/s, mu 0.4, 1 ms): an error of first order in the step. A contact that slides fast from one
-  instant to the next, as after an impact, is thrown: a block set off at v leaves the ground at
-  mu v / (1 + mu^2), 6.1 mm high for 1 m/s and mu 0.4, whatever the step, and 12 % of its energy
-  has no law to explain it. Coulomb's law then fails by the full velocity.
-- Where little slides the difference is small but shows: on the arch of `gauss_seidel` with 7
-  voussoirs nothing slides, and its verdicts are the same; with 27 and 81 the largest displacement
-  is 1 % and 4 % off what Gauss-Seidel converges to, the contact laws by 0.02 to 0.03.
-- Impacts are of first order in the step, and verdicts near collapse follow the step, as there.
-
-It costs 11 to 12.5 iterations of the solver a step whatever the number of voussoirs.
+`docs/evidence.md` says what the method gets wrong. It costs 11 to 12.5 iterations of the solver a
+step whatever the number of voussoirs.
 """
 
 from typing import Any
@@ -35,12 +23,7 @@ from typing import Any
 import numpy as np
 
 from archbench.baselines.common import Case, integrate
-from archbench.baselines.corners import (
-    accept_corners,
-    corner_case,
-    new_corners,
-    pose_corners,
-)
+from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.mechanics.ground import Grounds, Kick
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
@@ -198,17 +181,9 @@ class Programme:
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-    solver_tolerance: float,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog, solver_tolerance: float,
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)

@@ -1,11 +1,9 @@
 """Joints of penalty springs: their forces, their stiffness and its highest frequency.
 
-Each joint has a contact at either corner, with a normal and a shear spring (Cundall and Strack
-1979; Cundall 1988, *Int. J. Rock Mech. Min. Sci.* 25, 107-116; Lemos 2007, *Int. J. Archit.
-Heritage* 1, 190-213). A corner touches where the later face overlaps the earlier one, vertex on
-face as in Eqs 23a and 23b. Where two vertices meet, their normals differ; over a short slip, the
-rounding of UDEC's corners, one passes into the other, so that the force has no jump there. Unlike
-UDEC's arcs, this rounding does not draw the hinge inwards.
+Each joint has a contact at either corner, with a normal and a shear spring. A corner touches where
+the later face overlaps the earlier one, vertex on face as in Eqs 23a and 23b. Where two vertices
+meet, their normals differ; over a short slip, the rounding of UDEC's corners, one passes into the
+other, so that the force has no jump there.
 """
 
 import math
@@ -25,7 +23,7 @@ class Sum(IntEnum):
 
     ELASTIC = 0  # energy in the springs now [J]
     FRICTION = 1  # work of sliding since it was recorded last [J]
-    DAMPING = 2  # work of dashpots, mass-proportional and local damping since then [J]
+    DAMPING = 2  # work of dashpots since then [J]
 
 
 class Springs(NamedTuple):
@@ -35,8 +33,6 @@ class Springs(NamedTuple):
     shear_stiffness: np.ndarray  # (n_joint,) [N/m]
     rounding: np.ndarray  # (n_joint,) slip over which the normal rotates [m]
     damping: float  # dashpots over springs [s]
-    mass_rate: float  # mass-proportional damping force over momentum [1/s]
-    local_damping: float  # part of the unbalanced force that opposes each motion
     shear: np.ndarray  # (n_joint, 2) force of the shear spring on the later body [N]
     dashpot: np.ndarray  # (n_joint, 2, 2) normal and shear forces of the dashpots [N]
     force: np.ndarray  # (n_joint, 2, 2) on the later body at each corner [N]
@@ -54,8 +50,6 @@ def new_springs(model: Model, stiffness: float, shear_ratio: float, rounding: fl
         shear_stiffness=0.5 * stiffness * shear_ratio * model.length,
         rounding=rounding * model.length,
         damping=0.0,
-        mass_rate=0.0,
-        local_damping=0.0,
         shear=np.zeros((n_joint, 2)),
         dashpot=np.zeros((n_joint, 2, 2)),
         force=np.zeros((n_joint, 2, 2)),

@@ -1,5 +1,4 @@
 """The slow twin: the paper's formulas in plain numpy, named and numbered as in the paper.
 
-The kernels of `archfrag.mechanics` are tested against them, and the site's pages of the method
-draw with them. A physicist reads here first; nothing of archfrag imports it.
+The kernels of `archfrag.mechanics` are tested against them; the site's pages draw with them.
 """

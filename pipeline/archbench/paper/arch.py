@@ -47,17 +47,10 @@ def full_motion(
 ) -> tuple[Array, Array]:
     """Motion of all voussoirs, and multipliers, for given contact modes (Eqs 26, 27).
 
-    The rows' velocities vanish with their bias; the columns' reactions see to it. Rows are eased
-    by a part of their own compliance, which chooses among reactions that are not unique.
-
-    Parameters
-    ----------
-    inverse : array, (3 n,)
-        Inverse masses and inertias.
-    row, column : array, (k, 3 n)
-    bias : array, (k,)
-    free : array, (3 n,)
-        Velocities or accelerations without reactions.
+    The rows' velocities (k, 3 n) vanish with their bias; the columns' reactions see to it. `free`
+    are velocities or accelerations without reactions (3 n,), `inverse` the inverse masses and
+    inertias. Rows are eased by a part of their own compliance, which chooses among reactions that
+    are not unique.
     """
     operator = row * inverse @ column.T
     operator += ease * np.diag(np.einsum("ak,k,ak->a", row, inverse, row))
@@ -117,15 +110,8 @@ def middle_reactions(
     The paper's first level: reactions without power on the middle body (Eq 30) point at its
     rotation centre (Eq 31) and balance it (Eqs 29, 32) in the plane across its motion (Eq 33).
     This holds where the outer bodies have no mass; their weight and inertia add parts along the
-    velocities of C12 and C23.
-
-    Parameters
-    ----------
-    mass, inertia, centroid
-        Of the middle body.
-    hinge : array, (4, 2)
-    acceleration, free : array, (3,)
-        Of the middle body, with reactions and without.
+    velocities of C12 and C23. All arguments but the hinges are the middle body's; `acceleration`
+    is with reactions, `free` without.
     """
     root = np.sqrt([mass, mass, inertia])
     lines = hinge[[0, 3]] - hinge[[1, 2]]

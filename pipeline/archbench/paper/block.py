@@ -271,19 +271,9 @@ def contact_problem(
     """The motion that obeys all laws, of a block on its base or about a corner (Eqs 12 to 21).
 
     Starting motion, motion and impact are one problem: S, or the velocity before an impact
-    (Eq 21), and the reactions that the laws add to it. Every mechanism is tried.
-
-    Parameters
-    ----------
-    block : RigidBlock
-    active : array, (3,)
-    friction, slip : float
-        `slip` of the contact in progress along t [m/s]; 0 if there is none, and for an impact.
-    side : int
-        The corner in contact; 0: the base.
-    rotation : float [rad]
-    projections : array, (2,)
-        As for `sticking_reaction`.
+    (Eq 21), and the reactions that the laws add to it. Every mechanism is tried. `slip` is that of
+    the contact in progress along t [m/s], 0 if there is none and for an impact; `side` is the
+    corner in contact, 0 for the base; `projections` are as for `sticking_reaction`.
     """
     corners = (side,) if side else (CORNER_A, CORNER_B)
     gaps = [gradient(block, corner_arm(block, each, rotation))[1] @ active for each in corners]

@@ -30,25 +30,24 @@ def number(
     value: ArrayLike,
     unit: str = "m",
     *,
-    below: float = math.inf,
-    at_most: float = math.inf,
-    at_least: float | None = None,
+    bounds: tuple[float, float] = (0.0, math.inf),
+    closed: bool = False,
     note: str = "",
 ) -> float:
-    """One finite number greater than zero and inside the bounds that are given."""
-    space = f" {unit}" if unit else ""
-    floor = f"greater than 0{space}" if at_least is None else f"at least {at_least:.9g}{space}"
-    less = f" and less than {below:.9g}{space}" if math.isfinite(below) else ""
-    most = f" and at most {at_most:.9g}{space}" if math.isfinite(at_most) else ""
-    allowed = f"a finite number {floor}{less}{most}" + (f" ({note})" if note else "")
+    """One finite number inside bounds, which are allowed themselves if `closed`."""
+    words = ("at least", "at most") if closed else ("greater than", "less than")
+    limits = [f"{word} {bound:.9g} {unit}".rstrip() for word, bound in zip(words, bounds)]
+    allowed = "a finite number " + " and ".join(limits[: 1 + math.isfinite(bounds[1])])
+    allowed += f" ({note})" if note else ""
     array = _real_array(name, value, allowed)
     if array.ndim != 0:
         shown = reprlib.repr(value)
         raise GeometryError(f"{name} = {shown} is not a single number; it must be {allowed}")
     given = float(array)
-    above = given > 0.0 if at_least is None else given >= at_least
-    if not (math.isfinite(given) and above and given < below and given <= at_most):
-        raise GeometryError(f"{name} = {given}{space} is impossible; it must be {allowed}")
+    inside = bounds[0] < given < bounds[1] or (closed and given in bounds)
+    if not (inside and math.isfinite(given)):
+        shown = f"{given} {unit}".rstrip()
+        raise GeometryError(f"{name} = {shown} is impossible; it must be {allowed}")
     if unit == "m" and not SMALLEST <= given <= LARGEST:
         raise GeometryError(
             f"{name} = {given} m is no size of a structure; it must be between {SMALLEST:g} m and "

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch.outlines import Drawing, with_arcs
+from archfrag.arch.polygons import Blocks
 from archfrag.errors import GeometryError, from_extra
 from archfrag.files import make_folder, read_bytes, replacing
 
@@ -29,7 +29,7 @@ _IGNORED = {
 }  # fmt: skip
 
 
-def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Drawing:
+def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Blocks:
     """Read the blocks of a DXF drawing, text or binary; `layer` and `unit` as in `Arch.from_dxf`.
 
     Raises
@@ -40,8 +40,8 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
     document = _document(Path(path))
     entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]
     layer = _layer_of(entities, layer, path)
-    scale = _scale(document, unit, path)
-    found, corners = Drawing([], [], [], []), 0
+    scale, _ = _unit(unit, document.header.get("$INSUNITS", 0), path)
+    found, corners = Blocks([], [], [], []), 0
     for entity in entities:
         kind = entity.dxftype()
         if entity.dxf.layer.casefold() != layer.casefold() or kind in _IGNORED:
@@ -108,24 +108,19 @@ def _layer_of(entities: list[Any], layer: str | None, path: str | Path) -> str:
     return layer
 
 
-def _scale(document: Any, unit: str | None, path: str | Path) -> float:
-    """Length of a drawing's unit [m]."""
-    if unit is not None:
-        return _unit(unit)[0]
-    code = document.header.get("$INSUNITS", 0)
-    for length, number in UNITS.values():
-        if number == code:
-            return length
+def _unit(name: str | None, code: int, path: str | Path) -> tuple[float, int]:
+    """Row of `UNITS` by its name, or by a drawing's code if there is none."""
+    listed = ", ".join(UNITS)
+    if name is not None:
+        if name not in UNITS:
+            raise GeometryError(f"unit = {name!r} must be one of {listed}")
+        return UNITS[name]
+    for row in UNITS.values():
+        if row[1] == code:
+            return row
     raise GeometryError(
-        f"{path}: does not state its unit ($INSUNITS = {code}); give it as one of "
-        f"{', '.join(UNITS)}"
+        f"{path}: does not state its unit ($INSUNITS = {code}); give it as one of {listed}"
     )
-
-
-def _unit(name: str) -> tuple[float, int]:
-    if name not in UNITS:
-        raise GeometryError(f"unit = {name!r} must be one of {', '.join(UNITS)}")
-    return UNITS[name]
 
 
 def _outline(entity: Any, name: str, scale: float) -> FloatArray:
@@ -173,16 +168,11 @@ def write_dxf(
 ) -> None:
     """Write blocks as closed polylines and what they stand on as lines; see `Arch.to_dxf`.
 
-    Parameters
-    ----------
-    outlines : sequence of (m, 3) or (m, 2) ndarray
-        Corners x, y [m] and bulge, or points of straight-sided blocks.
-    ground : sequence of (2, 2) ndarray
-    arcs : bool
-        Whether the points are those of annular sectors, whose arcs are then drawn as arcs.
+    Outlines ``(m, 3)`` are corners x, y [m] and bulge; ``(m, 2)`` are points of straight-sided
+    blocks, or with `arcs` of annular sectors, whose arcs are then drawn as arcs.
     """
     ezdxf = from_extra("ezdxf", "drawing")
-    scale, code = _unit(unit)
+    scale, code = _unit(unit, 0, path)
     # The same arch makes the same bytes, without times and random identifiers.
     before = ezdxf.options.write_fixed_meta_data_for_testing
     ezdxf.options.write_fixed_meta_data_for_testing = True
@@ -193,7 +183,7 @@ def write_dxf(
         for outline in outlines:
             full = np.zeros((len(outline), 3))
             full[:, : outline.shape[1]] = outline
-            points = ((with_arcs(outline) if arcs else full) / [scale, scale, 1.0]).tolist()
+            points = ((_with_arcs(outline) if arcs else full) / [scale, scale, 1.0]).tolist()
             space.add_lwpolyline(points, format="xyb", close=True, dxfattribs=attributes)
         for line in ground:
             start, end = (line / scale).tolist()
@@ -211,3 +201,15 @@ def write_dxf(
     make_folder(place.parent)
     with replacing(place) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _with_arcs(points: FloatArray) -> FloatArray:
+    """Outline ``(4, 3)`` of an annular sector, from points on its intrados, then its extrados."""
+    half = len(points) // 2
+    corners = points[[0, half - 1, half, -1]]
+    sides = corners[[3, 2]] - corners[[0, 1]]
+    angle = np.arctan2(
+        sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0], (sides[0] * sides[1]).sum()
+    )
+    bulge = np.tan(-0.25 * (-angle % (2.0 * np.pi)))  # clockwise over the crown
+    return np.column_stack([corners, [bulge, 0.0, -bulge, 0.0]])

@@ -1,4 +1,8 @@
-"""Exact area, centroid and polar second moment of polygons and annular sectors."""
+"""Plane figures: exact sections of polygons, annular sectors and outlines, and points on them.
+
+An outline is an array ``(m, 3)`` of corners x, y [m] and bulge: the tangent of a quarter of the
+angle of the arc to the next corner, positive anticlockwise, 0 for a straight side (as in DXF).
+"""
 
 import math
 from typing import NamedTuple
@@ -6,26 +10,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+FloatArray = NDArray[np.float64]
+SHORTEST = 10.0  # joint, in tolerances
+_NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
+
 
 class Section(NamedTuple):
     """What a plane figure of unit density and unit depth is to a rigid body."""
 
     area: float  # [m2]
-    centroid: NDArray[np.float64]  # (2,) [m]
+    centroid: FloatArray  # (2,) [m]
     polar: float  # polar second moment of area about the centroid [m4]
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """z of the cross product of plane vectors ``(..., 2)``."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def place_text(point: NDArray[np.float64]) -> str:
+def place_text(point: FloatArray) -> str:
     """A point ``(2,)`` in messages [m]."""
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
-def polygon_section(corners: NDArray[np.float64]) -> Section:
+def polygon_section(corners: FloatArray) -> Section:
     """Section of a simple polygon, by Green's theorem.
 
     With the corners x_i taken from a point near the figure and c_i = x_i × x_{i+1},
@@ -49,7 +57,7 @@ def polygon_section(corners: NDArray[np.float64]) -> Section:
 
 
 def sector_section(
-    centre: NDArray[np.float64], radius: float, thickness: float, start: float, end: float
+    centre: FloatArray, radius: float, thickness: float, start: float, end: float
 ) -> Section:
     """Section of an annular sector.
 
@@ -84,18 +92,132 @@ def _one_minus_sinc(angle: float) -> float:
     return total
 
 
-def arc(
-    centre: NDArray[np.float64], radius: float, start: float, end: float
-) -> NDArray[np.float64]:
+def arc(centre: FloatArray, radius: float, start: float, end: float) -> FloatArray:
     """Points ``(m, 2)`` on a circular arc, at most one degree apart, both ends included [m]."""
     steps = max(2, math.ceil(abs(end - start) / math.radians(1.0)))
     angle = np.linspace(start, end, steps + 1)
     return centre + radius * np.column_stack([np.sin(angle), np.cos(angle)])
 
 
-def middle_of(line: NDArray[np.float64]) -> NDArray[np.float64]:
+def middle_of(line: FloatArray) -> FloatArray:
     """Point ``(2,)`` in the middle of a polyline ``(m, 2)`` [m]."""
     length = np.hypot(*np.diff(line, axis=0).T)
     travelled = np.concatenate([[0.0], np.cumsum(length)])
     half = 0.5 * travelled[-1]
     return np.array([np.interp(half, travelled, line[:, axis]) for axis in (0, 1)])
+
+
+def outline_section(outline: FloatArray) -> Section:
+    """Section of an outline, arcs exactly: Green's theorem, Gauss-Legendre along each arc.
+
+    With c = x dy - y dx about a point near the figure, A = ∮ c/2, G = ∮ r c/(3A), J = ∮ r² c/4.
+    """
+    if not outline[:, 2].any():
+        return polygon_section(outline[:, :2])
+    origin = outline[:, :2].mean(axis=0)
+    corners = outline[:, :2] - origin
+    chord = np.roll(corners, -1, axis=0) - corners
+    half = 2.0 * np.arctan(outline[:, 2:])  # of an arc's angle
+    # The point at the part s of an arc is the corner + chord * sin(h s)/sin(h), rotated by h(s-1).
+    part = 0.5 * (_NODE + 1.0)
+    flat = half == 0.0
+    safe = np.where(flat, 1.0, half)
+    length = np.where(flat, part, np.sin(safe * part) / np.sin(safe))
+    rate = np.where(flat, 1.0, safe / np.sin(safe))
+    point = corners[:, None] + length[..., None] * rotated(chord, half * (part - 1.0))
+    slope = rate[..., None] * rotated(chord, half * (2.0 * part - 1.0))
+    weight = 0.5 * _WEIGHT * cross(point, slope)
+    area = 0.5 * weight.sum()
+    shift = (weight[..., None] * point).sum(axis=(0, 1)) / (3.0 * area)
+    point -= shift
+    weight = 0.5 * _WEIGHT * cross(point, slope)
+    polar = 0.25 * (weight * (point**2).sum(axis=2)).sum()
+    return Section(abs(area), origin + shift, abs(polar))
+
+
+def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors ``(m, 2)`` rotated by angles ``(m, k)``, ``(m, k, 2)``."""
+    x, y = vector[:, :1], vector[:, 1:]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=2)
+
+
+def sampled(outline: FloatArray) -> FloatArray:
+    """Points ``(k, 2)`` of an outline, on its arcs at most one degree apart."""
+    points = []
+    for start, end in zip(outline, np.roll(outline, -1, axis=0)):
+        half = 2.0 * math.atan(start[2])
+        steps = 1 if half == 0.0 else 2 * max(1, math.ceil(abs(math.degrees(half))))
+        part = np.arange(steps) / steps
+        length = part if half == 0.0 else np.sin(half * part) / math.sin(half)
+        chord = (end - start)[None, :2]
+        points.append(start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0])
+    return np.concatenate(points)
+
+
+def anticlockwise(outline: FloatArray) -> FloatArray:
+    """The outline in anticlockwise order."""
+    points = sampled(outline)
+    if cross(points, np.roll(points, -1, axis=0)).sum() > 0.0:
+        return outline
+    reverse = outline[::-1].copy()
+    reverse[:, 2] = -np.roll(reverse[:, 2], -1)
+    return reverse
+
+
+def places_along(outline: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
+
+    Third, the length of all chords.
+    """
+    start = outline[:, :2]
+    chord = np.roll(start, -1, axis=0) - start
+    length = np.hypot(*chord.T)
+    along = np.concatenate([[0.0], np.cumsum(length)])
+    places = []
+    for point in points:
+        part = np.clip(((point - start) * chord).sum(1) / (chord**2).sum(1), 0.0, 1.0)
+        off = np.hypot(*(start + part[:, None] * chord - point).T)
+        off[outline[:, 2] != 0.0] += off.max() + 1.0
+        side = int(np.argmin(off))
+        places.append(along[side] + part[side] * np.hypot(*chord[side]))
+    return along[:-1], np.array(places), float(along[-1])
+
+
+def common_part(edge: FloatArray, other: FloatArray, tolerance: float) -> FloatArray | None:
+    """What two edges of one direction have in common, along the first; None if nothing."""
+    length = float(np.hypot(*(edge[1] - edge[0])))
+    unit = (edge[1] - edge[0]) / length
+    place = (other - edge[0]) @ unit
+    if min(length, place[1]) - max(0.0, place[0]) < SHORTEST * tolerance:
+        return None
+
+    def foot(line: FloatArray, point: FloatArray) -> FloatArray:
+        step = line[1] - line[0]
+        return line[0] + ((point - line[0]) @ step) / (step @ step) * step
+
+    ends = []
+    # How far each end of the other lies inside the edge.
+    for k, inside in ((0, place[0]), (1, length - place[1])):
+        if abs(inside) <= tolerance:
+            ends.append((edge[k], other[k]))
+        elif inside > 0.0:
+            ends.append((other[k], foot(edge, other[k])))
+        else:
+            ends.append((edge[k], foot(other, edge[k])))
+    if any(np.hypot(*(one - two)) > tolerance for one, two in ends):
+        return None
+    return np.array([0.5 * (one + two) for one, two in ends])
+
+
+def one_line(parts: list[FloatArray], tolerance: float) -> FloatArray | None:
+    """From end to end of segments of one direction; None if they are not on one line."""
+    if len(parts) == 1:
+        return parts[0]
+    points = np.concatenate(parts)
+    unit = parts[0][1] - parts[0][0]
+    unit /= np.hypot(*unit)
+    place = (points - points[0]) @ unit
+    ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
+    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))))
+    return ends if off.max() <= 2.0 * tolerance else None

@@ -5,29 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.assemble import fields_of, plain
-from archfrag.arch.profiles import JointLines, catenary, ellipse, normal_lines, pointed_lines
-from archfrag.arch.ring import Ring, circular_ring, straight_ring
+from archfrag.arch.ring import (
+    JointLines,
+    Ring,
+    catenary,
+    chain_of,
+    circular_ring,
+    ellipse,
+    normal_lines,
+    pointed_lines,
+    straight_ring,
+)
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
-
-if TYPE_CHECKING:
-    from archfrag.arch.outlines import Drawing
-
-# Rise over span, least and largest, and what a message calls them. Below 1e-6 rounding shows.
-_RISES = {
-    "segmental": (1e-6, 0.5, "1e-6 x span and half the span"),
-    "pointed": (0.5, math.inf, "half the span"),
-    "elliptic": (1e-6, math.inf, "1e-6 x span"),
-    "catenary": (1e-6, math.inf, "1e-6 x span"),
-}
 
 
 class Material(TypedDict, total=False):
@@ -36,6 +34,89 @@ class Material(TypedDict, total=False):
     density: float
     depth: float
     dead_load: ArrayLike | None
+
+
+# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows) and what a
+# message calls them; joint lines, of a segmental arch none; and the docstring of the constructor.
+_OVER_SPAN: dict[str, tuple[float, float, str, Any, str]] = {
+    "segmental": (1e-6, 0.5, "1e-6 x span and half the span", None, ""),
+    "pointed": (
+        0.5, math.inf, "half the span", pointed_lines,
+        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
+
+        Joints are radial to their arc. A joint at the crown is vertical and longer than the
+        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
+        The parameters are those of `segmental`; the rise is at least half the span.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+        <Arch pointed: 12 voussoirs, 13 joints>
+        """,
+    ),
+    "elliptic": (
+        1e-6, math.inf, "1e-6 x span", partial(normal_lines, ellipse),
+        """Build the upper half of an ellipse, flat or tall, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`; span and rise are the horizontal axis and half the vertical one.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
+        <Arch elliptic: 11 voussoirs, 12 joints>
+        """,
+    ),
+    "catenary": (
+        1e-6, math.inf, "1e-6 x span", partial(normal_lines, catenary),
+        """Build a hanging chain upside down, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
+        >>> af.onset(arch).stands
+        True
+        """,
+    ),
+}  # fmt: skip
+
+
+def _over_span(profile: str) -> classmethod[Arch, ..., Arch]:
+    """Constructor of a profile of `_OVER_SPAN`."""
+    *_, lines, text = _OVER_SPAN[profile]
+
+    def build(
+        cls: type[Arch], span: float, rise: float, thickness: float, voussoirs: int,
+        friction: ArrayLike, *, joints: ArrayLike | None = None, **material: Unpack[Material],
+    ) -> Arch:  # fmt: skip
+        shape, position = _checked_span(profile, span, rise, thickness, voussoirs, joints)
+        ring = straight_ring(lines(shape, position))
+        given = {**shape, "voussoirs": len(position) - 1, "joints": _plain(joints)}
+        return cls(**_fields(profile, given, ring, friction, **material))
+
+    build.__name__, build.__qualname__, build.__doc__ = profile, f"Arch.{profile}", text
+    return classmethod(build)
+
+
+def _checked_span(
+    profile: str, span: float, rise: float, thickness: float, voussoirs: int,
+    joints: ArrayLike | None,
+) -> tuple[dict[str, float], NDArray[np.float64]]:  # fmt: skip
+    """Checked span, rise and thickness, and positions of the joints as parts of the length."""
+    least, most, note, *_ = _OVER_SPAN[profile]
+    span = checks.number("span", span)
+    bounds = least * span, most * span
+    rise = checks.number("rise", rise, bounds=bounds, closed=True, note=note)
+    thickness = checks.number("thickness", thickness)
+    voussoirs = checks.count("voussoirs", voussoirs)
+    position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
+    return {"span": span, "rise": rise, "thickness": thickness}, position
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,17 +201,10 @@ class Arch:
 
     @classmethod
     def circular(
-        cls,
-        radius: float,
-        thickness: float,
-        embrace: float,
-        voussoirs: int,
-        friction: ArrayLike,
-        *,
-        sector: bool = True,
-        joints: ArrayLike | None = None,
+        cls, radius: float, thickness: float, embrace: float, voussoirs: int,
+        friction: ArrayLike, *, sector: bool = True, joints: ArrayLike | None = None,
         **material: Unpack[Material],
-    ) -> Arch:
+    ) -> Arch:  # fmt: skip
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
         Parameters
@@ -154,28 +228,21 @@ class Arch:
         82467
         """
         radius = checks.number("radius", radius)
-        thickness = checks.number("thickness", thickness, below=2.0 * radius, note="2 x radius")
-        embrace = checks.number("embrace", embrace, "degrees", below=360.0)
+        bounds = 0.0, 2.0 * radius
+        thickness = checks.number("thickness", thickness, bounds=bounds, note="2 x radius")
+        embrace = checks.number("embrace", embrace, "degrees", bounds=(0.0, 360.0))
         voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, embrace, "degrees")
-        angle = np.radians(position)
+        angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
         ring = circular_ring(np.zeros(2), radius, thickness, angle, checks.flag("sector", sector))
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        return cls._ready_made("circular", shape, ring, joints, friction, material, sector)
+        given = {"voussoirs": voussoirs, "sector": bool(sector), "joints": _plain(joints)}
+        return cls(**_fields("circular", {**shape, **given}, ring, friction, **material))
 
     @classmethod
     def segmental(
-        cls,
-        span: float,
-        rise: float,
-        thickness: float,
-        voussoirs: int,
-        friction: ArrayLike,
-        *,
-        sector: bool = True,
-        joints: ArrayLike | None = None,
-        **material: Unpack[Material],
-    ) -> Arch:
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, sector: bool = True, joints: ArrayLike | None = None, **material: Unpack[Material],
+    ) -> Arch:  # fmt: skip
         """Build a circular arch of at most a semicircle from its span and rise.
 
         Parameters
@@ -194,115 +261,32 @@ class Arch:
         >>> af.onset(bridge).stands
         True
         """
-        shape, position = _spanned("segmental", span, rise, thickness, voussoirs, joints)
+        shape, position = _checked_span("segmental", span, rise, thickness, voussoirs, joints)
         span, rise, thickness = shape.values()
         radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
         note = "2 x radius of the centre line"
-        checks.number("thickness", thickness, below=2.0 * radius, note=note)
+        checks.number("thickness", thickness, bounds=(0.0, 2.0 * radius), note=note)
         angle = 4.0 * math.atan2(2.0 * rise, span) * position
         centre = np.array([0.0, rise - radius])
         ring = circular_ring(centre, radius, thickness, angle, checks.flag("sector", sector))
-        return cls._ready_made("segmental", shape, ring, joints, friction, material, sector)
+        given = {"voussoirs": len(angle) - 1, "sector": bool(sector), "joints": _plain(joints)}
+        return cls(**_fields("segmental", {**shape, **given}, ring, friction, **material))
 
-    @classmethod
-    def pointed(
-        cls,
-        span: float,
-        rise: float,
-        thickness: float,
-        voussoirs: int,
-        friction: ArrayLike,
-        *,
-        joints: ArrayLike | None = None,
-        **material: Unpack[Material],
-    ) -> Arch:
-        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
-
-        Joints are radial to their arc. A joint at the crown is vertical and longer than the
-        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
-        The parameters are those of `segmental`; the rise is at least half the span.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> gothic = af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
-        >>> gothic
-        <Arch pointed: 12 voussoirs, 13 joints>
-        """
-        shape, position = _spanned("pointed", span, rise, thickness, voussoirs, joints)
-        ring = straight_ring(pointed_lines(shape, position))
-        return cls._ready_made("pointed", shape, ring, joints, friction, material)
-
-    @classmethod
-    def elliptic(
-        cls,
-        span: float,
-        rise: float,
-        thickness: float,
-        voussoirs: int,
-        friction: ArrayLike,
-        *,
-        joints: ArrayLike | None = None,
-        **material: Unpack[Material],
-    ) -> Arch:
-        """Build the upper half of an ellipse, flat or tall, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`; span and rise are the horizontal axis and half the vertical one.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> arch = af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
-        >>> arch.n_joint
-        12
-        """
-        shape, position = _spanned("elliptic", span, rise, thickness, voussoirs, joints)
-        ring = straight_ring(normal_lines(ellipse, shape, position))
-        return cls._ready_made("elliptic", shape, ring, joints, friction, material)
-
-    @classmethod
-    def catenary(
-        cls,
-        span: float,
-        rise: float,
-        thickness: float,
-        voussoirs: int,
-        friction: ArrayLike,
-        *,
-        joints: ArrayLike | None = None,
-        **material: Unpack[Material],
-    ) -> Arch:
-        """Build a hanging chain upside down, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
-        >>> af.onset(arch).stands
-        True
-        """
-        shape, position = _spanned("catenary", span, rise, thickness, voussoirs, joints)
-        ring = straight_ring(normal_lines(catenary, shape, position))
-        return cls._ready_made("catenary", shape, ring, joints, friction, material)
+    pointed = _over_span("pointed")
+    elliptic = _over_span("elliptic")
+    catenary = _over_span("catenary")
 
     @classmethod
     def from_joints(
-        cls,
-        intrados: ArrayLike,
-        extrados: ArrayLike,
-        friction: ArrayLike,
-        *,
-        free_end: bool = False,
-        **material: Unpack[Material],
-    ) -> Arch:
+        cls, intrados: ArrayLike, extrados: ArrayLike, friction: ArrayLike, *,
+        free_end: bool = False, **material: Unpack[Material],
+    ) -> Arch:  # fmt: skip
         """Build a straight-sided chain of any profile from the ends of its joints.
 
         You may list the joints from either end and take either side for the intrados: the names
-        stay yours (see `flipped` and `corner_name`).
+        stay yours (see `flipped` and `corner_name`). `GeometryError` also if corners coincide,
+        joints cross, a voussoir is not a convex quadrilateral, the chain doubles back, or two
+        voussoirs overlap.
 
         Parameters
         ----------
@@ -316,12 +300,6 @@ class Arch:
             is then its free face and no joint.
         **material
             See `Arch`.
-
-        Raises
-        ------
-        GeometryError
-            Also if corners coincide, joints cross, a voussoir is not a convex quadrilateral, the
-            chain doubles back, or two voussoirs overlap.
 
         Examples
         --------
@@ -344,22 +322,18 @@ class Arch:
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = straight_ring(JointLines(inner, outer))
-        return cls(**fields_of("from_joints", shape, ring, friction, free_end, **material))
+        return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))
 
     @classmethod
     def from_polygons(
-        cls,
-        outlines: Sequence[ArrayLike],
-        friction: ArrayLike,
-        *,
-        ground: Sequence[ArrayLike] = (),
-        thickness_factor: float = 1.0,
-        tolerance: float | None = None,
-        **material: Unpack[Material],
-    ) -> Arch:
+        cls, outlines: Sequence[ArrayLike], friction: ArrayLike, *,
+        ground: Sequence[ArrayLike] = (), thickness_factor: float = 1.0,
+        tolerance: float | None = None, **material: Unpack[Material],
+    ) -> Arch:  # fmt: skip
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
-        It needs the extra `drawing`.
+        It needs the extra `drawing`. `GeometryError` also if an outline crosses itself, two
+        overlap, or they do not form one chain.
 
         Parameters
         ----------
@@ -377,42 +351,31 @@ class Arch:
         tolerance : float, optional
             Within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
 
-        Raises
-        ------
-        GeometryError
-            If an outline crosses itself, two overlap, or they do not form one chain.
-
         Examples
         --------
         >>> import archfrag as af
         >>> plinth = [(-0.5, 0), (0.5, 0), (0.5, 0.3), (-0.5, 0.3)]
         >>> shaft = [(-0.2, 0.3), (0.2, 0.3), (0.2, 2.3), (-0.2, 2.3)]
-        >>> column = af.Arch.from_polygons(
-        ...     [shaft, plinth], friction=0.8, ground=[[(-0.5, 0), (0.5, 0)]]
-        ... )
+        >>> ground = [[(-0.5, 0), (0.5, 0)]]
+        >>> column = af.Arch.from_polygons([shaft, plinth], friction=0.8, ground=ground)
         >>> column.n_joint, round(af.onset(column).plus, 3)
         (2, 0.2)
         """
-        from archfrag.arch.outlines import Drawing
+        from archfrag.arch.polygons import Blocks, polygon_shape
 
-        drawn = Drawing.from_points(outlines, ground)
-        return cls._drawn(drawn, friction, thickness_factor, tolerance, material)
+        drawn = Blocks.from_points(outlines, ground)
+        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
 
     @classmethod
     def from_dxf(
-        cls,
-        path: str | Path,
-        friction: ArrayLike,
-        *,
-        layer: str | None = None,
-        unit: str | None = None,
-        thickness_factor: float = 1.0,
-        tolerance: float | None = None,
+        cls, path: str | Path, friction: ArrayLike, *, layer: str | None = None,
+        unit: str | None = None, thickness_factor: float = 1.0, tolerance: float | None = None,
         **material: Unpack[Material],
-    ) -> Arch:
-        """Build a chain from the blocks of a DXF drawing.
+    ) -> Arch:  # fmt: skip
+        """Build a chain from the blocks of a DXF drawing; it needs the extra `drawing`.
 
-        It needs the extra `drawing`.
+        `GeometryError` names file, layer and handle of an entity that is no block or does not fit.
 
         Parameters
         ----------
@@ -426,11 +389,6 @@ class Arch:
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
 
-        Raises
-        ------
-        GeometryError
-            Naming file, layer and handle of an entity that is no block or does not fit.
-
         Examples
         --------
         >>> import archfrag as af, tempfile, pathlib
@@ -441,28 +399,18 @@ class Arch:
         True
         """
         from archfrag.arch.drawing import read_drawing
-
-        drawn = read_drawing(path, layer, unit)
-        return cls._drawn(drawn, friction, thickness_factor, tolerance, material)
-
-    @classmethod
-    def _drawn(
-        cls,
-        drawn: Drawing,
-        friction: ArrayLike,
-        thickness_factor: float,
-        tolerance: float | None,
-        material: Material,
-    ) -> Arch:
         from archfrag.arch.polygons import polygon_shape
 
+        drawn = read_drawing(path, layer, unit)
         shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**fields_of("polygons", shape, ring, friction, free_end, **material))
+        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
 
     def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
         """Write the blocks as closed polylines and their edges on the ground as lines.
 
-        It needs the extra `drawing`.
+        `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
+        load, which no drawing holds. Intrados and extrados are then as seen from outside of the
+        arch. Recesses are not drawn. It needs the extra `drawing`.
 
         Parameters
         ----------
@@ -479,12 +427,6 @@ class Arch:
             If there is no such unit, or a layer cannot have this name.
         OutputError
             If the file cannot be written.
-
-        Notes
-        -----
-        `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
-        load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn.
         """
         from archfrag.arch.drawing import write_dxf
 
@@ -502,17 +444,13 @@ class Arch:
 
         Bodies keep their masses, inertias, centroids and outlines, for only mortar or a splinter
         is lost. Both faces of a joint are recessed alike, so that a closed joint stays closed.
+        `GeometryError` if a depth is negative or nothing of a joint is left.
 
         Parameters
         ----------
         intrados, extrados : float or (n_joint,) array_like
             Depth from the joint's end at the intrados or extrados, along the joint, over which it
             transmits nothing [m]; one for all joints or one for each.
-
-        Raises
-        ------
-        GeometryError
-            If a depth is negative or nothing of a joint is left.
 
         Examples
         --------
@@ -544,28 +482,10 @@ class Arch:
             face_before=np.ascontiguousarray(self.chain.face_before + corner),
             face_after=np.ascontiguousarray(self.chain.face_after + corner),
         )
-        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
+        recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
         changed = {"chain": chain, "intrados": ends[0], "extrados": ends[1]}
         given = {**self.parameters, "recess": recess}
         return Arch(**{**vars(self), **changed, "parameters": given})
-
-    @classmethod
-    def _ready_made(
-        cls,
-        profile: str,
-        shape: dict[str, float],
-        ring: Ring,
-        joints: ArrayLike | None,
-        friction: ArrayLike,
-        material: Material,
-        sector: bool | None = None,
-    ) -> Arch:
-        """Arch of a ready-made profile; `sector` is None where it is no choice."""
-        given: dict[str, Any] = {**shape, "voussoirs": len(ring.voussoirs)}
-        if sector is not None:
-            given["sector"] = bool(sector)
-        given["joints"] = plain(joints)
-        return cls(**fields_of(profile, given, ring, friction, **material))
 
 
 class Block(Arch):
@@ -578,17 +498,8 @@ class Block(Arch):
     ----------
     width, height : float
         Sides [m].
-    friction : float
-        Coulomb coefficient of the base; inf: the limit of large friction.
-    density : float
-        [kg/m3].
-    depth : float
-        Across the plane [m].
-
-    Raises
-    ------
-    GeometryError
-        Naming the parameter, its value and what is allowed.
+    friction, density, depth
+        See `Arch`.
 
     Examples
     --------
@@ -598,35 +509,49 @@ class Block(Arch):
     """
 
     def __init__(
-        self,
-        width: float,
-        height: float,
-        friction: ArrayLike,
-        density: float = 2000.0,
+        self, width: float, height: float, friction: ArrayLike, density: float = 2000.0,
         depth: float = 1.0,
-    ) -> None:
+    ) -> None:  # fmt: skip
         width, height = checks.number("width", width), checks.number("height", height)
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
         ring = straight_ring(JointLines(right, right * [-1.0, 1.0]))
-        fields = fields_of(
-            "block", {"width": width, "height": height}, ring, friction, True, density, depth
-        )
-        super().__init__(**fields)
+        shape = {"width": width, "height": height}
+        super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
 
 
-def _spanned(
-    profile: str,
-    span: float,
-    rise: float,
-    thickness: float,
-    voussoirs: int,
-    joints: ArrayLike | None,
-) -> tuple[dict[str, float], NDArray[np.float64]]:
-    """Checked span, rise and thickness, and positions of the joints as parts of the length."""
-    least, most, note = _RISES[profile]
-    span = checks.number("span", span)
-    rise = checks.number("rise", rise, at_least=least * span, at_most=most * span, note=note)
-    thickness = checks.number("thickness", thickness)
-    voussoirs = checks.count("voussoirs", voussoirs)
-    position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
-    return {"span": span, "rise": rise, "thickness": thickness}, position
+def _fields(
+    profile: str, shape: dict[str, Any], ring: Ring, friction: ArrayLike, free_end: bool = False,
+    density: float = 2000.0, depth: float = 1.0, dead_load: ArrayLike | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here."""
+    n_voussoir = len(ring.outlines)
+    n_joint = n_voussoir if free_end else n_voussoir + 1
+    coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
+    load = 0.0 if dead_load is None else dead_load
+    weight = checks.shared_or_each("dead_load", load, n_voussoir, "voussoir", "N")
+    density = checks.number("density", density, "kg/m3")
+    depth = checks.number("depth", depth)
+    matter = {"friction": _plain(friction), "density": density, "depth": depth}
+    if profile != "block":
+        matter["dead_load"] = _plain(dead_load)
+    return {
+        "chain": chain_of(ring, coefficient, density * depth, weight),
+        "intrados": ring.lines.intrados,
+        "extrados": ring.lines.extrados,
+        "outlines": tuple(ring.outlines),
+        "free_end": free_end,
+        "flipped": ring.sense < 0,
+        "parameters": {"profile": profile, **shape, **matter},
+    }
+
+
+def _plain(value: ArrayLike | None) -> Any:
+    """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
+    if value is None:
+        return None
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    listed = np.asarray(value, dtype=float).tolist()
+    if isinstance(listed, list):
+        return _plain(listed)
+    return "inf" if math.isinf(listed) else listed

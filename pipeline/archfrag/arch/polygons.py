@@ -1,50 +1,78 @@
 """Chains from simple polygons: edges that two blocks share become joints. It needs shapely."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.geometry import cross, place_text
-from archfrag.arch.outlines import (
-    TOLERANCE,
-    Drawing,
+from archfrag.arch.geometry import (
     anticlockwise,
-    back_middle,
+    common_part,
+    cross,
+    middle_of,
+    one_line,
     outline_section,
+    place_text,
     places_along,
     sampled,
-    sides_of,
-    stretched,
 )
-from archfrag.arch.profiles import JointLines
-from archfrag.arch.ring import Ring, Voussoir
+from archfrag.arch.ring import JointLines, Ring
 from archfrag.errors import GeometryError, from_extra
 
 FloatArray = NDArray[np.float64]
-SHORTEST = 10.0  # joint, in tolerances
+TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
+_SMOOTH = math.radians(30.0)  # corners of a smaller angle are inside a side, as of a drawn arc
 _Segment = FloatArray  # (2, 2): end, xy
 
 
 @dataclass
-class _Polygons:
-    """Blocks on the way to a chain."""
+class Blocks:
+    """Blocks and the lines on which they stand [m], with their names for messages."""
 
-    drawn: Drawing  # its outlines anticlockwise
-    tolerance: float
-    # Of each block: the other blocks with the joint, along its own edges.
+    outlines: list[FloatArray]  # (m, 3) each: corners x, y and bulge
+    ground: list[_Segment]  # none where ends stand opposite to their joints
+    names: list[str]  # of the blocks
+    ground_names: list[str]
+    tolerance: float = 0.0  # within which corners and edges are the same [m]
+    # On the way to a chain, of each block: the other blocks with the joint, along its own edges.
     joints: list[dict[int, _Segment]] = field(default_factory=list)
     standing: dict[int, _Segment] = field(default_factory=dict)
 
+    @classmethod
+    def from_points(cls, outlines: Sequence[Any], ground: Sequence[Any]) -> Self:
+        """Blocks and lines that a user gives as lists of points, checked."""
+        names = [f"outlines[{i}]" for i in range(len(outlines))]
+        lines = [f"ground[{i}]" for i in range(len(ground))]
+        return cls(
+            [_checked_corners(rows, name, 3) for rows, name in zip(outlines, names)],
+            [_checked_corners(rows, name, 2)[:, :2] for rows, name in zip(ground, lines)],
+            names,
+            lines,
+        )
+
     def refuse(self, block: int, text: str) -> NoReturn:
-        raise GeometryError(f"{self.drawn.names[block]} {text}")
+        raise GeometryError(f"{self.names[block]} {text}")
+
+
+def _checked_corners(rows: Any, name: str, widest: int) -> FloatArray:
+    """Corners ``(m, 3)`` from x, y or x, y, bulge, without repeated ones."""
+    why = "points (x, y), or (x, y, bulge) for a side that is an arc"
+    corners = checks.points(name, rows, 2, why, widest)
+    full = np.zeros((len(corners), 3))
+    full[:, : corners.shape[1]] = corners
+    apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0
+    if apart.sum() < 2:
+        raise GeometryError(f"{name} has no length: all its points coincide")
+    return full[apart]
 
 
 def polygon_shape(
-    drawn: Drawing, tolerance: float | None, thickness_factor: float
+    drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[dict[str, Any], Ring, bool]:
     """Outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
     factor = checks.number("thickness_factor", thickness_factor, "")
@@ -52,36 +80,58 @@ def polygon_shape(
         tolerance = checks.number("tolerance", tolerance)
     ring, placed, free = polygon_ring(drawn, tolerance)
     if factor != 1.0:
-        placed, lines = stretched(placed, ring, factor), _ends(ring, free)
-        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in lines]
-        ring, placed, free = polygon_ring(Drawing.from_points(placed, lines), tolerance)
+        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0))
+                 for line in _ends(ring, free)]  # fmt: skip
+        thicker = Blocks.from_points(_stretched(placed, ring, factor), lines)
+        ring, placed, free = polygon_ring(thicker, tolerance)
     ground = [line.tolist() for line in _ends(ring, free)]
     return {"outlines": [outline.tolist() for outline in placed], "ground": ground}, ring, free
 
 
 def _ends(ring: Ring, free: bool) -> list[_Segment]:
     """Lines on which the ends of a ring stand."""
-    ends = (0,) if free else (0, len(ring.voussoirs))
+    ends = (0,) if free else (0, len(ring.outlines))
     return [np.array([side[k] for side in ring.lines[:2]]) for k in ends]
 
 
+def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:
+    """Outlines whose joints are longer by a factor about their middles; sides follow evenly.
+
+    Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
+    """
+    middle = 0.5 * (ring.lines.intrados + ring.lines.extrados)
+    tolerance = 2.0 * TOLERANCE * float(np.hypot(*np.ptp(np.concatenate(ring.lines[:2]), axis=0)))
+    result = []
+    for i, outline in enumerate(outlines):
+        ends = np.array([side[k] for k in (i, i + 1) for side in ring.lines[:2]])
+        moves = (factor - 1.0) * (ends - np.repeat(middle[i : i + 2], 2, axis=0))
+        apart = np.hypot(*(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
+        if apart.max() > tolerance:
+            raise GeometryError(
+                f"thickness_factor = {factor:g} is impossible: voussoir {i} is wider than one of "
+                "its joints; every joint must reach across both of its voussoirs"
+            )
+        along, places, total = places_along(outline, ends)
+        moved = outline.copy()
+        for axis in (0, 1):
+            moved[:, axis] += np.interp(along, places, moves[:, axis], period=total)
+        result.append(moved)
+    return result
+
+
 def polygon_ring(
-    drawn: Drawing, tolerance: float | None = None
+    drawn: Blocks, tolerance: float | None = None
 ) -> tuple[Ring, list[FloatArray], bool]:
     """Ring of blocks in any order: joints are the edges that two have in common.
 
-    Parameters
-    ----------
-    drawn : archfrag.arch.outlines.Drawing
-    tolerance : float, optional
-        Within which corners and edges are the same [m]; `TOLERANCE` of the size if not given.
+    It runs from the end that stands further left, or up from the ground if one end is free.
+    `tolerance` [m] is `TOLERANCE` of the size if not given.
 
     Returns
     -------
     ring : Ring
-        From the end that stands further left; up from the ground where one end is free.
     outlines : list of (m, 3) ndarray
-        In that order, anticlockwise.
+        In the ring's order, anticlockwise.
     free_end : bool
 
     Raises
@@ -96,9 +146,11 @@ def polygon_ring(
         )
     every = np.concatenate([outline[:, :2] for outline in outlines])
     size = float(np.hypot(*np.ptp(every, axis=0)))
-    given = _Polygons(
-        replace(drawn, outlines=[anticlockwise(outline) for outline in outlines]),
-        TOLERANCE * size if tolerance is None else tolerance,
+    given = replace(
+        drawn,
+        outlines=[anticlockwise(outline) for outline in outlines],
+        tolerance=TOLERANCE * size if tolerance is None else tolerance,
+        standing={},
     )
     _check_simple(given)
     _find_joints(given)
@@ -107,27 +159,38 @@ def polygon_ring(
     segments = [given.standing[order[0]]]
     segments += [given.joints[after][before] for before, after in pairwise(order)]
     # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
-    lines = [segment[::-1] for segment in segments]
+    ends = [segment[::-1] for segment in segments]
     last = order[-1]
-    lines.append(_far_side(given, last, lines[-1]) if free else given.standing[last])
-    ends = np.array(lines)
-    chain = JointLines(ends[:, 0].copy(), ends[:, 1].copy())
-    placed = [given.drawn.outlines[block] for block in order]
+    ends.append(_far_side(given, last, ends[-1]) if free else given.standing[last])
+    intrados, extrados = (np.array([end[k] for end in ends]) for k in (0, 1))
     for place, block in enumerate(order[: len(order) - free]):
-        for side in chain[:2]:
+        for side in (intrados, extrados):
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
                 given.refuse(block, f"has two joints that meet at {place_text(side[place])}")
-    figures = [
-        Voussoir(outline_section(outline), sampled(outline), back_middle(outline, chain, i))
-        for i, outline in enumerate(placed)
-    ]
-    return Ring(figures, chain, 1), placed, free
+    placed = [given.outlines[block] for block in order]
+    ring = Ring(
+        JointLines(intrados, extrados), 1, [outline_section(outline) for outline in placed],
+        [sampled(outline) for outline in placed],
+        [_back_middle(outline, *extrados[i : i + 2]) for i, outline in enumerate(placed)],
+    )  # fmt: skip
+    return ring, placed, free
 
 
-def _check_simple(given: _Polygons) -> None:
+def _back_middle(outline: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
+    """Middle of the side between the extrados ends of a voussoir's two joints ``(2,)``."""
+    points = sampled(outline)
+    closed = np.column_stack([points, np.zeros(len(points))])
+    # Anticlockwise the back runs from the second joint to the first.
+    along, (start, end), total = places_along(closed, np.array([second, first]))
+    inside = (along - start) % total < (end - start) % total
+    inner = points[inside][np.argsort((along[inside] - start) % total)]
+    return middle_of(np.vstack([second, inner, first]))
+
+
+def _check_simple(given: Blocks) -> None:
     """Refuse outlines that cross themselves, have no area, or overlap."""
     shapely = from_extra("shapely", "drawing")
-    points = [sampled(outline) for outline in given.drawn.outlines]
+    points = [sampled(outline) for outline in given.outlines]
     shapes = np.array([shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points])
     least = given.tolerance
     for block, shape in enumerate(shapes):
@@ -145,50 +208,50 @@ def _check_simple(given: _Polygons) -> None:
             common = shapely.intersection(shapes[one], shapes[other]).area
             alike = common > 0.999 * max(shapes[one].area, shapes[other].area)
             what = "is the same block as" if alike else f"overlaps by {common:.3g} m2 with"
-            given.refuse(one, f"{what} {given.drawn.names[other]}")
+            given.refuse(one, f"{what} {given.names[other]}")
 
 
-def _find_joints(given: _Polygons) -> None:
+def _find_joints(given: Blocks) -> None:
     """Joints of blocks with each other and with the ground."""
     shapely = from_extra("shapely", "drawing")
-    drawn, count = given.drawn, len(given.drawn.outlines)
-    edges, owner = _straight_edges(drawn)
+    count = len(given.outlines)
+    edges, owner = _straight_edges(given)
     tree = shapely.STRtree(shapely.linestrings(edges))
     shared: dict[tuple[int, int], list[_Segment]] = {}
     near = tree.query(tree.geometries, predicate="dwithin", distance=given.tolerance)
     for one, other in near.T:
         if owner[one] < min(owner[other], count):
-            common = _common(edges[one], edges[other][::-1], given.tolerance)
+            common = common_part(edges[one], edges[other][::-1], given.tolerance)
             if common is not None:
                 shared.setdefault((owner[one], owner[other]), []).append(common)
-    given.joints = [{} for _ in drawn.outlines]
+    given.joints = [{} for _ in given.outlines]
     for (one, other), parts in shared.items():
         if other < count:
-            segment = _one_line(parts, given.tolerance)
+            segment = one_line(parts, given.tolerance)
             if segment is None:
                 given.refuse(
                     one,
-                    f"and {drawn.names[other]} meet along {len(parts)} edges not on one line; a "
+                    f"and {given.names[other]} meet along {len(parts)} edges not on one line; a "
                     "joint must be straight",
                 )
             given.joints[one][other], given.joints[other][one] = segment, segment[::-1]
-    for line, name in enumerate(drawn.ground_names, count):
+    for line, name in enumerate(given.ground_names, count):
         blocks = [one for one, other in shared if other == line]
         if len(blocks) != 1:
-            listed = ", ".join(drawn.names[block] for block in blocks) or "none"
+            listed = ", ".join(given.names[block] for block in blocks) or "none"
             raise GeometryError(
                 f"{name} must be on a straight edge of one block, on which it stands on the "
                 f"ground; it is on edges of: {listed}"
             )
         block = blocks[0]
         before = [given.standing[block]] if block in given.standing else []
-        straight = _one_line(shared[block, line] + before, given.tolerance)
+        straight = one_line(shared[block, line] + before, given.tolerance)
         if straight is None:
             given.refuse(block, f"stands on two lines, {name} the second; it must be one")
         given.standing[block] = straight
 
 
-def _straight_edges(drawn: Drawing) -> tuple[FloatArray, list[int]]:
+def _straight_edges(drawn: Blocks) -> tuple[FloatArray, list[int]]:
     """Straight sides ``(n, 2, 2)`` of blocks along their outlines, then ground lines both ways.
 
     With the block of each, or the number of blocks plus that of the line.
@@ -204,49 +267,9 @@ def _straight_edges(drawn: Drawing) -> tuple[FloatArray, list[int]]:
     return np.concatenate(edges), owner
 
 
-def _common(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
-    """What two edges of one direction have in common, along the first; None if nothing."""
-    length = float(np.hypot(*(edge[1] - edge[0])))
-    unit = (edge[1] - edge[0]) / length
-    place = (other - edge[0]) @ unit
-    if min(length, place[1]) - max(0.0, place[0]) < SHORTEST * tolerance:
-        return None
-    ends = []
-    # How far each end of the other lies inside the edge.
-    for k, inside in ((0, place[0]), (1, length - place[1])):
-        if abs(inside) <= tolerance:
-            ends.append((edge[k], other[k]))
-        elif inside > 0.0:
-            ends.append((other[k], _foot(edge, other[k])))
-        else:
-            ends.append((edge[k], _foot(other, edge[k])))
-    if any(np.hypot(*(one - two)) > tolerance for one, two in ends):
-        return None
-    return np.array([0.5 * (one + two) for one, two in ends])
-
-
-def _foot(line: _Segment, point: FloatArray) -> FloatArray:
-    """Point of a line nearest to a point ``(2,)``."""
-    step = line[1] - line[0]
-    return line[0] + ((point - line[0]) @ step) / (step @ step) * step
-
-
-def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
-    """From end to end of segments of one direction; None if they are not on one line."""
-    if len(parts) == 1:
-        return parts[0]
-    points = np.concatenate(parts)
-    unit = parts[0][1] - parts[0][0]
-    unit /= np.hypot(*unit)
-    place = (points - points[0]) @ unit
-    ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
-    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))))
-    return ends if off.max() <= 2.0 * tolerance else None
-
-
-def _walk(given: _Polygons) -> list[int]:
+def _walk(given: Blocks) -> list[int]:
     """Blocks from one end to the other; adds the lines on which ends stand if none is given."""
-    count, names = len(given.drawn.outlines), given.drawn.names
+    count, names = len(given.outlines), given.names
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
             others = ", ".join(names[other] for other in joints)
@@ -276,47 +299,51 @@ def _walk(given: _Polygons) -> list[int]:
     return order
 
 
-def _refuse_gap(given: _Polygons, order: list[int]) -> NoReturn:
+def _refuse_gap(given: Blocks, order: list[int]) -> NoReturn:
     """Refuse blocks that do not hang together, by the two at the narrowest gap."""
     shapely = from_extra("shapely", "drawing")
-    shapes = [shapely.Polygon(sampled(outline)) for outline in given.drawn.outlines]
+    shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
     apart = set(range(len(shapes))) - set(order)
     gap, one, other = min(
         (shapes[one].distance(shapes[other]), one, other) for one in order for other in apart
     )
-    name = given.drawn.names[other]
-    touching = f"touches {name} but has no edge in common with it"
-    away = f"has no edge in common with {name}, {gap:.3g} m away"
+    name, text = given.names[other], "has no edge in common with {}, {:.3g} m away"
+    if gap <= given.tolerance:
+        text = "touches {} but has no edge in common with it"
     given.refuse(
         one,
-        f"{touching if gap <= given.tolerance else away}; all must form one chain, and edges of "
-        f"neighbours agree to {given.tolerance:.3g} m",
+        f"{text.format(name, gap)}; all must form one chain, and edges of neighbours agree to "
+        f"{given.tolerance:.3g} m",
     )
 
 
-def _opposite(given: _Polygons, block: int, joint: _Segment) -> _Segment:
+def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     """Side of an end block opposite to its joint, which must be one of four and straight."""
-    outline = given.drawn.outlines[block]
-    sides = sides_of(outline)
+    outline = given.outlines[block]
     along, middle, _ = places_along(outline, joint.mean(axis=0)[None])
     here = int(np.searchsorted(along, middle[0], "right")) - 1
-    if len(sides) == 4:
-        own = next(i for i, side in enumerate(sides) if here in side)
-        edges = sides[(own + 2) % 4]
+    chord = np.roll(outline[:, :2], -1, axis=0) - outline[:, :2]
+    heading, half = np.arctan2(chord[:, 1], chord[:, 0]), 2.0 * np.arctan(outline[:, 2])
+    # Between the end of the edge before and the start of this one.
+    angle = (heading - half) - np.roll(heading + half, 1)
+    turns = np.abs((angle + math.pi) % (2.0 * math.pi) - math.pi) > _SMOOTH
+    side = np.cumsum(turns) % max(turns.sum(), 1)  # of each edge: from one corner to the next
+    if turns.sum() == 4:
+        edges = np.flatnonzero(side == (side[here] + 2) % 4)
         pairs = [outline[[edge, (edge + 1) % len(outline)], :2] for edge in edges]
-        straight = None if outline[edges, 2].any() else _one_line(pairs, given.tolerance)
+        straight = None if outline[edges, 2].any() else one_line(pairs, given.tolerance)
         if straight is not None:
             return straight
     given.refuse(
         block,
-        f"is an end of the chain and has {len(sides)} sides, of which none is straight and "
+        f"is an end of the chain and has {turns.sum()} sides, of which none is straight and "
         "opposite to its joint; a LINE must show the edge it stands on",
     )
 
 
-def _far_side(given: _Polygons, block: int, joint: _Segment) -> _Segment:
+def _far_side(given: Blocks, block: int, joint: _Segment) -> _Segment:
     """Edge of a free end that is farthest from the line of its joint, intrados first."""
-    corners = given.drawn.outlines[block][:, :2]
+    corners = given.outlines[block][:, :2]
     edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
     return edges[int(np.argmax(away))]

@@ -1,11 +1,19 @@
-"""From joint lines to voussoirs, and the refusal of rings that cannot be built."""
+"""From a profile to joint lines, from these to voussoirs, and to the chain that they are.
 
+Ready-made centre lines have their springings at height 0 and their crown at x = 0. Their joints
+are placed by the fraction of the centre line's length, counted from the crown: −1/2 at the left
+springing, +1/2 at the right one.
+"""
+
+import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.geometry import (
     Section,
     arc,
@@ -15,49 +23,175 @@ from archfrag.arch.geometry import (
     polygon_section,
     sector_section,
 )
-from archfrag.arch.profiles import JointLines
 from archfrag.errors import GeometryError
+from archfrag.mechanics.types import Chain
 
+FloatArray = NDArray[np.float64]
+# Points of a centre line (n_joint, 2) [m], and its unit normals there, away from the intrados.
+CentreLine = tuple[FloatArray, FloatArray]
 # Corners closer than this part of the ring's size, or sides that differ by a smaller
 # angle [rad], are taken for a slip of the user's.
 _TOLERANCE = 1e-9
 
 
-class Voussoir(NamedTuple):
-    """Plane figure of one body."""
+class JointLines(NamedTuple):
+    """Lines across a ring, from left to right; all are joints but one at `apex`, if any."""
 
-    section: Section
-    outline: NDArray[np.float64]  # (m, 2) intrados, then extrados backwards; not closed [m]
-    back: NDArray[np.float64]  # (2,) middle of the back, where its dead load sits [m]
+    intrados: FloatArray  # (n_line, 2) [m]
+    extrados: FloatArray  # (n_line, 2) [m]
+    apex: int = -1  # index of the line at a pointed crown that is no joint
 
 
 class Ring(NamedTuple):
     """Voussoirs between joint lines."""
 
-    voussoirs: list[Voussoir]
     lines: JointLines
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
+    sections: list[Section]
+    outlines: list[FloatArray]  # (m, 2) each: intrados, then extrados backwards; not closed [m]
+    backs: list[FloatArray]  # (2,) each: middle of the back, where its dead load sits [m]
+
+
+def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
+    """Upper half of an ellipse.
+
+    With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
+    a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import ellipeinc
+
+    a, b, right = 0.5 * span, rise, 0.5 * math.pi
+    parameter = 1.0 - (b / a) ** 2
+    quarter = float(ellipeinc(right, parameter))
+
+    def at(part: float) -> float:
+        length = 2.0 * abs(part) * quarter
+        root = brentq(
+            lambda u: float(ellipeinc(u, parameter)) - length, 0.0, right, xtol=1e-15, rtol=1e-15
+        )
+        return math.copysign(root, part)
+
+    u = np.array([at(float(part)) for part in fraction])
+    sine, cosine = np.sin(u), np.cos(u)
+    # The springings are exact, where cos(pi/2) is not quite zero.
+    sine[0], cosine[0], sine[-1], cosine[-1] = -1.0, 0.0, 1.0, 0.0
+    outward = np.column_stack([b * sine, a * cosine])
+    outward /= np.hypot(outward[:, :1], outward[:, 1:])
+    return np.column_stack([a * sine, b * cosine]), outward
+
+
+def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
+    """Hanging chain upside down.
+
+    y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
+    length from the crown is c sinh(x/c).
+    """
+    from scipy.optimize import brentq
+
+    slenderness = 2.0 * rise / span
+    # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
+    above = min(2.0 * slenderness, max(4.0, 2.0 * math.log(4.0 * slenderness + 1.0)))
+    above *= 1.0 + 1e-12
+    w = brentq(
+        lambda w: 2.0 * math.sinh(0.5 * w) ** 2 / w - slenderness,
+        0.5 * min(above, 1e-9), above, xtol=1e-300, rtol=1e-15,
+    )  # fmt: skip
+    c = 0.5 * span / w
+    slope = 2.0 * fraction * math.sinh(w)
+    x = c * np.arcsinh(slope)
+    secant = np.hypot(1.0, slope)
+    # cosh − 1 without cancellation: slope²/(1 + secant).
+    y = rise - c * slope**2 / (1.0 + secant)
+    x[0], x[-1], y[0], y[-1] = -0.5 * span, 0.5 * span, 0.0, 0.0
+    return np.column_stack([x, y]), np.column_stack([slope / secant, 1.0 / secant])
+
+
+def normal_lines(
+    curve: Callable[[float, float, FloatArray], CentreLine],
+    shape: dict[str, float],
+    fraction: FloatArray,
+) -> JointLines:
+    """Joint lines perpendicular to the centre line of a curve's span and rise."""
+    span, rise, thickness = shape.values()
+    (point, outward), profile = curve(span, rise, fraction), curve.__name__
+    step = np.diff(point, axis=0)
+    here, there = outward[:-1], outward[1:]
+    behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
+    if behind.any():
+        joint = int(np.argmax(behind))
+        raise GeometryError(
+            f"joints {joint} and {joint + 1} of this {profile} of span {span} m and rise {rise} m "
+            "stand too unevenly round its crown for a straight-sided voussoir between them; place "
+            "a joint nearer to the crown, or make all voussoirs equal"
+        )
+    bend = cross(here, there)
+    # Distance along each of two neighbouring joints to where their lines meet.
+    with np.errstate(divide="ignore"):
+        meeting = np.minimum(np.abs(cross(step, there) / bend), np.abs(cross(step, here) / bend))
+    _refuse_crossing(shape, 2.0 * meeting, profile, range(len(meeting)))
+    offset = 0.5 * thickness * outward
+    return JointLines(point - offset, point + offset)
+
+
+def pointed_lines(shape: dict[str, float], fraction: FloatArray) -> JointLines:
+    """Joint lines of two circular arcs that meet at the crown.
+
+    The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
+    radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
+    """
+    span, rise, thickness = shape.values()
+    reach = (rise**2 - 0.25 * span**2) / span
+    radius = reach + 0.5 * span
+    sweep = math.atan2(rise, reach)
+    nearest = int(np.argmin(np.abs(fraction)))
+    at_crown = abs(fraction[nearest]) <= 1e-12
+    side = np.delete(fraction, nearest) if at_crown else fraction
+    # From the horizontal at the springing up to `sweep` at the crown.
+    angle = sweep * (1.0 - 2.0 * np.abs(side))
+    sign = np.sign(side)
+    outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
+    centre = np.column_stack([-sign * reach, np.zeros_like(side)])
+    left = int(np.flatnonzero(sign < 0.0)[-1])
+    right = left + 1
+    # Distance along the joints next to the crown to where they reach the vertical x = 0.
+    both = slice(left, right + 1)
+    limit = 2.0 * np.abs(centre[both, 0] / outward[both, 0] + radius)
+    _refuse_crossing(shape, limit, "pointed arch", (left, right if at_crown else left))
+    sides = []
+    for r in (radius - 0.5 * thickness, radius + 0.5 * thickness):
+        apex = [0.0, math.sqrt(r**2 - reach**2)]
+        sides.append(np.insert(centre + r * outward, right, apex, axis=0))
+    return JointLines(sides[0], sides[1], -1 if at_crown else right)
+
+
+def _refuse_crossing(
+    shape: dict[str, float], limit: FloatArray, profile: str, first_of_pair: Sequence[int]
+) -> None:
+    """Refuse a thickness at or above the smallest limit, each that of one pair of joints."""
+    if shape["thickness"] < limit.min():
+        return
+    joint = first_of_pair[int(np.argmin(limit))]
+    raise GeometryError(
+        f"thickness = {shape['thickness']} m is impossible for this {profile} of span "
+        f"{shape['span']} m and rise {shape['rise']} m: joints {joint} and {joint + 1} would "
+        f"cross inside the ring; it must be less than {limit.min():.6g} m"
+    )
 
 
 def straight_ring(lines: JointLines) -> Ring:
     """Straight-sided voussoirs between joint lines; a keystone over an apex keeps its point."""
-    sense = travel_sense(lines)
+    sense = _travel_sense(lines)
     ends = np.delete(np.arange(len(lines.intrados)), lines.apex if lines.apex >= 0 else [])
-    figures = []
-    for first, last in pairwise(ends):
-        intrados = lines.intrados[first : last + 1]
-        extrados = lines.extrados[first : last + 1]
-        outline = np.concatenate([intrados, extrados[::-1]])
-        figures.append(Voussoir(polygon_section(outline), outline, middle_of(extrados)))
-    return Ring(figures, JointLines(lines.intrados[ends], lines.extrados[ends]), sense)
+    spans = [slice(first, last + 1) for first, last in pairwise(ends)]
+    outlines = [np.concatenate([lines.intrados[s], lines.extrados[s][::-1]]) for s in spans]
+    joints = JointLines(lines.intrados[ends], lines.extrados[ends])
+    backs = [middle_of(lines.extrados[s]) for s in spans]
+    return Ring(joints, sense, [polygon_section(each) for each in outlines], outlines, backs)
 
 
 def circular_ring(
-    centre: NDArray[np.float64],
-    radius: float,
-    thickness: float,
-    angle: NDArray[np.float64],
-    sector: bool,
+    centre: FloatArray, radius: float, thickness: float, angle: FloatArray, sector: bool
 ) -> Ring:
     """Annular sectors, or straight-sided voussoirs, between radial joints.
 
@@ -68,19 +202,18 @@ def circular_ring(
     lines = JointLines(centre + inner * direction, centre + outer * direction)
     if not sector:
         return straight_ring(lines)
-    check_corners_apart(lines)
-    figures = []
+    _check_corners_apart(lines)
+    ring = Ring(lines, 1, [], [], [])
     for start, end in pairwise(angle):
-        back = arc(centre, outer, start, end)
-        outline = np.concatenate([arc(centre, inner, start, end), back[::-1]])
         middle = 0.5 * (start + end)
-        top = centre + outer * np.array([np.sin(middle), np.cos(middle)])
-        section = sector_section(centre, radius, thickness, start, end)
-        figures.append(Voussoir(section, outline, top))
-    return Ring(figures, lines, 1)
+        back = arc(centre, outer, start, end)
+        ring.sections.append(sector_section(centre, radius, thickness, start, end))
+        ring.outlines.append(np.concatenate([arc(centre, inner, start, end), back[::-1]]))
+        ring.backs.append(centre + outer * np.array([np.sin(middle), np.cos(middle)]))
+    return ring
 
 
-def check_corners_apart(lines: JointLines) -> None:
+def _check_corners_apart(lines: JointLines) -> None:
     """Refuse joints of no length, and neighbouring joints that have a corner in common."""
     every = np.concatenate([lines.intrados, lines.extrados])
     least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
@@ -97,9 +230,9 @@ def check_corners_apart(lines: JointLines) -> None:
             )
 
 
-def travel_sense(lines: JointLines) -> int:
+def _travel_sense(lines: JointLines) -> int:
     """Refuse rings that cannot be, and return the side on which the intrados lies."""
-    check_corners_apart(lines)
+    _check_corners_apart(lines)
     inner, outer = lines.intrados, lines.extrados
     quads = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
     side = np.roll(quads, -1, axis=1) - quads
@@ -120,12 +253,12 @@ def travel_sense(lines: JointLines) -> int:
             "ring doubles back there; intrados and extrados must run on along the ring from "
             "joint to joint"
         )
-    _refuse_overlap(quads)
+    _refuse_overlap(quads, side)
     return int(sense[0])
 
 
-def _refuse_overlap(quads: NDArray[np.float64]) -> None:
-    """Refuse convex quadrilaterals ``(n, 4, 2)`` of which any two overlap.
+def _refuse_overlap(quads: FloatArray, side: FloatArray) -> None:
+    """Refuse convex quadrilaterals ``(n, 4, 2)``, with unit sides, of which any two overlap.
 
     Neighbours lie on either side of the line of their joint and cannot. Two others overlap if no
     side of theirs separates them.
@@ -134,9 +267,7 @@ def _refuse_overlap(quads: NDArray[np.float64]) -> None:
     near = (low[:, None] < high[None]).all(axis=2)
     first, second = np.nonzero(np.triu(near & near.T, 2))
     pairs = quads[np.stack([first, second])]  # (2, n_pair, 4, 2)
-    side = np.roll(pairs, -1, axis=2) - pairs
-    side /= np.hypot(side[..., 0], side[..., 1])[..., None]
-    normal = np.concatenate([side[0], side[1]], axis=1)[..., ::-1] * [1.0, -1.0]
+    normal = np.concatenate([side[first], side[second]], axis=1)[..., ::-1] * [1.0, -1.0]
     along = np.einsum("pnci,nki->pnkc", pairs, normal)
     depth = along.max(axis=3).min(axis=0) - along.min(axis=3).max(axis=0)
     overlaps = np.flatnonzero(depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1))))
@@ -146,3 +277,38 @@ def _refuse_overlap(quads: NDArray[np.float64]) -> None:
             f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m; "
             "the ring must not cross itself"
         )
+
+
+def chain_of(
+    ring: Ring, friction: FloatArray, surface_density: float, weight: FloatArray
+) -> Chain:
+    """Chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
+
+    A point mass p (a `weight` [N] on the back) at the distance d from the centroid of a body of
+    mass m and inertia J moves the centroid by p/(m + p) of d and gives J + m p/(m + p) d² about
+    the new one.
+    """
+    area, plane_centroid, polar = (np.array(each) for each in zip(*ring.sections))
+    added = weight / STANDARD_GRAVITY
+    # Whatever overflows here is refused below.
+    with np.errstate(all="ignore"):
+        own = surface_density * area
+        mass = own + added
+        lever = np.array(ring.backs) - plane_centroid
+        centroid = plane_centroid + (added / mass)[:, None] * lever
+        inertia = surface_density * polar + own * (added / mass) * (lever**2).sum(axis=1)
+        good = (mass > 0.0) & (inertia > 0.0) & np.isfinite(mass + inertia + centroid.sum(axis=1))
+    if not good.all():
+        body = int(np.argmin(good))
+        raise GeometryError(
+            f"voussoir {body} has a mass of {mass[body]:.6g} kg and an inertia of "
+            f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. Check its size, "
+            "density, depth and dead_load"
+        )
+    n_voussoir, n_joint = mass.size, friction.size
+    corners = np.stack([ring.lines.intrados, ring.lines.extrados][:: ring.sense], axis=1)
+    face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()
+    face_before[1:] -= centroid[: n_joint - 1, None]
+    face_after[:n_voussoir] -= centroid[:, None]
+    centroid = np.ascontiguousarray(centroid)
+    return Chain(mass, inertia, centroid, face_before, face_after, friction, STANDARD_GRAVITY)

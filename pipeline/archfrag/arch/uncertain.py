@@ -65,30 +65,24 @@ def correlation_factor(
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
     `correlation` maps names to mappings of names to coefficients; other pairs are not correlated.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, a pair occurs twice, a coefficient is not between -1 and 1, or no
-        distribution has these coefficients together.
+    `InputError` if a pair cannot be, or no distribution has these coefficients together.
     """
-    matrix, given = np.eye(len(names)), set()
+    matrix = np.eye(len(names))
     pairs = [(a, b, rho) for a, others in correlation.items() for b, rho in others.items()]
     for one, other, coefficient in pairs:
-        what, pair = f"correlation of {one} and {other}", frozenset((one, other))
-        for name in sorted(pair - set(names)):
+        what = f"correlation of {one} and {other}"
+        if unknown := sorted({one, other} - set(names)):
             listed = ", ".join(names)
-            raise InputError(f"{what}: {name} is not one of the parameters that vary ({listed})")
-        if len(pair) == 1:
+            raise InputError(
+                f"{what}: {unknown[0]} is not one of the parameters that vary ({listed})"
+            )
+        i, j = names.index(one), names.index(other)
+        if i == j:
             raise InputError(f"{what}: with itself")
-        if pair in given:
+        if matrix[i, j] != 0.0:
             raise InputError(f"{what}: is given twice")
         if not -1.0 < coefficient < 1.0:
-            raise InputError(
-                f"{what} = {coefficient:g} must be greater than -1 and less than 1"
-            )
-        given.add(pair)
-        i, j = names.index(one), names.index(other)
+            raise InputError(f"{what} = {coefficient:g} must be greater than -1 and less than 1")
         matrix[i, j] = matrix[j, i] = coefficient
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
@@ -107,29 +101,17 @@ def sample(
     seed: int | Sequence[int] = 1,
     correlation: Mapping[str, Mapping[str, float]] | None = None,
 ) -> dict[str, FloatArray]:
-    """Sample parameters with given distributions and correlations.
+    """Sample parameters with given distributions and correlations, `count` values of each.
 
-    Parameters
-    ----------
-    marginals : mapping of str to Marginal
-    count : int
-        Samples.
-    scheme : "sobol" or "latin_hypercube"
-        Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek 1998):
-        the first samples of a longer design are those of a shorter one, and its one- and
-        two-dimensional projections are even if `count` is a power of two. Latin hypercube
-        (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every
-        parameter, for any `count`; a longer design has none of the samples of a shorter one.
-    seed : int or sequence of int
-    correlation : mapping, optional
-        As in `correlation_factor`: coefficients rho of the Gaussian copula, which are the
-        correlations of the normal scores (of the logarithms, if both are lognormal). The rank
-        correlation by Spearman is then 6/pi arcsin(rho/2).
+    `scheme` is Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek
+    1998): the first samples of a longer design are those of a shorter one, and its one- and
+    two-dimensional projections are even if `count` is a power of two. Or it is the Latin hypercube
+    (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every parameter,
+    for any `count`; a longer design has none of the samples of a shorter one.
 
-    Returns
-    -------
-    dict of str to (count,) ndarray
-        To ten significant digits.
+    `correlation` is as in `correlation_factor`: coefficients rho of the Gaussian copula, which are
+    the correlations of the normal scores (of the logarithms, if both are lognormal). The rank
+    correlation by Spearman is then 6/pi arcsin(rho/2).
 
     Examples
     --------

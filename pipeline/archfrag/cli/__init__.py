@@ -83,7 +83,7 @@ def init(folder: Path) -> None:
 @click.option("--method", help="Only the kernels of this method; all methods if not given.")
 def warmup(method: str | None) -> None:
     """Compile the kernels now, so that no later command waits for it."""
-    from archfrag.simulate import warmup as compile_kernels
+    from archfrag.warmup import warmup as compile_kernels
 
     def show(message: str) -> None:
         if sys.stderr.isatty():

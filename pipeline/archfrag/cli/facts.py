@@ -113,7 +113,7 @@ def response_text(response: "Response", scale: float) -> str:
         f"work: {_listed(response.work)}",
     ]
     if response.mechanism is not None:
-        from archfrag.simulation.mechanism import summary
+        from archfrag.simulation.response import summary
 
         left = len(response.mechanism) - _SHOWN
         lines += [summary(response.mechanism)]

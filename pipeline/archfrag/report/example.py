@@ -16,8 +16,7 @@ from archfrag.report.axes import Panel, even_ticks
 from archfrag.report.drawing import BELOW, BESIDE, LINE, Entry, FloatArray, Sheet, figure
 from archfrag.report.motions import envelope
 from archfrag.report.results import ArchResults, IntArray, digits, study_config
-from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
-from archfrag.simulation.response import Response
+from archfrag.simulation.response import MODEL_WORDS, MechanismChange, Response
 from archfrag.study.runs.outcome import simulate_case
 
 Chosen = tuple[int, int, str]  # record, level, and why this run

@@ -17,7 +17,7 @@ from archfrag.report import results as words
 from archfrag.report.drawing import Picture
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.results import ArchResults, Scale, digits, measured, pairs, table
-from archfrag.simulation.mechanism import MODEL_WORDS
+from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import Answer, arch_classes
 from archfrag.study.answer.fits import lost_text
 

@@ -6,10 +6,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.methods.registry import (
     AUTO,
@@ -23,8 +19,6 @@ from archfrag.methods.registry import (
 # Baselines of archbench, which has to be imported for them.
 BASELINES = ("four_link", "penalty", "gauss_seidel", "quadratic_programme")
 COMMON = ("dt", "rtol", "follow")
-# Overlap, over joint length, that an initial state may have: what time stepping leaves.
-MOST_OVERLAP = 1e-5
 
 
 def method_names() -> tuple[str, ...]:
@@ -36,22 +30,6 @@ def default_of(info: MethodInfo, name: str) -> float:
     """Default of a setting; that of time stepping, or of auto, for a method without it."""
     methods = (METHODS[AUTO], METHODS["time_stepping"], info)
     return {p.name: p.default for method in methods for p in method.parameters}[name]
-
-
-def own_time(arch: Arch) -> float:
-    """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
-    from archfrag.mechanics.model import model_of
-
-    return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
-
-
-def default_steps(info: MethodInfo, tolerance: Any, arch: Arch) -> tuple[float, float]:
-    """Steps of a method if none is given: at impacts, and the largest between them [s]."""
-    if info.step_rule is None:
-        return default_of(info, "dt"), default_of(info, "dt")
-    impact, largest = info.step_rule(float(tolerance), arch.n_voussoir)
-    unit = own_time(arch)
-    return unit * impact, unit * largest
 
 
 def is_available(info: MethodInfo) -> bool:
@@ -91,9 +69,9 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
             "of them: dt for fixed steps, rtol for steps that follow a tolerance"
         )
     for name, value in given.items():
-        if value is not None and all(p.name != name for p in info.parameters):
-            methods = known_methods().values()
-            takers = [m.name for m in methods if any(p.name == name for p in m.parameters)]
+        methods = known_methods().values()
+        takers = [m.name for m in methods if any(p.name == name for p in m.parameters)]
+        if value is not None and info.name not in takers:
             raise InputError(
                 f"{name} is {value!r}, but method {info.name} does not use it; leave it out, or "
                 f"use {', '.join(takers)}"
@@ -104,11 +82,9 @@ def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
     """All of a method's own parameters: those given, if allowed, the others at their defaults."""
     own = own_parameters(info)
     values = {name: parameter.default for name, parameter in own.items()}
-    if settings is None:
-        return values
-    if not isinstance(settings, Mapping):
+    if not isinstance(settings, Mapping | None):
         raise InputError(f"settings is {type(settings).__name__}; it must map names to numbers")
-    for name, value in settings.items():
+    for name, value in (settings or {}).items():
         if name not in own:
             allowed = ", ".join(own) or "none"
             raise InputError(f"settings has {name!r}; allowed for method {info.name}: {allowed}")
@@ -131,39 +107,3 @@ def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bo
         good = False
     if not good:
         raise InputError(f"{name} is {value!r}; it must be a number, {allowed}")
-
-
-def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
-    """Displacement and velocity as arrays, each (n_voussoir, 3)."""
-    n_voussoir = arch.n_voussoir
-    try:
-        shift, velocity = (np.array(part, float) for part in initial)
-    except (TypeError, ValueError) as error:
-        raise InputError("initial must be a pair of arrays: position and velocity") from error
-    for name, part in (("position", shift), ("velocity", velocity)):
-        if part.shape != (n_voussoir, 3) or not np.isfinite(part).all():
-            raise InputError(
-                f"initial {name} has shape {part.shape}; it must be ({n_voussoir}, 3) and finite"
-            )
-    _check_overlap(shift, arch)
-    return shift, velocity
-
-
-def _check_overlap(shift: NDArray, arch: Arch) -> None:
-    from archfrag.mechanics.contact.placing import clearance, move_faces
-    from archfrag.mechanics.model import model_of, new_state, new_work
-
-    model = model_of(arch.chain)
-    work, place = new_work(model), new_state(model).position
-    place[:, :2] = model.centroid
-    place[1:-1] += shift
-    move_faces(model, place, work.rotated, work.face, work.tangent)
-    for j in range(arch.n_joint):
-        for corner in range(2):
-            gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
-            if gap < -MOST_OVERLAP:
-                raise InputError(
-                    f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
-                    f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a "
-                    "rounding, is allowed"
-                )

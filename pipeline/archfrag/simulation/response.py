@@ -1,13 +1,27 @@
-"""The result of one run: what the arch did, how it was computed, and how accurately."""
+"""The result of one run: what the arch did, how it was computed, its history and mechanism."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from archfrag.mechanics.status import CollapseMode, Count, Energy, Loss, Model, Peak, Status
-from archfrag.mechanics.types import Results
-from archfrag.simulation.mechanism import MechanismChange
+import numpy as np
+
+from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.mechanics.laws import CLOSED_STICK
+from archfrag.mechanics.status import (
+    Cause,
+    CollapseMode,
+    Count,
+    Energy,
+    Loss,
+    Model,
+    Peak,
+    Status,
+)
+from archfrag.mechanics.types import Frames, MechanismLog, Results
 
 if TYPE_CHECKING:
     import xarray
@@ -17,11 +31,7 @@ _EVENTS = {
     "contact_losses": Count.LOSSES, "rests": Count.RESTS, "events": Count.EVENTS,
     "switches": Count.SWITCHES,
 }  # fmt: skip
-_WORK = (
-    Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
-    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED, Count.REFUSED,
-    Count.REFINED,
-)  # fmt: skip
+_NO_WORK = {*_EVENTS.values(), Count.FRAMES, Count.LOG_ENTRIES}
 _COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
 _COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
 _ENERGY = {
@@ -29,6 +39,69 @@ _ENERGY = {
     "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
     "balance_error": Energy.BALANCE_ERROR, "largest_kinetic": Energy.LARGEST_KINETIC,
 }  # fmt: skip
+FIRST_LOG, LARGEST_LOG = 1024, 50_000
+
+CAUSE_WORDS = {
+    Cause.START: "start", Cause.HINGE: "new hinge", Cause.SLIDE: "sliding starts",
+    Cause.STICK: "sliding ends", Cause.IMPACT: "impact", Cause.LOSS: "contact lost",
+    Cause.CLOSE: "hinge closes", Cause.REST: "comes to rest",
+    Cause.ACCUMULATION: "events accumulate", Cause.UNSOLVED: "laws not met on mega-voussoirs",
+    Cause.QUIESCENT: "taken back from time stepping", Cause.END: "end of the run",
+}  # fmt: skip
+MODEL_WORDS = {
+    Model.REST: "rest", Model.FOUR_HINGES: "four hinges",
+    Model.MEGA_VOUSSOIRS: "mega-voussoirs", Model.ALL_VOUSSOIRS: "all voussoirs",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MechanismChange:
+    """One change of the mechanism, and the mechanism after it.
+
+    Attributes
+    ----------
+    time, until : float
+        From when to when this mechanism holds [s]. `until` is nan if changes that followed were
+        too many to be kept.
+    cause : str
+        Why it changed: a name of `archfrag.mechanics.status.Cause` in lower case.
+    joint : int
+        Joint that caused it; -1 where none did.
+    model : str
+        Model from then on: a name of `archfrag.mechanics.status.Model` in lower
+        case.
+    joints : dict of int to str
+        What each joint does that is not closed and sticking: "hinge intrados", "slides towards
+        extrados", "hinge extrados sliding towards intrados", or "open". A joint slides towards
+        the side to which the voussoir after it moves on the one before it.
+
+    Examples
+    --------
+    >>> from archfrag.simulation.response import MechanismChange
+    >>> joints = {0: "hinge extrados", 3: "hinge intrados", 5: "slides towards intrados"}
+    >>> print(MechanismChange(0.412, 0.5, "impact", 4, "mega_voussoirs", joints))
+    0.4120 s  impact at joint 4: hinges 0 extrados, 3 intrados; slides 5 towards intrados; \
+mega-voussoirs
+    """
+
+    time: float
+    until: float
+    cause: str
+    joint: int
+    model: str
+    joints: dict[int, str]
+
+    def __str__(self) -> str:
+        groups: dict[str, list[str]] = {"hinges": [], "slides": [], "open": []}
+        for joint, text in self.joints.items():
+            verb, _, rest = text.partition(" ")
+            groups["hinges" if verb == "hinge" else verb].append(f"{joint} {rest}".strip())
+        parts = [f"{name} {', '.join(members)}" for name, members in groups.items() if members]
+        why = CAUSE_WORDS[Cause[self.cause.upper()]]
+        where = f" at joint {self.joint}" if self.joint >= 0 else ""
+        parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Model[self.model.upper()]]]
+        what = "; ".join(parts)
+        return f"{self.time:.4f} s  {why}{where}: {what}"
 
 
 @dataclass(frozen=True)
@@ -132,25 +205,14 @@ class Response:
     mechanism: tuple[MechanismChange, ...] | None = field(default=None, repr=False)
     history: xarray.Dataset | None = field(default=None, repr=False)
 
-    @property
-    def steps(self) -> int:
-        """Integration steps."""
-        return self.work["steps"]
-
-    @property
-    def fallbacks(self) -> int:
-        """Contact problems solved with compliant joints only."""
-        return self.work["compliant"]
+    steps = property(lambda self: self.work["steps"])
+    fallbacks = property(lambda self: self.work["compliant"])
 
 
 def response_of(
-    results: Results,
-    row: int,
-    method: str,
-    wall_time: float,
-    mechanism: tuple[MechanismChange, ...] | None = None,
-    history: xarray.Dataset | None = None,
-) -> Response:
+    results: Results, row: int, method: str, wall_time: float,
+    mechanism: tuple[MechanismChange, ...] | None = None, history: xarray.Dataset | None = None,
+) -> Response:  # fmt: skip
     """What a method returned of one run, in names; mechanism and history as in `Response`."""
     status = Status(int(results.status[row]))
     count, energy, model_time, peak, loss = (
@@ -178,7 +240,7 @@ def response_of(
         model_time={model.name.lower(): model_time[model] for model in Model},
         energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest if largest > 0.0 else 0.0,
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
-        work={entry.name.lower(): int(count[entry]) for entry in _WORK},
+        work={each.name.lower(): int(count[each]) for each in Count if each not in _NO_WORK},
         wall_time=wall_time,
         end_time=float(results.end_time[row]),
         residual=peak[Peak.RESIDUAL],
@@ -187,3 +249,110 @@ def response_of(
         mechanism=mechanism,
         history=history,
     )
+
+
+def empty_output(
+    n_frame: int, n_entry: int, n_body: int, n_joint: int
+) -> tuple[Frames, MechanismLog]:
+    """Space for so many frames of a history and entries of a log."""
+    body, joint, modes = (n_frame, n_body, 3), (n_frame, n_joint, 3), np.int8
+    frames = Frames(
+        time=np.zeros(n_frame), position=np.zeros(body), velocity=np.zeros(body),
+        reaction=np.zeros(joint), mode=np.zeros(joint[:2], modes),
+    )  # fmt: skip
+    log = MechanismLog(
+        time=np.zeros(n_entry), cause=np.zeros(n_entry, np.int8),
+        joint=np.zeros(n_entry, np.int32), model=np.zeros(n_entry, np.int8),
+        mode=np.zeros((n_entry, n_joint), modes),
+    )  # fmt: skip
+    return frames, log
+
+
+def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
+    """The frames that were written, with names and units; along time, voussoir, joint, component.
+
+    All of a frame belongs to one instant. Event-driven methods evaluate it there; time stepping
+    writes it where a step sets out, with the velocities between those half a step before and
+    after and the mean reactions over that time; the baselines on the velocity level write the
+    middles of their steps. At an impact velocities and reactions of steps are means across it.
+    """
+    import xarray
+
+    body, joint = ("time", "voussoir", "component"), ("time", "joint", "component")
+    place, rate, force = (each[:n_frame] for each in frames[1:4])
+    variables = {
+        name: (dimensions, values, {"units": units, "long_name": text})
+        for name, dimensions, values, units, text in (
+            ("displacement", body, place[:, :, :2], "m", "displacement of the centroid from rest"),
+            ("rotation", body[:2], place[:, :, 2], "rad", "rotation of the voussoir"),
+            ("velocity", body, rate[:, :, :2], "m s-1",
+             "velocity of the centroid relative to the ground"),
+            ("angular_velocity", body[:2], rate[:, :, 2], "rad s-1",
+             "angular velocity of the voussoir"),
+            ("reaction", joint, force[:, :, :2], "N", "reaction on the voussoir after the joint"),
+            ("moment", joint[:2], force[:, :, 2], "N m",
+             "moment of the reaction about the middle between the joint's contact points"),
+        )
+    }  # fmt: skip
+    places = (arch.corner_name(0), arch.corner_name(1), "closed")
+    slips = ("sticks", "slides_plus", "slides_minus")
+    meanings = ["open", *(f"{place}_{slip}" for place in places for slip in slips)]
+    mode = {
+        "long_name": "contact mode of the joint",
+        "flag_values": np.arange(10, dtype=np.int8),
+        "flag_meanings": " ".join(meanings),
+    }
+    return xarray.Dataset(
+        variables | {"contact_mode": (joint[:2], frames.mode[:n_frame], mode)},
+        coords={
+            "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
+            "voussoir": np.arange(arch.n_voussoir),
+            "joint": np.arange(arch.n_joint),
+            "component": ["x", "y"],
+        },
+        attrs={"gravity": STANDARD_GRAVITY},
+    )
+
+
+def mechanism_of(
+    arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
+) -> tuple[MechanismChange, ...]:
+    """Entries of a log in words, preceded by the standstill in which the run began if it did.
+
+    `n_entry` changes were made: more than the log has space for if it was too small.
+    """
+    # What a joint does in each contact mode of `archfrag.mechanics.laws`. Friction opposes slip:
+    # where it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
+    # corner 0.
+    sides = [arch.corner_name(corner) for corner in (0, 1)]
+    towards = [f"towards {side}" for side in sides]
+    hinges = [[f"hinge {side}", *(f"hinge {side} sliding {to}" for to in towards)]
+              for side in sides]  # fmt: skip
+    words = ["open", *hinges[0], *hinges[1], "closed", *(f"slides {to}" for to in towards)]
+    kept = min(n_entry, log.time.size)
+    until = np.append(log.time[1:kept], end_time if kept == n_entry else np.nan)
+    changes = tuple(
+        MechanismChange(
+            time=float(log.time[i]),
+            until=float(until[i]),
+            cause=Cause(log.cause[i]).name.lower(),
+            joint=int(log.joint[i]),
+            model=Model(log.model[i]).name.lower(),
+            joints={
+                int(j): words[log.mode[i, j]] for j in np.flatnonzero(log.mode[i] != CLOSED_STICK)
+            },
+        )
+        for i in range(kept)
+    )
+    first = changes[0].time if changes else end_time
+    if not from_rest or first <= 0.0:
+        return changes
+    return (MechanismChange(0.0, first, "start", -1, "rest", {}), *changes)
+
+
+def summary(changes: Sequence[MechanismChange]) -> str:
+    """How often the mechanism changed, and why, most frequent causes first."""
+    causes = Counter(change.cause for change in changes if change.cause not in ("start", "end"))
+    why = [f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()]
+    n = sum(causes.values())
+    return f"{n} changes of the mechanism" + (f" ({', '.join(why)})" if why else "")

@@ -1,9 +1,11 @@
-"""Rest: how much steady acceleration an arch withstands, and how it would start to move."""
+"""Rest: how much steady acceleration an arch withstands, how it would start to move, and how far
+it can rotate slowly before it falls by itself; checks of initial states."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +13,16 @@ from numpy.typing import NDArray
 from archfrag.arch import Arch
 from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError
 from archfrag.mechanics.contact.path import new_path, solve_anyhow
-from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
 
 STANDS_TOLERANCE = 1e-12
+# Overlap, over joint length, that an initial state may have: what time stepping leaves.
+MOST_OVERLAP = 1e-5
+# Positions of a mechanism that are evaluated, up to this rotation of the first body [rad].
+POSITIONS, LARGEST_ROTATION = 4000, 0.5 * np.pi
 
 Hinge = tuple[int, str]
 
@@ -91,7 +97,9 @@ def onset(arch: Arch) -> Onset:
     if not isinstance(arch, Arch):
         raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
     chain = arch.chain
-    model, state, work = _placed_at_rest(arch)
+    model, state, work = _placed(arch)
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    work.candidate[:], state.touch[:] = 1.0, 1.0
     closed = np.ones(work.candidate.shape, np.int8)
     plus, minus = (
         rest_limit(
@@ -132,13 +140,50 @@ def check_stands(arch: Arch) -> None:
         raise StabilityError(message)
 
 
-def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
+def own_time(arch: Arch) -> float:
+    """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
+    return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
+
+
+def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
+    """Position and velocity in which an arch was built, each (n_voussoir, 3)."""
+    position = np.zeros((arch.n_voussoir, 3))
+    position[:, :2] = arch.chain.centroid
+    return position, np.zeros_like(position)
+
+
+def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
+    """Displacement and velocity as arrays, each (n_voussoir, 3)."""
+    n_voussoir = arch.n_voussoir
+    try:
+        shift, velocity = (np.array(part, float) for part in initial)
+    except (TypeError, ValueError) as error:
+        raise InputError("initial must be a pair of arrays: position and velocity") from error
+    for name, part in (("position", shift), ("velocity", velocity)):
+        if part.shape != (n_voussoir, 3) or not np.isfinite(part).all():
+            raise InputError(
+                f"initial {name} has shape {part.shape}; it must be ({n_voussoir}, 3) and finite"
+            )
+    model, _, work = _placed(arch, shift)
+    for j in range(arch.n_joint):
+        for corner in range(2):
+            gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
+            if gap < -MOST_OVERLAP:
+                raise InputError(
+                    f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
+                    f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a "
+                    "rounding, is allowed"
+                )
+    return shift, velocity
+
+
+def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Work]:
+    """The chain with its bodies shifted from rest, and its joint faces there."""
     model = model_of(arch.chain)
     state, work = new_state(model), new_work(model)
     state.position[:, :2] = model.centroid
+    state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    work.candidate[:], state.touch[:] = 1.0, 1.0
     return model, state, work
 
 
@@ -177,4 +222,94 @@ def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
         for j, bits in enumerate(limit.mechanism)
         for corner, bit in corners
         if bits & bit
+    ]
+
+
+def static_limit(arch: Arch, start: Onset) -> float:
+    """Rotation at which the mechanism of onset is in unstable equilibrium under its weight.
+
+    Beyond it the arch falls though the ground is at rest, if its hinges stay where they are. It
+    is the rotation of the voussoir that rotates most where the potential energy of the four-hinge
+    linkage (of the one body of a block or a column) is largest: of a block the angle between its
+    diagonal and its side, arctan(width / height).
+
+    Parameters
+    ----------
+    arch : Arch
+    start : Onset
+        Of `archfrag.onset`.
+
+    Returns
+    -------
+    float
+        The smaller of those of the two mechanisms [rad]; nan if they slide, or have neither one
+        hinge below a free end nor four hinges.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> from archfrag.simulation.rest import static_limit
+    >>> block = af.Block(width=0.2, height=1.0, friction=0.8)
+    >>> round(static_limit(block, af.onset(block)), 4)  # arctan(0.2)
+    0.1974
+    """
+    ends = ((start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus))
+    limits = [_limit(arch, hinges) for hinges, sliding in ends if hinges and not sliding]
+    return min((limit for limit in limits if np.isfinite(limit)), default=np.nan)
+
+
+def _limit(arch: Arch, hinges: list[Hinge]) -> float:
+    # Points of the plane are complex numbers: x + i y.
+    points = np.array([getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges])
+    centroid = arch.chain.centroid @ [1.0, 1j]
+    joints = [joint for joint, _ in hinges]
+    if arch.free_end and len(hinges) == 1:
+        joints.append(arch.n_voussoir)
+    elif len(hinges) != 4:
+        return np.nan
+    least = np.inf
+    for sense in (1.0, -1.0):
+        angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
+        placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
+        energy = np.zeros(angle.size)
+        for pivot, (moved, rotation), first, last in zip(points, placed, joints, joints[1:]):
+            arm = np.exp(1j * rotation)[:, None] * (centroid[first:last] - pivot)
+            height = (arm + np.reshape(moved, (-1, 1))).imag
+            energy += height @ arch.chain.mass[first:last]
+        left = np.isfinite(energy)
+        end = int(np.argmin(left)) if not left.all() else angle.size
+        rise = np.diff(energy[:end])
+        # Only in one sense does the weight resist.
+        if not rise.size or rise[0] <= 0.0:
+            continue
+        place = float(rise.size)
+        if (past := rise <= 0.0).any():
+            top = int(np.argmax(past))
+            # The energy is a parabola about its top: its slope vanishes between two positions.
+            place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
+        reached = [np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed]
+        least = min(least, float(max(reached)))
+    return least if np.isfinite(least) else np.nan
+
+
+def _linkage(
+    points: NDArray[np.complex128], angle: NDArray[np.float64]
+) -> list[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
+    """Where the first hinge of each of three bars is and how far the bar has rotated.
+
+    The first bar rotates by `angle` about the first of four hinges, the last hinge is fixed; nan
+    where the bars cannot reach.
+    """
+    first, second, third, last = points
+    moved = first + np.exp(1j * angle) * (second - first)
+    distance, middle, end = abs(last - moved), abs(third - second), abs(last - third)
+    along = (middle**2 - end**2 + distance**2) / (2.0 * distance)
+    with np.errstate(invalid="ignore"):
+        height = np.sqrt(middle**2 - along**2)
+    side = np.sign(((third - second) * np.conj(last - second)).imag)
+    knee = moved + (along + 1j * side * height) * (last - moved) / distance
+    return [
+        (first, angle),
+        (moved, np.angle((knee - moved) / (third - second))),
+        (knee, np.angle((last - knee) / (last - third))),
     ]

@@ -203,7 +203,7 @@ def _facts(dimension: str, facts: Sequence[tuple[Column, Any]]) -> dict[str, xr.
 
 def _arch_facts(found: Members) -> dict[str, xr.Variable]:
     from archfrag.simulate import onset
-    from archfrag.simulation.static_limit import static_limit
+    from archfrag.simulation.rest import static_limit
 
     arches = [entry.build() for entry in found.entries]
     starts = [onset(arch) for arch in arches]

@@ -184,8 +184,7 @@ class _Makers:
         yield from self._by_workers(work)
 
     def _start(self) -> None:
-        from archfrag.simulate import kernels_are_compiled, warmup
-        from archfrag.simulation.warm import every
+        from archfrag.warmup import every, kernels_are_compiled, warmup
 
         self._plan.save()
         bar, self.used = self._bar, 1

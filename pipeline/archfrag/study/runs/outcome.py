@@ -165,8 +165,10 @@ def tabulate_cases(
     method: Mapping[str, Any], arch: "Arch", motions: Sequence["Motion"], factors: Sequence[float]
 ) -> dict[str, NDArray]:
     """As `simulate_case` for several runs of one arch: `columns_of` and `wall_time` [s]."""
-    from archfrag.simulation.many import results_of_runs
+    from archfrag.simulate import results_of_runs
 
     arguments = {key: value for key, value in method.items() if key != "name"}
-    runs = results_of_runs(arch, motions, factors, method=method["name"], **arguments)
-    return columns_of(runs.results) | {"wall_time": runs.wall_time}
+    results, wall_time = results_of_runs(
+        arch, motions, factors, method=method["name"], **arguments
+    )
+    return columns_of(results) | {"wall_time": wall_time}
