@@ -86,20 +86,20 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
 
 def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    wanted = [*_PEAKS, *spectrum, *_INTEGRALS]
-    if motion.across is not None:
-        wanted += [
+    requested = [*_PEAKS, *spectrum, *_INTEGRALS]
+    if motion.transverse is not None:
+        requested += [
             (f"{kind}_{column}", f"{kind}({name})", unit)
             for kind in ("RotD50", "RotD100")
             for column, name, unit in (*_PEAKS[:2], *spectrum)
         ]
-    values = measure_all(motion, [name for _, name, _ in wanted])
+    values = measure_all(motion, [name for _, name, _ in requested])
     row: dict[str, Any] = {"record": motion.id}
     for column, keys in _FACTS.items():
         given = (motion.metadata.get(key) for key in keys)
         row[column] = next((value for value in given if value not in (None, "")), None)
     row |= {"scale": motion.metadata.get("scale", 1.0), "dt_s": motion.dt}
-    row |= {column: values[name] / unit for column, name, unit in wanted}
+    row |= {column: values[name] / unit for column, name, unit in requested}
     return row | {"pulse": motion.metadata.get("pulse")}
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
 from archfrag.motions.partners import channel_code
@@ -17,10 +16,9 @@ if TYPE_CHECKING:
 
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
-PGA_RANGE = (1e-5, 5.0)  # [g]
-TIME_STEP_RANGE = (1e-4, 0.1)  # [s]
+PGA_RANGE, TIME_STEP_RANGE = (1e-5, 5.0), (1e-4, 0.1)  # [g], [s]
 LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
-Doubt = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
+Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 
 def record_size(path: Path) -> int:
@@ -58,8 +56,8 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
     return tuple(word for word in ACCEPTABLE if word in given)
 
 
-def doubtful_motion(channel: "Trace", acceleration: NDArray[np.float64]) -> Iterator[Doubt]:
-    """What is implausible about a channel and its samples, or some of them, in m/s2."""
+def implausible(channel: "Trace") -> Iterator[Warned]:
+    """What is implausible about a channel in m/s2."""
     code, dt = channel_code(channel), float(channel.stats.delta)
     low, high = TIME_STEP_RANGE
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
@@ -67,7 +65,7 @@ def doubtful_motion(channel: "Trace", acceleration: NDArray[np.float64]) -> Iter
         text = f"time step of channel {code} is {dt:g} s, outside {low:g} to {high:g} s"
         yield "time_step", text
     low, high = PGA_RANGE
-    peak = float(np.abs(acceleration).max()) / STANDARD_GRAVITY
+    peak = float(np.abs(channel.data).max()) / STANDARD_GRAVITY
     if not low <= peak <= high:
         unit = channel.stats.record.unit_in_file
         text = f"peak of channel {code} is {peak:.4g} g by its unit {unit}"
@@ -75,11 +73,11 @@ def doubtful_motion(channel: "Trace", acceleration: NDArray[np.float64]) -> Iter
 
 
 def accept_or_refuse(
-    path: object, accept: tuple[str, ...], doubts: Iterable[Doubt]
+    path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
 ) -> tuple[str, ...]:
-    """What the log states of doubts whose word is in `accept`; any other one is refused."""
+    """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
     accepted = []
-    for word, fact in doubts:
+    for word, fact in warnings:
         if word not in accept:
             remedy = f"; to use it as it is give `accept` with {word} (--accept {word} on the "
             remedy = f"{remedy}command line)" if word else ""
