@@ -1,25 +1,33 @@
-"""What StationXML, a header or the user knows of an instrument: unit and sense."""
+"""What a file, StationXML and the user state of a record: unit, sense, and what is plausible."""
 
 import io
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Inventory, Trace, read_inventory
-from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.files import read_bytes
-from archfrag.motions.formats.columns import Columns
-from archfrag.motions.index import IndexEntry
 from archfrag.motions.partners import channel_code, is_vertical
-from archfrag.motions.plausible import LARGEST_INVENTORY, Warned
 from archfrag.motions.units import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 
+if TYPE_CHECKING:
+    from obspy import Inventory, Trace
+
+    from archfrag.motions.formats.columns import Columns
+    from archfrag.motions.index import IndexEntry
+
+    Given = str | Path | Inventory | None
+
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
-Given = str | Path | Inventory | None
+Acceptable = Literal["pga", "time_step", "samples", "header"]
+ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
+PGA_RANGE, TIME_STEP_RANGE = (1e-5, 5.0), (1e-4, 0.1)  # [g], [s]
+LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
+Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 _Scaled = tuple[NDArray[np.float64], str, tuple[str, ...]]
 
 
@@ -27,17 +35,82 @@ class Reading(NamedTuple):
     """What the user states of a file, see `archfrag.motions.read.read_motion`."""
 
     unit: str | None = None
-    inventory: Given = None
+    inventory: "Given" = None
     accept: Iterable[str] = ()
-    columns: Columns | None = None
+    columns: "Columns | None" = None
+
+
+def record_size(path: Path) -> int:
+    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise RecordError(
+            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
+            "made of its name"
+        ) from None
+    for right, what in (
+        (path.exists(), "there is no such file"),
+        (not path.is_dir(), "this is a folder; a record is one file"),
+        (path.is_file(), "this is not a regular file"),
+        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
+    ):
+        if not right:
+            raise RecordError(f"{path}: {what}")
+    size = path.stat().st_size
+    if not 0 < size <= LARGEST_RECORD:
+        many = f"the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        raise RecordError(f"{path}: {many if size else 'the file is empty'}")
+    return size
+
+
+def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
+    """The words of an `accept`, commas or blanks between, in the order of ``ACCEPTABLE``."""
+    listed = [words] if isinstance(words, str) else words
+    given = [word for text in listed for word in text.replace(",", " ").split()]
+    for word in given:
+        if word not in ACCEPTABLE:
+            raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
+    return tuple(word for word in ACCEPTABLE if word in given)
+
+
+def implausible(channel: "Trace") -> Iterator[Warned]:
+    """What is implausible about a channel in m/s2."""
+    code, dt = channel_code(channel), float(channel.stats.delta)
+    low, high = TIME_STEP_RANGE
+    # A rate such as 10 Hz need not give 0.1 s to the last digit.
+    if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
+        text = f"time step of channel {code} is {dt:g} s, outside {low:g} to {high:g} s"
+        yield "time_step", text
+    low, high = PGA_RANGE
+    peak = float(np.abs(channel.data).max()) / STANDARD_GRAVITY
+    if not low <= peak <= high:
+        unit = channel.stats.record.unit_in_file
+        text = f"peak of channel {code} is {peak:.4g} g by its unit {unit}"
+        yield "pga", f"{text}, outside {low:g} to {high:g} g"
+
+
+def accept_or_refuse(
+    path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
+) -> tuple[str, ...]:
+    """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
+    accepted = []
+    for word, fact in warnings:
+        if word not in accept:
+            remedy = f"; to use it as it is give `accept` with {word} (--accept {word} on the "
+            remedy = f"{remedy}command line)" if word else ""
+            raise RecordError(f"{path}: {fact}{remedy}")
+        accepted.append(f"Accepted: {fact}.")
+    return tuple(accepted)
 
 
 def calibrate(
-    trace: Trace, warnings: tuple[Warned, ...], path: Path, options: Reading,
-    entry: IndexEntry | None,
+    trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
+    entry: "IndexEntry | None",
 ) -> None:  # fmt: skip
     """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not."""
-    record: AttribDict = trace.stats.record
+    record = trace.stats.record
     record.warnings, record.unit_in_file = warnings, ""
     record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
     if any(word is None for word, _ in warnings):
@@ -64,7 +137,7 @@ def calibrate(
         record.log += (f"Sign of {code} changed: it counts downwards.",)
 
 
-def _scaled(trace: Trace, path: Path, options: Reading, entry: IndexEntry | None) -> _Scaled:
+def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | None") -> _Scaled:
     """Samples in m/s2, their unit in the file, and what was done to them.
 
     The unit comes from the first source that states one: the file's header; the index that lists
@@ -111,14 +184,14 @@ def _scaled(trace: Trace, path: Path, options: Reading, entry: IndexEntry | None
 
 
 def _demeaned(
-    trace: Trace, factor: float, unit: str, log: tuple[str, ...], words: str
+    trace: "Trace", factor: float, unit: str, log: tuple[str, ...], words: str
 ) -> _Scaled:
     samples = np.asarray(trace.data, dtype=np.float64) * factor
     mean = float(samples.mean())
     return samples - mean, unit, (*log, f"{words} ({mean:.6g} m/s2).")
 
 
-def _of_counts(trace: Trace, path: Path, given: Given) -> tuple[float, str] | None:
+def _of_counts(trace: "Trace", path: Path, given: "Given") -> tuple[float, str] | None:
     """The factor from counts to m/s2 and its source, None if nothing states one."""
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "the file's scale factor"
@@ -131,9 +204,11 @@ def _of_counts(trace: Trace, path: Path, given: Given) -> tuple[float, str] | No
     return None
 
 
-def find_inventory(path: Path, trace: Trace, given: Given) -> Inventory | None:
+def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | None":
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
-    if isinstance(given, Inventory):
+    from obspy import read_inventory
+
+    if not (given is None or isinstance(given, (str, Path))):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
@@ -153,7 +228,7 @@ def reason_of(error: Exception) -> str:
     return [*str(error).splitlines(), type(error).__name__][0]
 
 
-def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:
+def _sensitivity(trace: "Trace", path: Path, inventory: "Inventory") -> float:
     try:
         overall = inventory.get_response(trace.id, trace.stats.starttime).instrument_sensitivity
     except Exception:
@@ -170,7 +245,7 @@ def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:
     return float(overall.value)
 
 
-def _points_down(trace: Trace, path: Path, given: Given) -> bool:
+def _points_down(trace: "Trace", path: Path, given: "Given") -> bool:
     """Whether a vertical channel counts downwards as positive."""
     stated = trace.stats.record.get("unit", "counts") != "counts"
     inventory = None if stated else find_inventory(path, trace, given)

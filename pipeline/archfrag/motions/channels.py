@@ -16,19 +16,20 @@ from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
 from archfrag.files import opened
-from archfrag.motions.calibrate import Reading, calibrate
-from archfrag.motions.formats.columns import Columns, read_columns
-from archfrag.motions.formats.waveform import OWN, TEXT, read_traces
-from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.motion import Motion
-from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
-from archfrag.motions.plausible import (
+from archfrag.motions.calibrate import (
+    Reading,
     Warned,
     accept_or_refuse,
     accepted_words,
+    calibrate,
     implausible,
     record_size,
 )
+from archfrag.motions.formats import OWN, TEXT, read_traces
+from archfrag.motions.formats.columns import Columns, read_columns
+from archfrag.motions.index import IndexEntry, check_sha256, find_entry
+from archfrag.motions.motion import Motion
+from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 
 def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry | None]:

@@ -17,11 +17,10 @@ from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
-from archfrag.motions.calibrate import Reading
+from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
 from archfrag.motions.channels import read_channels
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.partners import channel_code, instrument, is_vertical
-from archfrag.motions.plausible import accept_or_refuse, implausible
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
 

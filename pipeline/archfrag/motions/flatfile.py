@@ -25,10 +25,11 @@ _INTEGRALS = (
     ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
     ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
 )  # fmt: skip
-# Column, its type, and the keys of a motion's metadata of which the first one that is there counts.
+# Column, its type, and the keys of a motion's metadata; the first one that is there counts.
 _FACTS = {
     "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
-    "magnitude": (float, "Mw", "magnitude"), "distance_km": (float, "distance_km", "epicentral_km"),
+    "magnitude": (float, "Mw", "magnitude"),
+    "distance_km": (float, "distance_km", "epicentral_km"),
     "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
 }  # fmt: skip
 _TEXTS = ["record", *(name for name, (kind, *_) in _FACTS.items() if kind == "string")]

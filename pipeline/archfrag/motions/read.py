@@ -8,11 +8,11 @@ import numpy as np
 from obspy import Inventory, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import Reading
+from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
 from archfrag.motions.channels import by_direction, read_channels
+from archfrag.motions.formats import recognise
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
-from archfrag.motions.formats.waveform import recognise
 from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
 from archfrag.motions.partners import (
@@ -22,7 +22,6 @@ from archfrag.motions.partners import (
     is_vertical,
     with_vertical,
 )
-from archfrag.motions.plausible import accept_or_refuse, implausible
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = (

@@ -1,8 +1,8 @@
 """Synthetic ground motions by the stochastic point-source method of Boore (2003).
 
 Gaussian noise is shaped in time by a window of the expected duration and in frequency by the
-Fourier amplitude of source, path and site (see `source`), which varies between events, sites and
-records (see `variation`). One motion follows from its magnitude, distance, options and three
+Fourier amplitude of source, path and site (see `amplitude`), which varies between events, sites
+and records. One motion follows from its magnitude, distance, options and three
 seeds alone. It may have the velocity pulse of a near fault.
 
 References
@@ -25,26 +25,8 @@ from numpy.typing import ArrayLike
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
 from archfrag.motions.spectra import response_spectrum
-from archfrag.motions.synthetic.source import (
-    FREQUENCIES,
-    VS30,
-    WINDOW_LENGTH,
-    WINDOW_PEAK,
-    Row,
-    fourier_amplitude,
-    ground_motion_duration,
-    low_cut,
-    median_adjustment,
-    site_factor,
-    window,
-)
-from archfrag.motions.synthetic.variation import (
-    COMPONENT_CORRELATION,
-    GRID,
-    draw_term,
-    median_correction,
-    vertical_factor,
-)
+from archfrag.motions.synthetic import amplitude as fourier
+from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
 
 MODEL = (
     "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
@@ -99,11 +81,11 @@ def make_motion(
     seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
     _check(magnitude, distance, seeds, options)
     dt = options.dt
-    length = WINDOW_LENGTH * ground_motion_duration(magnitude, distance)
+    length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
-    size = 1 << int(np.ceil(np.log2(active + 1.5 / (low_cut(magnitude) * dt))))
+    size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
-    shape = window(time, length)
+    shape = fourier.window(time, length)
     f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
     amplitude = _amplitude(f, magnitude, distance, options.vs30)
 
@@ -122,15 +104,15 @@ def make_motion(
         "distance_km": distance, "Vs30_mps": options.vs30, "seed": seeds.record,
         "event_seed": seeds.event, "site_seed": seeds.site, "model": MODEL,
     }  # fmt: skip
-    level, upright = _terms(magnitude, distance, seeds, options)
-    horizontal = shaken("noise", level)
+    terms = _terms(magnitude, distance, seeds, options)
+    horizontal = shaken("noise", terms[0])
     if options.pulse:
-        after_peak = time[:active] - WINDOW_PEAK * length
+        after_peak = time[:active] - fourier.WINDOW_PEAK * length
         stream = _generator("pulse", seeds.record)
         horizontal, facts["pulse_period_s"] = _with_pulse(
             horizontal, after_peak, magnitude, stream
         )
-    vertical = _finished(shaken("vertical_noise", upright), dt) if options.vertical else None
+    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if options.vertical else None
     log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
     name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
     return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
@@ -157,9 +139,9 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """Fourier amplitude without variation, above zero frequency [m/s]."""
-    amplitude = fourier_amplitude(f, magnitude, distance) * site_factor(f, vs30)
-    amplitude *= median_adjustment(f, magnitude, distance)
-    return amplitude / (1.0 + (low_cut(magnitude) / f) ** 8)
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(f, vs30)
+    amplitude *= fourier.median_adjustment(f, magnitude, distance)
+    return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
 
 
 @lru_cache(maxsize=256)
@@ -167,8 +149,8 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
     """ln of V/H of amplitudes, or what to add to ln amplitude so that variation leaves medians."""
     amplitude = _amplitude(GRID, magnitude, distance, vs30)
     if vertical:
-        return vertical_factor(amplitude, magnitude, distance, vs30)
-    return median_correction(amplitude)
+        return fourier.vertical_factor(amplitude, magnitude, distance, vs30)
+    return fourier.median_correction(amplitude)
 
 
 def _terms(
@@ -184,8 +166,8 @@ def _terms(
         common += draw_term(kind, _generator(kind, seed))
     record = draw_term("record", _generator("record", seeds.record))
     other = draw_term("record", _generator("vertical_record", seeds.record))
-    apart = np.sqrt(1.0 - COMPONENT_CORRELATION**2)
-    return common + record, common + COMPONENT_CORRELATION * record + apart * other + ratio
+    apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
+    return common + record, common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio
 
 
 def _finished(samples: Row, dt: float) -> Row:
@@ -224,7 +206,8 @@ def _with_pulse(
     """A motion with a pulse at time zero, and its period [s]: at 0.88 Tp it amplifies as [1]_.
 
     ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
-    (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero if abs(t) > gamma Tp / 2.
+    (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
+    abs(t) = gamma Tp / 2.
     """
     period = float(np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal()))
     phase = generator.uniform(0.0, 2.0 * np.pi)

@@ -11,8 +11,8 @@ from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.motion import Motion
+from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
-from archfrag.motions.synthetic.source import VS30
 
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
