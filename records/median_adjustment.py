@@ -13,7 +13,7 @@ import numpy as np
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import Options, make_motion, motion
-from archfrag.motions.synthetic.source import VS30
+from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.units import STANDARD_GRAVITY
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)

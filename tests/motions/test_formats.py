@@ -9,9 +9,9 @@ import pytest
 from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
 from archfrag.errors import RecordError
+from archfrag.motions.formats import OWN, plug_in, recognise
 from archfrag.motions.formats.keyed import read_knet
 from archfrag.motions.formats.text import numbers, on_even_steps
-from archfrag.motions.formats.waveform import OWN, plug_in, recognise
 from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 

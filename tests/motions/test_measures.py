@@ -50,7 +50,7 @@ CLOSED = [
     (WAVE, "HI", sa_integral(0.1, 2.5, 1), 2e-3),
     (WAVE, "AvgSA(0.2,1.0)",
      spectral_acceleration(WAVE, np.geomspace(0.2, 1.0, 10)).prod() ** 0.1, 1e-12),
-    (Motion(0.6 * noise(), 0.01, across=0.8 * noise()), "RotD100(PGA)",
+    (Motion(0.6 * noise(), 0.01, transverse=0.8 * noise()), "RotD100(PGA)",
      np.abs(noise()).max(), 1e-4),
 ]  # fmt: skip
 
@@ -85,7 +85,7 @@ def test_spectrum_of_a_record_that_ends_in_motion(count):
 @pytest.mark.parametrize("period", [0.05, 0.4, 2.0])
 def test_rotated_spectrum_is_that_of_each_direction(period):
     one, other = noise(seed=1), noise(seed=2)
-    motion = Motion(one, 0.01, across=other)
+    motion = Motion(one, 0.01, transverse=other)
     each = [response_spectrum(np.cos(a) * one + np.sin(a) * other, 0.01, period)[0]
             for a in np.deg2rad(np.arange(180))]  # fmt: skip
     assert measure(motion, f"RotD50(Sa({period}))") == pytest.approx(np.median(each), rel=1e-8)

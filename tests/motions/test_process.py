@@ -6,6 +6,7 @@ from scipy.signal import detrend
 
 from archfrag.errors import RecordError
 from archfrag.motions import process
+from archfrag.motions.measures import velocity
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import azimuth_of_code, rotate
 
@@ -13,7 +14,7 @@ from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
 
 def pair(**metadata):
-    return Motion(wave(), 0.01, across=2.0 * wave(frequency=3.0), metadata=metadata, id="m")
+    return Motion(wave(), 0.01, transverse=2.0 * wave(frequency=3.0), metadata=metadata, id="m")
 
 
 class TestSteps:
@@ -27,7 +28,7 @@ class TestSteps:
     def test_baseline_takes_off_a_drift_of_its_order(self):
         motion = process.baseline(Motion(0.02 + 1e-5 * np.arange(4000), 0.01), order=2)
         assert np.abs(motion.acceleration).max() < 1e-6
-        assert np.abs(process.velocity(motion)).max() < 1e-5
+        assert np.abs(velocity(motion)).max() < 1e-5
 
     def test_taper(self):
         left = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left").acceleration
@@ -75,13 +76,13 @@ class TestSteps:
 
     def test_all_components_are_changed_alike_and_nothing_given_is(self):
         samples = np.random.default_rng(0).standard_normal(500)
-        motion = Motion(samples, 0.01, vertical=samples, across=samples)
+        motion = Motion(samples, 0.01, vertical=samples, transverse=samples)
         for step in (process.demean, process.detrend, process.taper, process.baseline,
                      lambda m: process.bandpass(m, 0.1, 20.0),
                      lambda m: process.resample(m, 0.02)):  # fmt: skip
             changed = step(motion)
             assert len(changed.log) == 1
-            assert np.array_equal(changed.vertical, changed.across)
+            assert np.array_equal(changed.vertical, changed.transverse)
             assert all(np.array_equal(part, samples) for part in motion.components.values())
 
 
@@ -89,17 +90,17 @@ class TestRotation:
     def test_by_90_degrees_swaps_the_components(self):
         motion = pair()
         rotated = rotate(motion, angle=90.0)
-        assert np.allclose(rotated.acceleration, motion.across, rtol=0, atol=1e-15)
-        assert np.allclose(rotated.across, -motion.acceleration, rtol=0, atol=1e-15)
+        assert np.allclose(rotated.acceleration, motion.transverse, rtol=0, atol=1e-15)
+        assert np.allclose(rotated.transverse, -motion.acceleration, rtol=0, atol=1e-15)
 
     @pytest.mark.parametrize("azimuth", [30.0, 90.0])
     @pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
     def test_to_an_azimuth(self, azimuth, code, apart):
         north, east = wave(), 2.0 * wave(frequency=3.0)
         wanted, apart = np.deg2rad([azimuth, apart])
-        facts = {"component": "000", "component_across": code}
+        facts = {"component": "000", "component_transverse": code}
         other = np.cos(apart) * north + np.sin(apart) * east
-        rotated = rotate(Motion(north, 0.01, across=other, metadata=facts), azimuth=azimuth)
+        rotated = rotate(Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth)
         expected = np.cos(wanted) * north + np.sin(wanted) * east
         assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
         assert rotated.metadata["azimuth"] == azimuth
@@ -126,7 +127,7 @@ ALONE = Motion(wave(), 0.01, id="m")
         (lambda m: rotate(m), ["one of azimuth and angle"]),
         (lambda m: rotate(ALONE, angle=1.0), ["m: rotate needs two horizontal"]),
         (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["component 'H1' is not known"]),
-        (lambda m: rotate(pair(component="000", component_across="180"), azimuth=1.0),
+        (lambda m: rotate(pair(component="000", component_transverse="180"), azimuth=1.0),
          ["0 and 180 degrees", "too close to each other"]),
     ],
 )  # fmt: skip
@@ -136,7 +137,7 @@ def test_refusals(call, parts):
 
 @needs_real_records
 def test_a_response_is_flat_where_an_accelerometer_is(tmp_path):
-    from archfrag.motions.calibrate import remove_response
+    from archfrag.motions.process import remove_response
     from archfrag.motions.read import read_motion
 
     folder = REAL_RECORDS / "mseed"

@@ -12,9 +12,9 @@ from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Respon
 import archfrag as af
 from archfrag.cli import main
 from archfrag.errors import RecordError
+from archfrag.motions.calibrate import ACCEPTABLE
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import pga
-from archfrag.motions.plausible import ACCEPTABLE
 from archfrag.motions.read import load_motion, read_motion, read_motions
 
 from .helpers import SHIPPED, at2_text, refused, wave

@@ -6,8 +6,7 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.motions.flatfile import measure_records, read_flatfile, write_flatfile
 from archfrag.motions.measures import measure
-from archfrag.motions.motion import Motion
-from archfrag.motions.store import load_motions, save_motions
+from archfrag.motions.motion import Motion, load_motions, save_motions
 
 from .helpers import wave
 
@@ -60,7 +59,7 @@ class TestFlatfile:
         facts = {"file": "a.AT2", "event": "Quake, 1999", "Mw": 6.5, "component": "090",
                  "pulse": True}  # fmt: skip
         known = Motion(noise(), 0.01, id="known", metadata=facts)
-        pair = Motion(noise(seed=3), 0.01, id="pair", across=noise(seed=4))
+        pair = Motion(noise(seed=3), 0.01, id="pair", transverse=noise(seed=4))
         table = measure_records([known, pair], periods=[0.1, 1.0])
         assert list(table.columns[:14]) == [
             "record", "file", "event", "station", "magnitude", "distance_km", "vs30_mps",

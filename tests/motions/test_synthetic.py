@@ -9,23 +9,21 @@ import pytest
 from archfrag.errors import InputError, RecordError
 from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import pga, spectral_acceleration
+from archfrag.motions.measures import pga, spectral_acceleration, velocity
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import velocity
 from archfrag.motions.read import load_motion
 from archfrag.motions.selection import Rupture, predict
-from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions, source
-from archfrag.motions.synthetic import pulse as pulses
-from archfrag.motions.synthetic import vertical as verticals
-from archfrag.motions.synthetic.motion import _amplitude, _generator
-from archfrag.motions.synthetic.source import table
-from archfrag.motions.synthetic.variation import (
+from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions
+from archfrag.motions.synthetic import amplitude as source
+from archfrag.motions.synthetic.amplitude import (
+    COEFFICIENTS,
+    FREQUENCIES,
+    GRID,
     TERMS,
     correlation,
     draw_term,
-    frequencies,
-    grid,
 )
+from archfrag.motions.synthetic.motion import _amplitude, _generator, amplification
 from archfrag.motions.units import STANDARD_GRAVITY
 
 from .helpers import SHIPPED
@@ -52,7 +50,7 @@ def mean_term(seeds):
     """Mean over some seeds of the sum of terms that each motion has, at PERIODS."""
     drawn = [sum(draw_term(kind, _generator(kind, seed)) for kind, seed in zip(TERMS, each))
              for each in seeds]  # fmt: skip
-    return np.interp(np.log(1.0 / PERIODS), np.log(frequencies()), np.mean(drawn, axis=0))
+    return np.interp(np.log(1.0 / PERIODS), np.log(FREQUENCIES), np.mean(drawn, axis=0))
 
 
 class TestModel:
@@ -95,13 +93,13 @@ class TestModel:
         f = np.array([0.15, 0.4, 1.0, 2.5, 6.0, 15.0])
         assert correlation(f) == pytest.approx(theirs.corr(f), abs=0.005)
         for ours, name in {"tau": "tau", "phi_s2s": "phi_s2s", "phi_ss": "phi_s"}.items():
-            published = np.interp(frequencies(), theirs.FREQS, theirs.COEFF[name])
-            assert table()[ours] == pytest.approx(published, abs=1e-6)
+            published = np.interp(FREQUENCIES, theirs.FREQS, theirs.COEFF[name])
+            assert COEFFICIENTS[ours] == pytest.approx(published, abs=1e-6)
         for magnitude, distance, vs30 in ((5.5, 60.0, 500.0), (7.5, 5.0, 760.0)):
             scenario = pygmm.Scenario(
                 mag=magnitude, dist_rup=distance, v_s30=vs30, mechanism="SS", pga_ref=0.2
             )
-            ratio = verticals.vertical_ratio(magnitude, distance, vs30, 0.2)
+            ratio = source.vertical_ratio(magnitude, distance, vs30, 0.2)
             # At 2 s the two read the bounds of Vs30 differently.
             assert ratio == pytest.approx(
                 pygmm.GulerceAbrahamson2011(scenario).ratio[2:], rel=0.002
@@ -112,7 +110,7 @@ class TestSuite:
     def test_the_ground_is_at_rest_before_and_after(self):
         """That making them again gives the same bytes is in workflow/test_cli_records.py."""
         for recipe in synthetic.shipped_recipes()[::4]:
-            motion = recipe.make()
+            motion = make_motion(*recipe[1:])
             speed = velocity(motion)
             place = np.cumsum(speed)
             assert not motion.acceleration[:100].any()
@@ -180,8 +178,8 @@ class TestVariation:
     def test_deviation_and_correlation_are_the_tables(self, kind):
         generator = np.random.default_rng(1)
         rows = np.array([draw_term(kind, generator) for _ in range(3000)])
-        assert rows.std(axis=0) == pytest.approx(table()[TERMS[kind]], rel=0.06)
-        assert np.corrcoef(rows.T) == pytest.approx(correlation(frequencies()), abs=0.08)
+        assert rows.std(axis=0) == pytest.approx(COEFFICIENTS[TERMS[kind]], rel=0.06)
+        assert np.corrcoef(rows.T) == pytest.approx(correlation(FREQUENCIES), abs=0.08)
 
     def test_terms_are_common_where_seeds_are(self):
         def amplitudes(seeds):
@@ -218,12 +216,12 @@ class TestVertical:
             / spectral_acceleration(m, PERIODS)
             for m in made
         ])  # fmt: skip
-        amplitude = _amplitude(grid(), 6.5, 20.0, 760.0)
-        rock_pga = verticals._expected_peak(amplitude, 6.5, 20.0) / 9.80665
+        amplitude = _amplitude(GRID, 6.5, 20.0, 760.0)
+        rock_pga = source._expected_peak(amplitude, 6.5, 20.0) / 9.80665
         assert rock_pga == pytest.approx(np.median([pga(m) for m in made]) / 9.80665, rel=0.2)
-        wanted = verticals.vertical_ratio(6.5, 20.0, 760.0, rock_pga)
-        wanted = np.interp(PERIODS, verticals.vertical_periods(), wanted)
-        assert np.exp(ratio.mean(axis=0)) == pytest.approx(wanted, rel=0.12)
+        expected = source.vertical_ratio(6.5, 20.0, 760.0, rock_pga)
+        expected = np.interp(PERIODS, source.RATIO["period_s"], expected)
+        assert np.exp(ratio.mean(axis=0)) == pytest.approx(expected, rel=0.12)
         assert 0.3 < ratio.std(axis=0).min() < ratio.std(axis=0).max() < 0.65
 
 
@@ -235,7 +233,7 @@ class TestPulse:
             at = np.array([0.3, 0.88]) * pulse.metadata["pulse_period_s"]
             gains.append(spectral_acceleration(pulse, at) / spectral_acceleration(plain, at))
         found = np.exp(np.log(gains).mean(axis=0))
-        assert found == pytest.approx(pulses.amplification([0.3, 0.88]), rel=0.2)
+        assert found == pytest.approx(amplification([0.3, 0.88]), rel=0.2)
 
 
 class TestPlan:

@@ -29,7 +29,7 @@ def _columns(context: click.Context, parameter: click.Parameter, text: str | Non
 
 
 def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> Any:
-    from archfrag.motions.plausible import accepted_words
+    from archfrag.motions.calibrate import accepted_words
 
     return accepted_words(words, "--accept")
 

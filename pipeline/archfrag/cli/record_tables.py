@@ -68,7 +68,7 @@ def inspection_motions(found: Sequence[dict[str, Any]]) -> list[tuple[str, "Moti
 
 def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """What to know of a file: columns are for plain text, not for formats that name themselves."""
-    from archfrag.motions.formats.waveform import TEXT, recognise
+    from archfrag.motions.formats import TEXT, recognise
 
     if reading["columns"] is None or not file.is_file():
         return reading

@@ -52,8 +52,8 @@ def inspect(
     """
     from archfrag.cli import record_tables as commands
     from archfrag.errors import RecordError
+    from archfrag.motions.channels import inspect_record
     from archfrag.motions.index import goes_with_records
-    from archfrag.motions.inspection import inspect_record
 
     found, facts, unreadable = [], [], []
     for file in files:
@@ -183,7 +183,7 @@ def convert(
       archfrag records convert CE23837.V1C --to at2 --in g --out converted
     """
     from archfrag.cli.record_tables import reading_of
-    from archfrag.motions.channels import Reading
+    from archfrag.motions.calibrate import Reading
     from archfrag.motions.convert import convert_record
 
     written = [

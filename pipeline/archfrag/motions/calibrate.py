@@ -1,62 +1,171 @@
-"""What StationXML, a header or the user knows of an instrument: unit, sense and response."""
+"""What a file, StationXML and the user state of a record: unit, sense, and what is plausible."""
 
 import io
+import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Inventory, Trace, UTCDateTime, read_inventory
 
 from archfrag.errors import RecordError
 from archfrag.files import read_bytes
-from archfrag.motions.index import IndexEntry
-from archfrag.motions.motion import Motion
-from archfrag.motions.partners import channel_code
-from archfrag.motions.plausible import LARGEST_INVENTORY
+from archfrag.motions.partners import channel_code, is_vertical
 from archfrag.motions.units import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 
+if TYPE_CHECKING:
+    from obspy import Inventory, Trace
+
+    from archfrag.motions.formats.columns import Columns
+    from archfrag.motions.index import IndexEntry
+
+    Given = str | Path | Inventory | None
+
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
-Calibrated = tuple[NDArray[np.float64], str, tuple[str, ...]]
+Acceptable = Literal["pga", "time_step", "samples", "header"]
+ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
+PGA_RANGE, TIME_STEP_RANGE = (1e-5, 5.0), (1e-4, 0.1)  # [g], [s]
+LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
+Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
+_Scaled = tuple[NDArray[np.float64], str, tuple[str, ...]]
+
+
+class Reading(NamedTuple):
+    """What the user states of a file, see `archfrag.motions.read.read_motion`."""
+
+    unit: str | None = None
+    inventory: "Given" = None
+    accept: Iterable[str] = ()
+    columns: "Columns | None" = None
+
+
+def record_size(path: Path) -> int:
+    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise RecordError(
+            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
+            "made of its name"
+        ) from None
+    for right, what in (
+        (path.exists(), "there is no such file"),
+        (not path.is_dir(), "this is a folder; a record is one file"),
+        (path.is_file(), "this is not a regular file"),
+        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
+    ):
+        if not right:
+            raise RecordError(f"{path}: {what}")
+    size = path.stat().st_size
+    if not 0 < size <= LARGEST_RECORD:
+        many = f"the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        raise RecordError(f"{path}: {many if size else 'the file is empty'}")
+    return size
+
+
+def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
+    """The words of an `accept`, commas or blanks between, in the order of ``ACCEPTABLE``."""
+    listed = [words] if isinstance(words, str) else words
+    given = [word for text in listed for word in text.replace(",", " ").split()]
+    for word in given:
+        if word not in ACCEPTABLE:
+            raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
+    return tuple(word for word in ACCEPTABLE if word in given)
+
+
+def implausible(channel: "Trace") -> Iterator[Warned]:
+    """What is implausible about a channel in m/s2."""
+    code, dt = channel_code(channel), float(channel.stats.delta)
+    low, high = TIME_STEP_RANGE
+    # A rate such as 10 Hz need not give 0.1 s to the last digit.
+    if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
+        text = f"time step of channel {code} is {dt:g} s, outside {low:g} to {high:g} s"
+        yield "time_step", text
+    low, high = PGA_RANGE
+    peak = float(np.abs(channel.data).max()) / STANDARD_GRAVITY
+    if not low <= peak <= high:
+        unit = channel.stats.record.unit_in_file
+        text = f"peak of channel {code} is {peak:.4g} g by its unit {unit}"
+        yield "pga", f"{text}, outside {low:g} to {high:g} g"
+
+
+def accept_or_refuse(
+    path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
+) -> tuple[str, ...]:
+    """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
+    accepted = []
+    for word, fact in warnings:
+        if word not in accept:
+            remedy = f"; to use it as it is give `accept` with {word} (--accept {word} on the "
+            remedy = f"{remedy}command line)" if word else ""
+            raise RecordError(f"{path}: {fact}{remedy}")
+        accepted.append(f"Accepted: {fact}.")
+    return tuple(accepted)
 
 
 def calibrate(
-    trace: Trace, path: Path, unit: str | None, entry: IndexEntry | None, given: Any
-) -> Calibrated:
-    """Return samples in m/s2, their unit in the file, and what was done to them.
+    trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
+    entry: "IndexEntry | None",
+) -> None:  # fmt: skip
+    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not."""
+    record = trace.stats.record
+    record.warnings, record.unit_in_file = warnings, ""
+    record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
+    if any(word is None for word, _ in warnings):
+        return
+    values = np.asarray(trace.data, dtype=np.float64)
+    try:
+        trace.data, record.unit_in_file, log = _scaled(trace, path, options, entry)
+        record.log += log
+    except RecordError as error:
+        record.warnings = (*warnings, (None, str(error).removeprefix(f"{path}: ")))
+    mean = float(values.mean())
+    motion = float(np.abs(values - mean).max())
+    if abs(mean) > motion > 0.0:
+        unit = record.unit_in_file or "unit unknown"
+        offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
+        record.faults += (f"{offset}{motion:.4g} [{unit} in the file]",)
+    if not record.unit_in_file:
+        return
+    code = channel_code(trace)
+    if record.get("sensor") == "borehole":
+        record.log += (f"Channel {code} is in the borehole, not at the surface.",)
+    if is_vertical(trace) and _points_down(trace, path, options.inventory):
+        trace.data = -trace.data
+        record.log += (f"Sign of {code} changed: it counts downwards.",)
+
+
+def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | None") -> _Scaled:
+    """Samples in m/s2, their unit in the file, and what was done to them.
 
     The unit comes from the first source that states one: the file's header; the index that lists
     the file; the K-NET scale factor (which obspy leaves in ``stats.calib`` as m/s2 a count, not
-    applied); the instrument's sensitivity in StationXML, `given` or beside the file; the
-    sensitivities in a COSMOS header; the argument `unit`. Records of counts and uncorrected
-    volumes are demeaned: their offset is the instrument's and can exceed the motion.
+    applied); the instrument's sensitivity in StationXML, given or beside the file; the
+    sensitivities in a COSMOS header; the user. Records of counts and uncorrected volumes are
+    demeaned: their offset is the instrument's and can exceed the motion.
     """
+    unit, record = options.unit, trace.stats.record
     if unit is not None:
         unit_factor(unit, str(path))
-    record = trace.stats.record
     known, source = record.get("unit"), f"{trace.stats._format} header"
     if known in (None, "", "counts"):
         known, source = (entry.unit if entry else ""), "index"
-    if known:
-        if unit and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source):
-            raise _superfluous(path, unit, f"the {source} states {known!r}")
-        return _from_unit(trace, known, f"unit {known} from the {source}")
     counts: tuple[float, str] | None = None
-    if trace.stats._format == "KNET":
-        counts = float(trace.stats.calib), "the file's scale factor"
-        unit = None if unit == "m/s2" else unit
-    elif (inventory := find_inventory(path, trace, given)) is not None:
-        value = _sensitivity(trace, path, inventory)
-        counts = 1.0 / value, f"the sensitivity {value:.6g} counts/(m/s2) of its StationXML"
-    elif per_count := record.get("g_per_count"):
-        text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
-        counts = per_count * STANDARD_GRAVITY, text
+    if known:
+        stated = f"the {source} states {known!r}"
+        needless = unit and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source)
+    else:
+        counts = _of_counts(trace, path, options.inventory)
+        needless = unit and counts and not (unit == "m/s2" and trace.stats._format == "KNET")
+        stated = f"the file holds counts and there is {counts[1]}" if counts else ""
+    if needless:
+        raise RecordError(f"{path}: unit {unit!r} was asked for but {stated}; leave `unit` out")
     if counts is not None:
-        if unit is not None:
-            raise _superfluous(path, unit, f"the file holds counts and there is {counts[1]}")
         done = f"Converted from counts to m/s2 by {counts[1]}, factor {counts[0]:.9g}."
-        samples, mean = _demeaned(np.asarray(trace.data, dtype=np.float64) * counts[0])
-        return samples, "counts", (done, f"Mean removed ({mean:.6g} m/s2).")
+        return _demeaned(trace, counts[0], "counts", (done,), "Mean removed")
+    unit, how = (known, f"unit {known} from the {source}") if known else (unit, "")
     if unit is None:
         raise RecordError(
             f"{path}: the file does not state the unit of its samples; give `unit`, one of "
@@ -64,17 +173,44 @@ def calibrate(
             f"its StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the "
             "command line)"
         )
-    samples, unit, log = _from_unit(trace, unit, f"unit {unit} as asked for")
-    if trace.stats.calib != 1.0:
+    factor = METRES_PER_SECOND_SQUARED[unit]
+    how = how or f"unit {unit} as asked for"
+    log: tuple[str, ...] = (f"Converted to m/s2: {how}, factor {factor:g}.",)
+    if record.get("level") == "raw":
+        return _demeaned(trace, factor, unit, log, "Uncorrected: mean removed")
+    if not known and trace.stats.calib != 1.0:
         log = (*log, f"Calibration factor {trace.stats.calib:g} of the file not applied.")
-    return samples, unit, log
+    return np.asarray(trace.data, dtype=np.float64) * factor, unit, log
 
 
-def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
+def _demeaned(
+    trace: "Trace", factor: float, unit: str, log: tuple[str, ...], words: str
+) -> _Scaled:
+    samples = np.asarray(trace.data, dtype=np.float64) * factor
+    mean = float(samples.mean())
+    return samples - mean, unit, (*log, f"{words} ({mean:.6g} m/s2).")
+
+
+def _of_counts(trace: "Trace", path: Path, given: "Given") -> tuple[float, str] | None:
+    """The factor from counts to m/s2 and its source, None if nothing states one."""
+    if trace.stats._format == "KNET":
+        return float(trace.stats.calib), "the file's scale factor"
+    if (inventory := find_inventory(path, trace, given)) is not None:
+        value = _sensitivity(trace, path, inventory)
+        return 1.0 / value, f"the sensitivity {value:.6g} counts/(m/s2) of its StationXML"
+    if per_count := trace.stats.record.get("g_per_count"):
+        text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
+        return per_count * STANDARD_GRAVITY, text
+    return None
+
+
+def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | None":
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
-    if isinstance(given, Inventory):
+    from obspy import read_inventory
+
+    if not (given is None or isinstance(given, (str, Path))):
         return given
-    names = (path.stem, path.name, f"{trace.stats.network}.{trace.stats.station}")
+    names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
     file = given or next((candidate for candidate in near if candidate.is_file()), None)
     if file is None:
@@ -84,92 +220,15 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
         # From memory: obspy takes a path for a pattern or an address, and unpacks archives.
         return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
-        raise RecordError(f"{file}: cannot be read as StationXML ({_reason(error)})") from None
+        raise RecordError(f"{file}: cannot be read as StationXML ({reason_of(error)})") from None
 
 
-def points_down(trace: Trace, path: Path, given: Any) -> bool:
-    """Whether a vertical channel counts downwards as positive."""
-    stated = trace.stats.record.get("unit", "counts") != "counts"
-    inventory = None if stated else find_inventory(path, trace, given)
-    if inventory is None:
-        return channel_code(trace).upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
-    try:
-        dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
-    except Exception:
-        return False
-    return (dip or 0.0) > 0.0
-
-
-def remove_response(
-    motion: Motion,
-    record: str | Path,
-    inventory: str | Path | Inventory | None = None,
-    water_level: float = 60.0,
-    band: tuple[float, float, float, float] | None = None,
-) -> Motion:
-    """Divide the spectrum of each component by its instrument's response (obspy).
-
-    `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
-    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. Below its largest value
-    the response counts as `water_level` [dB] lower, and no more. `band` (f1, f2, f3, f4) [Hz] is
-    what to keep: cosine tapers from f1 to f2 and from f3 to f4. RecordError if there is no
-    StationXML, or it does not describe a channel of the record.
-    """
-    found: Inventory | None = None
-    changed: dict[str, NDArray[np.float64]] = {}
-    names = ("trace", "vertical_trace", "trace_across")
-    for (key, samples), name in zip(motion.components.items(), names):
-        if samples is None:
-            continue
-        codes = (str(motion.metadata.get(name, "")).split(".") + [""] * 4)[:4]
-        header = dict(zip(("network", "station", "location", "channel"), codes))
-        start = UTCDateTime(motion.metadata.get("start_time") or 0)
-        trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
-        found = found or find_inventory(Path(record), trace, inventory)
-        if found is None:
-            raise RecordError(
-                f"{record}: has no StationXML by which to remove its response; give `inventory`"
-            )
-        try:
-            response = found.get_response(trace.id, trace.stats.starttime)
-            trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(
-                found, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
-                taper=False,
-            )  # fmt: skip
-        except Exception as error:
-            failed = f"the response of channel {trace.id} cannot be removed"
-            raise RecordError(f"{record}: {failed} ({_reason(error)})") from None
-        changed[key] = np.asarray(trace.data, dtype=np.float64)
-    kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
-    done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
-    return motion._replaced(**changed, log=(*motion.log, done))
-
-
-def _superfluous(path: Path, unit: str, reason: str) -> RecordError:
-    return RecordError(f"{path}: unit {unit!r} was asked for but {reason}; leave `unit` out")
-
-
-def _reason(error: Exception) -> str:
+def reason_of(error: Exception) -> str:
+    """The first line of somebody else's error."""
     return [*str(error).splitlines(), type(error).__name__][0]
 
 
-def _demeaned(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    mean = float(samples.mean())
-    return samples - mean, mean
-
-
-def _from_unit(trace: Trace, unit: str, how: str) -> Calibrated:
-    factor = METRES_PER_SECOND_SQUARED[unit]
-    samples = np.asarray(trace.data, dtype=np.float64) * factor
-    log: tuple[str, ...] = (f"Converted to m/s2: {how}, factor {factor:g}.",)
-    if trace.stats.record.get("level") == "raw":
-        samples, mean = _demeaned(samples)
-        log = (*log, f"Uncorrected: mean removed ({mean:.6g} m/s2).")
-    return samples, unit, log
-
-
-def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:
+def _sensitivity(trace: "Trace", path: Path, inventory: "Inventory") -> float:
     try:
         overall = inventory.get_response(trace.id, trace.stats.starttime).instrument_sensitivity
     except Exception:
@@ -184,3 +243,16 @@ def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:
     if not (overall.value and np.isfinite(overall.value)):
         raise RecordError(f"{path}: the sensitivity of channel {trace.id} is {overall.value}")
     return float(overall.value)
+
+
+def _points_down(trace: "Trace", path: Path, given: "Given") -> bool:
+    """Whether a vertical channel counts downwards as positive."""
+    stated = trace.stats.record.get("unit", "counts") != "counts"
+    inventory = None if stated else find_inventory(path, trace, given)
+    if inventory is None:
+        return channel_code(trace).upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+    try:
+        dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
+    except Exception:
+        return False
+    return (dip or 0.0) > 0.0

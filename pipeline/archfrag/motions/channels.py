@@ -2,56 +2,47 @@
 
 A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``announced`` and
 ``held`` numbers of samples, a ``log`` of what was done, ``faults`` (contradictions) and
-``doubts`` (what it is refused for unless accepted); ``unit_in_file`` is empty where no unit is
+``warnings`` (for which it is refused unless accepted); ``unit_in_file`` is empty if no unit is
 known, and then the samples are those of the file.
 """
 
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from obspy import Inventory, Stream, Trace
-from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.files import opened
-from archfrag.motions.calibrate import calibrate, points_down
+from archfrag.motions.calibrate import (
+    Reading,
+    Warned,
+    accept_or_refuse,
+    accepted_words,
+    calibrate,
+    implausible,
+    record_size,
+)
+from archfrag.motions.formats import OWN, TEXT, read_traces
 from archfrag.motions.formats.columns import Columns, read_columns
-from archfrag.motions.formats.waveform import (
-    BINARY,
-    OWN,
-    TEXT,
-    archive_kind,
-    read_as,
-    recognise,
-)  # fmt: skip
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.isolated import read_apart
+from archfrag.motions.motion import Motion
 from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
-from archfrag.motions.plausible import Doubt, accept_or_refuse, record_size
-
-
-class Reading(NamedTuple):
-    """What the user states of a file, see `archfrag.motions.read.read_motion`."""
-
-    unit: str | None = None
-    inventory: str | Path | Inventory | None = None
-    accept: tuple[str, ...] = ()
-    columns: Columns | None = None
 
 
 def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry | None]:
     """Return the channels of a file in their order, and the row of an index that lists it."""
+    accept = accepted_words(options.accept, str(path))
     entry = find_entry(path)
     if entry is not None and path.is_file():
         check_sha256(entry)
-    channels, unequal, gap = examine(path, options)
-    accept = (*options.accept, *(entry.accept if entry else ()))
+    channels, unequal, gap = _examine(path, options, entry)
     for channel in channels:
         record = channel.stats.record
-        record.accepted = accept_or_refuse(path, accept, record.doubts)
+        record.accept = (*accept, *(entry.accept if entry else ()))
+        record.accepted = accept_or_refuse(path, record.accept, record.warnings)
         if channel.stats._format in OWN:  # pieces between gaps are unequal in those of networks
             record.faults = (*record.faults, *unequal)
         faults = (f"Fault: {fault}." for fault in record.faults)
@@ -61,61 +52,43 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
     return channels, entry
 
 
-def examine(path: Path, options: Reading) -> tuple[list[Trace], tuple[str, ...], str]:
+def _examine(
+    path: Path, options: Reading, entry: IndexEntry | None
+) -> tuple[list[Trace], tuple[str, ...], str]:
     """Read a file whatever is wrong with it; RecordError only if it cannot be read at all.
 
-    Returns
-    -------
-    list of obspy.Trace
-    tuple of str
-        That the numbers of samples are unequal, if they are.
-    str
-        Why its traces cannot be joined, if so.
+    Returns its channels, that their numbers of samples are unequal (if so), and why traces of one
+    channel cannot be joined (if so).
     """
-    entry = find_entry(path)
-    traces = _traces(path, options.columns or (entry.columns if entry else None))
+    record_size(path)
+    if columns := options.columns or (entry.columns if entry else None):
+        traces = read_columns(path, columns)
+    else:
+        # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
+        traces = read_traces(str(path), "AT2" if path.suffix.lower() == ".at2" else None)
     unequal: tuple[str, ...] = ()
     if len({trace.stats.record.held for trace in traces}) > 1:
         listed = (f"{channel_code(trace)} {trace.stats.record.held}" for trace in traces)
         numbers = f"unequal numbers of samples ({', '.join(listed)})"
         unequal = (f"the channels of the file have {numbers}",)
-    doubts: dict[str, tuple[Doubt, ...]] = {}
+    warnings: dict[str, tuple[Warned, ...]] = {}
     for trace in traces:
-        doubts[trace.id] = (*doubts.get(trace.id, ()), *_doubts(trace))
+        warnings[trace.id] = (*warnings.get(trace.id, ()), *_warnings(trace))
         record = trace.stats.record
         if record.held < record.announced and trace is traces[-1] and _breaks_off(trace, path):
             trace.data = trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
-            doubts[trace.id] = (*doubts[trace.id], ("samples", left))
-    impossible = any(word is None for found in doubts.values() for word, _ in found)
+            warnings[trace.id] = (*warnings[trace.id], ("samples", left))
+    impossible = any(word is None for found in warnings.values() for word, _ in found)
     channels, gap = (traces, "") if impossible else _joined(traces)
     for channel in channels:
         if len(channels) < len(traces):
             channel.stats.record.update(dict.fromkeys(("announced", "held"), channel.stats.npts))
-        _calibrate(channel, doubts[channel.id], path, options, entry)
+        calibrate(channel, warnings[channel.id], path, options, entry)
     return channels, unequal, gap
 
 
-def _traces(path: Path, columns: Columns | None) -> list[Trace]:
-    """Traces of a file, of formats in binary read apart."""
-    record_size(path)
-    if columns is not None:
-        return read_columns(path, columns)
-    name = str(path)
-    # By its name alone, so that a damaged header is judged by the reader that knows it.
-    form = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)
-    if traces := read_as(name, form) if form else read_apart(name, BINARY):
-        return traces
-    if kind := archive_kind(name):
-        raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
-    raise RecordError(
-        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
-        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
-        "records by a pattern such as *.AT2"
-    )
-
-
-def _doubts(trace: Trace) -> Iterator[Doubt]:
+def _warnings(trace: Trace) -> Iterator[Warned]:
     """What cannot be a record, or contradicts its header."""
     delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
     announced, held = record.announced, record.held
@@ -128,8 +101,8 @@ def _doubts(trace: Trace) -> Iterator[Doubt]:
         stated = f"the header announces {announced} samples of channel {code}"
         yield "samples", f"{stated}, the file holds {only}{held}"
     else:
-        for doubt in record.get("doubts", ()):
-            yield "header", f"channel {code}: {doubt}"
+        for warning in record.get("warnings", ()):
+            yield "header", f"channel {code}: {warning}"
     if 0 < len(trace.data) < 2 or 0 < held < 2:
         yield None, f"channel {trace.id} holds {held} sample(s); 2 or more are needed"
     if np.ma.isMaskedArray(trace.data):
@@ -148,49 +121,15 @@ def _breaks_off(trace: Trace, path: Path) -> bool:
 
 
 def _joined(traces: list[Trace]) -> tuple[list[Trace], str]:
-    """What is only split as one; why not where there are holes."""
+    """Traces of one channel as one; why not if there are holes."""
     stream = Stream(list(traces))
     if len({trace.id for trace in stream}) < len(stream):
         stream.merge(method=-1)
-    for network, station, location, channel, start, _, length, _ in stream.get_gaps():
-        kind = "a gap" if length > 0 else "an overlap"
-        where = f"channel {network}.{station}.{location}.{channel}"
-        text = f"{where} has {kind} of {abs(length):g} s after {start}"
-        return traces, f"{text}; a record must be without gaps"
+    for *codes, start, _, length, _ in stream.get_gaps():
+        kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+        where = f"channel {'.'.join(codes)}"
+        return traces, f"{where} has {kind}; a record must be without gaps"
     return list(stream), ""
-
-
-def _calibrate(
-    trace: Trace, doubts: tuple[Doubt, ...], path: Path, options: Reading,
-    entry: IndexEntry | None,
-) -> None:  # fmt: skip
-    """Bring the samples of a channel to m/s2, upwards, where its unit is known."""
-    record: AttribDict = trace.stats.record
-    record.doubts, record.unit_in_file = doubts, ""
-    record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
-    if any(word is None for word, _ in doubts):
-        return
-    values = np.asarray(trace.data, dtype=np.float64)
-    try:
-        done = calibrate(trace, path, options.unit, entry, options.inventory)
-        trace.data, record.unit_in_file, log = done
-        record.log += log
-    except RecordError as error:
-        record.doubts = (*doubts, (None, str(error).removeprefix(f"{path}: ")))
-    mean = float(values.mean())
-    motion = float(np.abs(values - mean).max())
-    if abs(mean) > motion > 0.0:
-        unit = record.unit_in_file or "unit unknown"
-        offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
-        record.faults += (f"{offset}{motion:.4g} [{unit} in the file]",)
-    if not record.unit_in_file:
-        return
-    code = channel_code(trace)
-    if record.get("sensor") == "borehole":
-        record.log += (f"Channel {code} is in the borehole, not at the surface.",)
-    if is_vertical(trace) and points_down(trace, path, options.inventory):
-        trace.data = -trace.data
-        record.log += (f"Sign of {code} changed: it counts downwards.",)
 
 
 def by_direction(
@@ -210,3 +149,56 @@ def by_direction(
         unclear = f"which of the channels {names} is horizontal is not clear from their codes"
         raise RecordError(f"{path}: {unclear}; {remedy}")
     return others, verticals
+
+
+def inspect_record(
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    inventory: str | Path | Inventory | None = None,
+    columns: Columns | None = None,
+) -> dict[str, Any]:
+    """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
+
+    Returns
+    -------
+    dict
+        ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` of the file, and
+        ``channels``, for each: ``code`` of the component, ``station``, ``start`` of the first
+        sample (UTC, empty if unknown), ``dt`` [s], ``announced`` and held samples (``count``),
+        ``unit`` in the file (empty if nothing states it), ``level`` (``raw``, ``processed`` or
+        empty), ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``, a
+        Motion; the last two are None if the unit is unknown.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, in no format that is read, or damaged.
+    """
+    options = Reading(unit, inventory, (), columns)
+    traces, unequal, gap = _examine(Path(path), options, find_entry(path))
+    record = traces[0].stats.record
+    return {
+        "file": str(path), "format": traces[0].stats._format,
+        **{key: str(record.get(key, "")) for key in ("event", "date")},
+        "magnitude": record.get("magnitude"), "channels": list(map(_inspected, traces)),
+        "faults": [*record.messages, *unequal, *filter(None, (gap,))],
+    }  # fmt: skip
+
+
+def _inspected(trace: Trace) -> dict[str, Any]:
+    stats, record = trace.stats, trace.stats.record
+    unit, dt = record.unit_in_file, float(stats.delta)
+    names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
+    faults = [*(text for _, text in record.warnings), *record.faults]
+    faults += [text for _, text in implausible(trace)] if unit else []
+    return {
+        "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
+        "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
+        "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
+        "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
+        "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+        "duration": (record.held - 1) * dt,
+        "PGA": float(abs(trace.data).max()) if unit else None,
+        "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
+    }  # fmt: skip

@@ -17,10 +17,10 @@ from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
-from archfrag.motions.channels import Reading, read_channels
+from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
+from archfrag.motions.channels import read_channels
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.partners import channel_code, instrument, is_vertical
-from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
 
@@ -29,33 +29,27 @@ UNITS = ("m/s2", "g")
 _AT2_COLUMNS = 5
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
 _LONGEST_LINE = 1000
-_ISO = re.compile(r"(\d{4})-(\d{1,2})-(\d{1,2})")
 
 
 def convert_record(
-    path: str | Path,
-    folder: str | Path,
-    form: str = "mseed",
-    unit: str = "m/s2",
+    path: str | Path, folder: str | Path, form: str = "mseed", unit: str = "m/s2",
     options: Reading | None = None,
-) -> list[Path]:
+) -> list[Path]:  # fmt: skip
     """Write the channels of a record file in another format, and return the files written.
 
     `form` is ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
     acceleration), `unit` ``m/s2`` or ``g``. The folder is made if needed. The source is never
-    replaced, other files of the same name are. InputError for another form or unit or where the
+    replaced, other files of the same name are. InputError for another form or unit or if the
     source would be replaced, RecordError if the record cannot be used, OutputError if a file
     cannot be written; it is not there then.
     """
     for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
         if value not in allowed:
             raise InputError(f"{word} {value!r} is none that is written: {', '.join(allowed)}")
-    file, options = Path(path), options or Reading()
-    options = options._replace(accept=accepted_words(options.accept, str(file)))
-    channels, entry = read_channels(file, options)
-    accept = (*options.accept, *(entry.accept if entry else ()))
+    file = Path(path)
+    channels, _ = read_channels(file, options or Reading())
     for channel in channels:
-        accept_or_refuse(file, accept, doubtful_motion(channel, channel.data))
+        accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
     place = make_folder(Path(folder))
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
@@ -76,23 +70,20 @@ def convert_record(
                 lines = (_at2 if form == "at2" else _columns)(group[0], unit, file)
                 part.write_text("\n".join(lines) + "\n", encoding="ascii")
         written.append(target)
-        if not all(map(is_vertical, group)):
-            rows[target.stem] = _row(target, group, unit, file) | {"accept": " ".join(accept)}
+        if all(map(is_vertical, group)):
+            continue
+        first = group[0].stats
+        rows[target.stem] = {
+            "id": target.stem, "file": target.name, "sha256": sha256_of(target),
+            "event": _facts(group[0])["event"],
+            **{key: first.record[key] for key in _HEADER if key in first.record},
+            "dt_s": float(first.delta), "unit": unit,
+            "channels": " ".join(map(channel_code, group)),
+            "source": file.name, "source_sha256": sha256_of(file),
+            "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
+        }  # fmt: skip
     write_index(place, rows.values())
     return written
-
-
-def _row(target: Path, group: Sequence[Trace], unit: str, source: Path) -> dict[str, Any]:
-    first = group[0].stats
-    return {
-        "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-        "event": _facts(group[0])["event"],
-        **{key: first.record[key] for key in _HEADER if key in first.record},
-        "dt_s": float(first.delta), "unit": unit,
-        "channels": " ".join(map(channel_code, group)),
-        "source": source.name, "source_sha256": sha256_of(source),
-        "steps": " ".join(first.record.log),
-    }  # fmt: skip
 
 
 def _write_miniseed(part: Path, group: Sequence[Trace], unit: str) -> None:
@@ -123,15 +114,14 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
         horizontals[its] += not vertical
         codes.append((network, station, place, "HNZ" if vertical else f"HN{horizontals[its]}"))
     if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
-        raise InputError(
-            f"miniSEED has no codes for these {len(group)} channels; convert to at2 or text"
-        )
+        many = f"miniSEED has no codes for these {len(group)} channels"
+        raise InputError(f"{many}; convert to at2 or text")
     return codes
 
 
 def _at2(channel: Trace, unit: str, source: Path) -> list[str]:
     facts, values = _facts(channel), channel.data / unit_factor(unit, "")
-    date = _ISO.sub(r"\2/\3/\1", facts["date"], count=1)
+    date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
     header = [

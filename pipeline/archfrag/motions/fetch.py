@@ -30,6 +30,7 @@ _KINDS = (
       fdsn.FDSNNotImplementedException), "unusable"),
     ((fdsn.FDSNException, HTTPException, OSError), "service"),
 )  # fmt: skip
+Site = dict[str, Any]
 
 
 class Request(NamedTuple):
@@ -62,16 +63,14 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
     InputError if a service is unknown, RecordError if the folder's index cannot be used.
     """
     try:
-        quakes, archive = (
-            Client(name, timeout=request.timeout, _discover_services=False)
-            for name in (request.events_from, request.stations_from)
-        )
+        quakes, archive = (Client(name, timeout=request.timeout, _discover_services=False)
+                           for name in (request.events_from, request.stations_from))  # fmt: skip
     except ValueError as error:
         raise InputError(str(error)) from None
     root = make_folder(Path(folder))
     rows: dict[str, dict[str, Any]] = dict(index_table(root))
     for event in request.events:
-        place, in_a_row = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
+        place, failed = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
         sweep(place)
         try:
             sites = _sites(request, quakes, archive, event, place)
@@ -81,25 +80,27 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
         for site in sites[: request.most]:
             same = {key: site[key] for key in ("event", "station", "window_s")}
             there = [row for row in rows.values() if same.items() <= row.items()]
-            files = [(root / row["file"], row["sha256"]) for row in there]
-            if files and all(
-                path.is_file() and sha256_of(path) == digest
-                and path.with_name(f"{site['station']}.xml").is_file() for path, digest in files
-            ):  # fmt: skip
+            if there and all(_is_complete(root, row) for row in there):
                 yield "kept", there[0]["id"]
                 continue
             try:
                 row = _fetched(request, archive, site, place)
             except Failure as failure:
                 yield failure.args[0], f"{event} {site['station']}: {failure.args[1]}"
-                in_a_row = in_a_row + 1 if failure.args[0] in PASSING else 0
-                if in_a_row == MOST_FAILURES:
-                    yield "service", f"event {event}: {in_a_row} requests in a row failed"
+                failed = failed + 1 if failure.args[0] in PASSING else 0
+                if failed == MOST_FAILURES:
+                    yield "service", f"event {event}: {failed} requests in a row failed"
                     break
                 continue
-            in_a_row, rows[row["id"]] = 0, row
+            failed, rows[row["id"]] = 0, row
             write_index(root, [rows[key] for key in sorted(rows)])
             yield "new", row["id"]
+
+
+def _is_complete(root: Path, row: dict[str, Any]) -> bool:
+    path = root / row["file"]
+    there = path.is_file() and path.with_name(f"{row['station']}.xml").is_file()
+    return there and sha256_of(path) == row["sha256"]
 
 
 def _ask(method: Callable[..., Any], **query: Any) -> Any:
@@ -112,24 +113,23 @@ def _ask(method: Callable[..., Any], **query: Any) -> Any:
         raise Failure(kind, f"{service}: {reason}") from None
 
 
-def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Path) -> list[dict]:
-    """Columns of the index for the stations of an event, the nearest first, and what to ask."""
+def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Path) -> list[Site]:
+    """The stations of an event, the nearest first: columns of the index, and what to ask."""
     catalogue = _ask(quakes.get_events, eventid=id)
     catalogue.write(str(place / "event.xml"), "QUAKEML")
     origin = catalogue[0].preferred_origin() or next(iter(catalogue[0].origins), None)
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
         raise Failure("unusable", f"{quakes.base_url}: the event has no origin")
-    preferred = catalogue[0].preferred_magnitude()
-    magnitudes = list(filter(None, (preferred, *catalogue[0].magnitudes)))
+    listed = (catalogue[0].preferred_magnitude(), *catalogue[0].magnitudes)
+    magnitudes = [each for each in listed if each]
     moments = (m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw"))
     window = {"starttime": origin.time - request.before, "endtime": origin.time + request.after}
     epicentre = float(origin.latitude), float(origin.longitude)
     depth = None if origin.depth is None else float(origin.depth) / 1000.0
     event = {
         "event": id, "Mw": next(moments, None), "origin_time": str(origin.time),
-        "event_latitude": epicentre[0], "event_longitude": epicentre[1], "depth_km": depth,
-        "magnitude": magnitudes[0].mag if magnitudes else None,
-        "window_s": f"-{request.before:g} {request.after:g}", "window": window,
+        "magnitude": magnitudes[0].mag if magnitudes else None, "depth_km": depth,
+        "window_s": f"-{request.before:g} {request.after:g}",
     }  # fmt: skip
     inventory = _ask(
         archive.get_stations, level="channel", latitude=epicentre[0], longitude=epicentre[1],
@@ -137,55 +137,55 @@ def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Pa
         # Degrees of a sphere; the distance on the ellipsoid decides.
         maxradius=kilometers2degrees(1.01 * request.radius), **window,
     )  # fmt: skip
-    sites: dict[str, dict[str, Any]] = {}
+    sites: dict[str, Site] = {}
     for network, station in [(each, station) for each in inventory for station in each]:
-        name, at = f"{network.code}.{station.code}", (station.latitude, station.longitude)
-        km = gps2dist_azimuth(*map(float, (*epicentre, *at)))[0] / 1000.0
-        site = event | {
-            "station": name, "epicentral_km": round(km, 3), "codes": set(),
-            "distance_km": None if depth is None else round(float(np.hypot(km, depth)), 3),
-            "station_latitude": float(at[0]), "station_longitude": float(at[1]),
-            "terms": f"those of network {network.code}, fetched from {request.stations_from}",
-        }  # fmt: skip
+        at = float(station.latitude), float(station.longitude)
+        km = gps2dist_azimuth(*epicentre, *at)[0] / 1000.0
         codes = {(channel.code[:2], channel.location_code) for channel in station}
-        if km <= request.radius and codes:
-            sites.setdefault(name, site)["codes"] |= codes  # of all its epochs
+        if km > request.radius or not codes:
+            continue
+        name = f"{network.code}.{station.code}"
+        site = sites.setdefault(name, event | {
+            "station": name, "epicentral_km": round(km, 3), "codes": set(), "window": window,
+            "distance_km": None if depth is None else round(float(np.hypot(km, depth)), 3),
+            "terms": f"those of network {network.code}, fetched from {request.stations_from}",
+        })  # fmt: skip
+        site["codes"] |= codes  # of all its epochs
     return sorted(sites.values(), key=lambda site: (site["epicentral_km"], site["station"]))
 
 
-def _fetched(request: Request, archive: Client, site: dict[str, Any], place: Path) -> dict:
+def _fetched(request: Request, archive: Client, site: Site, place: Path) -> dict[str, Any]:
     """Fetch what one station recorded, and return its row of the index."""
     if not _NAME.fullmatch(site["station"]):
         raise Failure("unusable", "the codes of this station cannot name a file")
-    network, code = site["station"].split(".")
-    kinds = [kind[:2] for kind in request.channels]
-    own = sorted((kinds.index(kind), where) for kind, where in site["codes"] if kind in kinds)
+    codes, query = site.pop("codes"), site.pop("window")
+    query |= dict(zip(("network", "station"), site["station"].split(".")))
+    own = sorted((n, where) for n, kind in enumerate(request.channels)
+                 for code, where in codes if code == kind[:2])  # fmt: skip
     with temporary_folder(place) as part:
+        xml = Path(part) / f"{site['station']}.xml"
         for number, location in own:
-            id = f"{place.name}_{site['station']}.{location}.{kinds[number]}"
-            files = [Path(part) / f"{site['station']}.xml", Path(part) / f"{id}.mseed"]
-            wanted = site["window"] | {
-                "network": network, "station": code, "location": location or "--",
-                "channel": f"{kinds[number]}?",
-            }  # fmt: skip
+            kind = request.channels[number][:2]
+            id = f"{place.name}_{site['station']}.{location}.{kind}"
+            record = Path(part) / f"{id}.mseed"
+            query |= {"location": location or "--", "channel": f"{kind}?"}
             try:
-                _ask(archive.get_waveforms, filename=str(files[1]), **wanted)
+                _ask(archive.get_waveforms, filename=str(record), **query)
                 break
             except Failure as failure:
                 if failure.args[0] != "no data" or (number, location) == own[-1]:
                     raise
-        _ask(archive.get_stations, level="response", filename=str(files[0]), **wanted)
+        _ask(archive.get_stations, level="response", filename=str(xml), **query)
         try:
-            motions = read_motions(files[1])
+            motions = read_motions(record)
         except RecordError as error:
             raise Failure("unusable", str(error).replace(part, str(place))) from None
-        for path in files:
+        for path in (xml, record):
             path.replace(place / path.name)
     about = [motion.metadata for motion in motions]
-    codes = dict.fromkeys(m[key] for key in ("component", "vertical_component") for m in about)
-    row = {key: value for key, value in site.items() if key not in ("window", "codes")}
-    return row | {
+    names = dict.fromkeys(m[key] for key in ("component", "vertical_component") for m in about)
+    return site | {
         "id": id, "file": f"{place.name}/{id}.mseed", "unit": "", "dt_s": motions[0].dt,
-        "sha256": sha256_of(place / f"{id}.mseed"), "channels": " ".join(filter(None, codes)),
+        "sha256": sha256_of(place / f"{id}.mseed"), "channels": " ".join(filter(None, names)),
         "start_time": about[0].get("start_time", ""),
     }  # fmt: skip

@@ -25,13 +25,15 @@ _INTEGRALS = (
     ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
     ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
 )  # fmt: skip
+# Column, its type, and the keys of a motion's metadata; the first one that is there counts.
 _FACTS = {
-    "file": ("file",), "event": ("event",), "station": ("station",),
-    "magnitude": ("Mw", "magnitude"), "distance_km": ("distance_km", "epicentral_km"),
-    "vs30_mps": ("Vs30_mps", "vs30_mps"), "component": ("component",),
+    "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
+    "magnitude": (float, "Mw", "magnitude"),
+    "distance_km": (float, "distance_km", "epicentral_km"),
+    "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
 }  # fmt: skip
-_NUMBERS = ("magnitude", "distance_km", "vs30_mps")
-_TEXTS = ("record", "file", "event", "station", "component")
+_TEXTS = ["record", *(name for name, (kind, *_) in _FACTS.items() if kind == "string")]
+_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 
 
 def measure_records(
@@ -42,7 +44,7 @@ def measure_records(
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s``, ``HI_cm`` and ``pulse``; where a motion has both
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s``, ``HI_cm`` and ``pulse``; if a motion has both
     horizontal components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known
     of a record is missing. InputError if two periods would have the same column.
     """
@@ -53,7 +55,25 @@ def measure_records(
             f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
             "its columns by them"
         )
-    return _typed(pd.DataFrame([_row(motion, periods) for motion in motions]))
+    spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
+    return _typed(pd.DataFrame([_row(motion, spectrum) for motion in motions]))
+
+
+def _row(motion: Motion, spectrum: Sequence[tuple[str, str, float]]) -> dict[str, Any]:
+    listed = [*_PEAKS, *spectrum, *_INTEGRALS]
+    if motion.transverse is not None:
+        listed += [
+            (f"{kind}_{column}", f"{kind}({name})", unit)
+            for kind in ("RotD50", "RotD100")
+            for column, name, unit in (*_PEAKS[:2], *spectrum)
+        ]
+    values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
+    row: dict[str, Any] = {"record": motion.id}
+    for column, (_, *keys) in _FACTS.items():
+        row[column] = next((about[key] for key in keys if about.get(key) not in (None, "")), None)
+    row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
+    row |= {column: values[name] / unit for column, name, unit in listed}
+    return row | {"pulse": about.get("pulse")}
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
@@ -74,7 +94,7 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
     except ValueError as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: cannot be read as a flatfile in CSV ({reason})") from None
-    for name in table.columns.intersection(list(_TEXTS)):
+    for name in table.columns.intersection(_TEXTS):
         table[name] = table[name].map(unquoted, na_action="ignore")
     if "record" not in table:
         raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
@@ -84,36 +104,15 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
         raise InputError(f"{path}: {error}") from None
 
 
-def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
-    spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    wanted = [*_PEAKS, *spectrum, *_INTEGRALS]
-    if motion.across is not None:
-        wanted += [
-            (f"{kind}_{column}", f"{kind}({name})", unit)
-            for kind in ("RotD50", "RotD100")
-            for column, name, unit in (*_PEAKS[:2], *spectrum)
-        ]
-    values = measure_all(motion, [name for _, name, _ in wanted])
-    row: dict[str, Any] = {"record": motion.id}
-    for column, keys in _FACTS.items():
-        given = (motion.metadata.get(key) for key in keys)
-        row[column] = next((value for value in given if value not in (None, "")), None)
-    row |= {"scale": motion.metadata.get("scale", 1.0), "dt_s": motion.dt}
-    row |= {column: values[name] / unit for column, name, unit in wanted}
-    return row | {"pulse": motion.metadata.get("pulse")}
-
-
 def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with numbers, texts and truth values as such, whatever is missing."""
     import pandas as pd
 
-    from archfrag.motions.selection.select import TRUTH
-
     if "pulse" in table:
-        words = table["pulse"].map(lambda word: TRUTH.get(str(word).lower()))
+        words = table["pulse"].map(lambda word: _TRUTH.get(str(word).lower()))
         table["pulse"] = words.astype("boolean")
-    texts = table.columns.intersection(list(_TEXTS))
+    texts = table.columns.intersection(_TEXTS)
     table[texts] = table[texts].astype("string")
-    for column in table.columns.intersection(list(_NUMBERS)):
-        table[column] = pd.to_numeric(table[column])
+    for name in (name for name, (kind, *_) in _FACTS.items() if kind is float and name in table):
+        table[name] = pd.to_numeric(table[name])
     return table

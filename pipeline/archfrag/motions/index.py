@@ -13,7 +13,7 @@ import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import read_text, sha256_of, unquoted, write_csv
-from archfrag.motions.plausible import accepted_words
+from archfrag.motions.calibrate import accepted_words
 from archfrag.motions.units import unit_factor
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def goes_with_records(path: Path) -> bool:
 class IndexEntry:
     """One row of an index.
 
-    `path` is the record; `unit` is empty where the file or its StationXML states it; `sha256` is
+    `path` is the record; `unit` is empty if the file or its StationXML states it; `sha256` is
     that of the file, or its first digits; `metadata` are the other columns (``Mw``,
     ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None, seeds as int or None, others as
     text); `accept` and `columns` are as in `archfrag.motions.read.read_motion`.
@@ -70,15 +70,14 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     number, unit or word is not one.
     """
     source = Path(path)
-    if source.is_dir():
-        source = source / INDEX_NAME
+    source = source / INDEX_NAME if source.is_dir() else source
     columns, rows = _table(source)
     missing = [column for column in _NEEDED if column not in columns]
     if missing:
         raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
     entries: dict[str, IndexEntry] = {}
     for line, row in enumerate(rows, start=2):
-        entry = _entry(row, source, line)
+        entry = _entry(row, source, f"{source}, line {line}")
         if entry.id in entries:
             raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
         entries[entry.id] = entry
@@ -101,17 +100,50 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     return names, rows
 
 
+def _entry(values: dict[str, str], source: Path, place: str) -> IndexEntry:
+    for column in ("id", "file"):
+        if not values[column]:
+            raise RecordError(f"{place}: {column} is empty")
+    name = values["id"]
+    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+        raise RecordError(
+            f"{place}: id {name[:40]!r} must have at most {LONGEST_ID} characters, no / and no "
+            "line breaks or control characters"
+        )
+    if values["unit"]:
+        unit_factor(values["unit"], place)
+    metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+    for column, kind in _NUMBERS.items():
+        text = values.get(column)
+        try:
+            number = kind(text) if text else None
+        except ValueError:
+            raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+        if not np.isfinite(number or 0.0):
+            raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
+        metadata |= {} if text is None else {column: number}
+    columns = None
+    if values.get("columns"):
+        from archfrag.motions.formats.columns import parse_columns  # imports obspy
+
+        try:
+            columns = parse_columns(values["columns"])
+        except InputError as error:
+            raise RecordError(f"{place}: {error}") from None
+    accept = accepted_words(values.get("accept", ""), place)
+    path, digest = source.parent / values["file"], values.get("sha256", "")
+    return IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
+
+
 def find_entry(path: str | Path) -> IndexEntry | None:
     """Row that describes a file, in an index in its folder or the one above; None if none does."""
     record = Path(os.path.realpath(path))  # which takes links that form a circle
-    for folder in (record.parent, record.parent.parent):
-        index = folder / INDEX_NAME
-        if not index.is_file():
-            continue
-        state = index.stat()
-        entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
-        if entry is not None:
-            return entry
+    for index in (folder / INDEX_NAME for folder in (record.parent, record.parent.parent)):
+        if index.is_file():
+            state = index.stat()
+            entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
+            if entry is not None:
+                return entry
     return None
 
 
@@ -162,39 +194,3 @@ def check_sha256(entry: IndexEntry) -> None:
             f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
             "file has changed since it was listed"
         )
-
-
-def _entry(values: dict[str, str], source: Path, line: int) -> IndexEntry:
-    place = f"{source}, line {line}"
-    for column in ("id", "file"):
-        if not values[column]:
-            raise RecordError(f"{place}: {column} is empty")
-    name = values["id"]
-    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-        raise RecordError(
-            f"{place}: id {name[:40]!r} must have at most {LONGEST_ID} characters, no / and no "
-            "line breaks or control characters"
-        )
-    if values["unit"]:
-        unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
-    for column, kind in _NUMBERS.items():
-        if column in values:
-            shown = f"{place}: {column} = {values[column]!r}"
-            try:
-                metadata[column] = kind(values[column]) if values[column] else None
-            except ValueError:
-                raise RecordError(f"{shown} is not a number") from None
-            if not np.isfinite(metadata[column] or 0.0):
-                raise RecordError(f"{shown} is not a finite number")
-    columns = None
-    if values.get("columns"):
-        from archfrag.motions.formats.columns import parse_columns  # imports obspy
-
-        try:
-            columns = parse_columns(values["columns"])
-        except InputError as error:
-            raise RecordError(f"{place}: {error}") from None
-    accept = accepted_words(values.get("accept", ""), place)
-    path, digest = source.parent / values["file"], values.get("sha256", "")
-    return IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)

@@ -1,17 +1,22 @@
-"""Intensity measures of a ground motion, all in SI units.
+"""Intensity measures of a ground motion, all in SI units: a table with one interpreter.
 
 They are those of its horizontal component, but for RotD50 and RotD100, which need the other
 horizontal one too. No measure changes the record: nothing is demeaned, filtered or tapered here
-(see `process`). Damping is 5 %.
+(see `process`), so that a raw record must be filtered before its velocity means anything. Samples
+are integrated from rest by the trapezoid rule. Damping is 5 %.
 
-AvgSA: geometric mean of Sa at 10 periods, equally spaced in logarithm: Eads, Miranda and Lignos
-(2015), EESD 44(12). HI: integral of the pseudo-spectral velocity from 0.1 to 2.5 s (Housner 1952,
-"Spectrum intensities of strong-motion earthquakes"), trapezoid rule in steps of 0.02 s. RotD50 and
-RotD100: percentiles over 180 directions of the horizontal plane, Boore (2010), BSSA 100(4).
+Arias intensity: pi / (2 g) times the integral of the squared acceleration, Arias (1970). CAV:
+integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930; CAVstd: that
+of the seconds in which it reaches 0.025 g, EPRI (1991), TR-100082. D5_95: time from 5 to 95 % of
+the Arias intensity, Trifunac and Brady (1975), BSSA 65(3). HI: integral of the pseudo-spectral
+velocity from 0.1 to 2.5 s in steps of 0.02 s, Housner (1952), "Spectrum intensities". AvgSA:
+geometric mean of Sa at 10 periods, equally spaced in logarithm, Eads, Miranda and Lignos (2015),
+EESD 44(12). RotD50 and RotD100: percentiles over 180 directions of the horizontal plane, Boore
+(2010), BSSA 100(4).
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
@@ -19,12 +24,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions import integrals
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import velocity
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
+from archfrag.motions.units import STANDARD_GRAVITY
 
+Samples = NDArray[np.float64]
 AVERAGED_PERIODS = 10
+STANDARD_LEVEL, STANDARD_WINDOW = 0.025 * STANDARD_GRAVITY, 1.0  # of CAVstd [m/s2], [s]
+_HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
+_PART = 2**16  # samples at a time
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
@@ -36,7 +44,7 @@ _PERCENTILES = {"RotD50": 50.0, "RotD100": 100.0}
 class Measure(NamedTuple):
     """A parsed name: its kind, its periods [s] if any, and the SI unit of its values.
 
-    `rotated` is RotD50 or RotD100 where it is one of those of the kind, else empty.
+    `rotated` is RotD50 or RotD100 for one of those of the kind, else empty.
     """
 
     kind: str
@@ -52,36 +60,101 @@ class _Kind(NamedTuple):
     exponent: int  # power of a factor on the motion with which it grows; 0 for no power
     of_motion: Callable[[Motion], float] | None = None
     at: Callable[..., Iterable[float]] | None = None  # periods of Sa by those in its name
-    of_spectrum: Callable[[NDArray[np.float64]], float] = lambda sa: float(sa[0])
+    of_spectrum: Callable[[Samples], float] = lambda sa: float(sa[0])
     named: int = 0  # periods in its name
+
+
+def integral(samples: Samples, dt: float) -> Samples:
+    """Integral from zero at the first sample by the trapezoid rule, shape (n_sample,)."""
+    values = np.zeros(samples.size)
+    np.add(samples[1:], samples[:-1], out=values[1:])
+    values *= 0.5 * dt
+    return np.cumsum(values, out=values)
+
+
+def velocity(motion: Motion) -> Samples:
+    """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
+    return integral(motion.acceleration, 1.0) * motion.dt
+
+
+def arias_times(
+    acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
+) -> list[float]:
+    """When the Arias intensity reaches fractions of its total [s], linear between samples.
+
+    It is that of both horizontal components together if there are two; 0 without any motion.
+    """
+    squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
+    husid = _HUSID * integral(squares, dt)
+    time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
+    moved = husid[-1] != 0.0
+    return [float(np.interp(part * husid[-1], husid, time)) if moved else 0.0
+            for part in fractions]  # fmt: skip
 
 
 def pga(motion: Motion) -> float:
     """Peak ground acceleration: the largest absolute sample [m/s2]."""
-    return float(max(motion.acceleration.max(), -motion.acceleration.min()))
+    return _largest(motion.acceleration)
 
 
-def _average(sa: NDArray[np.float64]) -> float:
-    return float(np.exp(np.log(sa).mean())) if sa.all() else 0.0
+def _largest(values: Samples) -> float:
+    return float(max(values.max(), -values.min()))
 
 
-def _housner(sa: NDArray[np.float64]) -> float:
-    return float(np.trapezoid(sa * _HOUSNER / (2.0 * np.pi), _HOUSNER))
+def _pgv(motion: Motion) -> float:
+    return _largest(integral(motion.acceleration, motion.dt))
+
+
+def _pgd(motion: Motion) -> float:
+    return _largest(integral(integral(motion.acceleration, motion.dt), motion.dt))
+
+
+def _arias(motion: Motion) -> float:
+    return float(_HUSID * integral(motion.acceleration**2, motion.dt)[-1])
+
+
+def _duration(motion: Motion) -> float:
+    begin, finish = arias_times(motion.acceleration, None, motion.dt, (0.05, 0.95))
+    return finish - begin
+
+
+def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
+    """CAV of the parts of so many steps in which the acceleration reaches `least`."""
+    record = motion.acceleration
+    parts = (record[start : start + count + 1] for start in range(0, record.size - 1, count))
+    return float(sum(_absolute(p, motion.dt).sum() for p in parts if _largest(p) >= least))
+
+
+def _absolute(part: Samples, dt: float) -> Samples:
+    """Integral of |a| over each step of a part, a linear in it."""
+    before, after = np.abs(part[:-1]), np.abs(part[1:])
+    together = before + after
+    crossing = part[:-1] * part[1:] < 0.0
+    squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
+                        where=crossing)  # fmt: skip
+    return 0.5 * dt * np.where(crossing, squares, together)
+
+
+def _cav_standardised(motion: Motion) -> float:
+    return _cav(motion, round(STANDARD_WINDOW / motion.dt) or 1, STANDARD_LEVEL)
 
 
 _KINDS = {
     "PGA": _Kind("m/s2", 1, pga),
-    "PGV": _Kind("m/s", 1, integrals.pgv),
-    "PGD": _Kind("m", 1, integrals.pgd),
-    "Arias": _Kind("m/s", 2, integrals.arias),
-    "CAV": _Kind("m/s", 1, integrals.cav),
-    "CAVstd": _Kind("m/s", 0, integrals.cav_standardised),
-    "D5_95": _Kind("s", 0, integrals.significant_duration),
-    "HI": _Kind("m", 1, at=_HOUSNER.tolist, of_spectrum=_housner),
+    "PGV": _Kind("m/s", 1, _pgv),
+    "PGD": _Kind("m", 1, _pgd),
+    "Arias": _Kind("m/s", 2, _arias),
+    "CAV": _Kind("m/s", 1, _cav),
+    "CAVstd": _Kind("m/s", 0, _cav_standardised),
+    "D5_95": _Kind("s", 0, _duration),
+    "HI": _Kind(
+        "m", 1, at=_HOUSNER.tolist,
+        of_spectrum=lambda sa: float(np.trapezoid(sa * _HOUSNER / (2.0 * np.pi), _HOUSNER)),
+    ),
     "Sa": _Kind("m/s2", 1, at=lambda period: (period,), named=1),
     "AvgSA": _Kind(
         "m/s2", 1, at=lambda low, high: np.geomspace(low, high, AVERAGED_PERIODS).tolist(),
-        of_spectrum=_average, named=2,
+        of_spectrum=lambda sa: float(np.exp(np.log(sa).mean())) if sa.all() else 0.0, named=2,
     ),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
@@ -105,24 +178,23 @@ def parse_measure(name: str) -> Measure:
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
     text = name.strip() if isinstance(name, str) else ""
-    rotated = _ROTATED.fullmatch(text)
-    if rotated:
-        inner = parse_measure(rotated.group(2))
+    if rotated := _ROTATED.fullmatch(text):
+        inner = parse_measure(rotated[2])
         if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
             raise InputError(f"intensity measure {name!r} must be of PGA, PGV or Sa(T)")
-        return inner._replace(rotated=rotated.group(1))
+        return inner._replace(rotated=rotated[1])
     if text in _PLAIN:
         return Measure(text, (), _KINDS[text].unit)
-    found = _WITH_PERIODS.fullmatch(text)
     if gone := _GONE.get(text.partition("(")[0]):
         raise InputError(f"intensity measure {name!r} is no longer there; use {gone}")
+    found = _WITH_PERIODS.fullmatch(text)
     if not found:
         meant = [key for key in _PLAIN if get_close_matches(text.upper(), [key.upper()])]
         hint = f" (did you mean {meant[0]}?)" if meant else ""
         raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
-    kind = _SPELLINGS.get(found.group(1), found.group(1))
+    kind = _SPELLINGS.get(found[1], found[1])
     try:
-        periods = tuple(float(part) for part in found.group(2).split(","))
+        periods = tuple(float(part) for part in found[2].split(","))
     except ValueError:
         periods = ()
     count = _KINDS[kind].named
@@ -163,16 +235,16 @@ def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
     >>> {name: round(value, 2) for name, value in measure_all(motion, ["PGA", "CAV"]).items()}
     {'PGA': 1.0, 'CAV': 8.0}
     """
-    wanted = {name: parse_measure(name) for name in names}
+    requested = {name: parse_measure(name) for name in names}
     at = {
         name: tuple(_KINDS[found.kind].at(*found.periods))  # type: ignore[misc]
-        for name, found in wanted.items()
+        for name, found in requested.items()
         if not found.rotated and _KINDS[found.kind].at
     }
     periods = sorted({period for each in at.values() for period in each})
     spectrum = dict(zip(periods, spectral_acceleration(motion, periods) if periods else ()))
     values = {}
-    for name, found in wanted.items():
+    for name, found in requested.items():
         kind = _KINDS[found.kind]
         if found.rotated:
             values[name] = _rotated(motion, found)
@@ -183,17 +255,11 @@ def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
     return values
 
 
-def spectral_acceleration(
-    motion: Motion, periods: ArrayLike, damping: float = 0.05
-) -> NDArray[np.float64]:
-    """Pseudo-spectral acceleration of linear oscillators [m/s2].
+def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0.05) -> Samples:
+    """Pseudo-spectral acceleration of linear oscillators [m/s2], see `response_spectrum`.
 
     The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, shape (n_period,),
-    at periods T [s] and a fraction of critical damping in [0, 1), with a(t) linear between
-    samples, by the exact recursion of Nigam and Jennings (1969), BSSA 59(2). Peaks are looked for
-    at 200 points of a period or more (to 0.1 %, even of white noise). The acceleration falls to
-    zero in one step after the record; the free vibration that follows counts. InputError for a
-    period that is not positive or a damping outside [0, 1).
+    at periods T [s] and a fraction of critical damping in [0, 1).
     """
     return response_spectrum(motion.acceleration, motion.dt, periods, damping)
 
@@ -217,7 +283,7 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
 
 
 def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
-    """As `scale_factor` where the motion's value is known; RecordError if that is 0."""
+    """As `scale_factor` if the motion's value is known; RecordError if that is 0."""
     if value == 0.0:
         raise RecordError(
             f"{motion.id or 'motion'}: {measure_name} of the record is 0, so no factor can bring "
@@ -228,14 +294,14 @@ def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> 
 
 def _rotated(motion: Motion, found: Measure) -> float:
     """RotD50 or RotD100 of PGA, PGV or Sa as `found` states."""
-    if motion.across is None:
+    if motion.transverse is None:
         needed = f"{found.rotated} needs two horizontal components, and there is one"
         raise InputError(f"{motion.id or 'motion'}: {needed}")
-    pair = (motion.acceleration, motion.across)
+    pair = (motion.acceleration, motion.transverse)
     if found.kind == "Sa":
         peaks = rotated_spectrum(pair, motion.dt, found.periods)[0]
     else:
         if found.kind == "PGV":
-            pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.across)))
+            pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.transverse)))
         peaks = peaks_by_angle(*pair)
     return float(np.percentile(peaks, _PERCENTILES[found.rotated]))

@@ -1,19 +1,27 @@
-"""One ground motion: what the ground does to the springings of an arch."""
+"""One ground motion: what the ground does to the springings of an arch; and motions in a file."""
 
 import copy
-from collections.abc import Callable, Mapping
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
+from archfrag.files import replacing
+
+FORMAT = "archfrag motions 1"
+_WORDS = {"acceleration": "acceleration", "vertical": "vertical",
+          "transverse": "other horizontal component"}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Ground acceleration in one horizontal direction, with the vertical where there is one.
+    """Ground acceleration in one horizontal direction, with the vertical if there is one.
 
     Parameters
     ----------
@@ -26,11 +34,11 @@ class Motion:
     id : str
         Name of the record, used in tables and messages.
     metadata : mapping
-        What is known of the record: event, station, magnitude, file; JSON types only where the
+        What is known of the record: event, station, magnitude, file; JSON types only if the
         motion is to be stored.
     log : tuple of str
         A line for each thing done to the samples since they left the file.
-    across : array_like, shape (n_sample,) [m/s2], optional
+    transverse : array_like, shape (n_sample,) [m/s2], optional
         The other horizontal component, perpendicular to the first: measured, never simulated.
 
     Raises
@@ -53,7 +61,7 @@ class Motion:
     id: str = ""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     log: tuple[str, ...] = ()
-    across: NDArray[np.float64] | None = None
+    transverse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -78,10 +86,22 @@ class Motion:
             needed = "must be a positive number of seconds"
             raise RecordError(f"{name}: time step dt = {self.dt} s {needed}")
         object.__setattr__(self, "dt", step)
-        words = ("acceleration", "vertical", "other horizontal component")
-        for word, samples in zip(words, self.components.values()):
-            if samples is not None:
-                _check_samples(samples, name, word, np.size(self.acceleration))
+        size = np.size(self.acceleration)
+        for key, samples in self.components.items():
+            if samples is None:
+                continue
+            bad = np.flatnonzero(~np.isfinite(samples)) if samples.ndim == 1 else np.empty(0, int)
+            first = f"{bad[0]} ({samples[bad[0]]})" if bad.size else ""
+            for wrong, what in (
+                (samples.ndim != 1, f"has shape {samples.shape}; one row of samples is needed"),
+                (samples.size < 2, f"has {samples.size} sample(s); at least 2 are needed"),
+                (bad.size,
+                 f"has {bad.size} sample(s) that are not finite, the first at index {first}"),
+                (samples.size != size, f"has {samples.size} samples and the horizontal {size}; "
+                 "both must have the same number"),
+            ):  # fmt: skip
+                if wrong:
+                    raise RecordError(f"{name}: {_WORDS[key]} {what}")
 
     def _replaced(self, **changes: Any) -> "Motion":
         """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
@@ -106,8 +126,8 @@ class Motion:
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
-        """Acceleration, vertical and across by name; None if there is none."""
-        return {key: getattr(self, key) for key in ("acceleration", "vertical", "across")}
+        """Acceleration, vertical and transverse by name; None if there is none."""
+        return {key: getattr(self, key) for key in _WORDS}
 
     @property
     def duration(self) -> float:
@@ -120,28 +140,60 @@ class Motion:
         return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
     def scaled(self, factor: float) -> "Motion":
-        """Return the motion with all components multiplied by `factor`.
-
-        Raises
-        ------
-        InputError
-            If the factor is not a finite number.
-        """
+        """Return the motion with all components multiplied by `factor`, a finite number."""
         if not np.isfinite(factor):
             name = self.id or "motion"
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
         return self._changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
 
-def _check_samples(samples: NDArray[np.float64], name: str, component: str, size: int) -> None:
-    bad = np.flatnonzero(~np.isfinite(samples)) if samples.ndim == 1 else np.empty(0, int)
-    first = f"{bad[0]} ({samples[bad[0]]})" if bad.size else ""
-    for wrong, what in (
-        (samples.ndim != 1, f"has shape {samples.shape}; one row of samples is needed"),
-        (samples.size < 2, f"has {samples.size} sample(s); at least 2 are needed"),
-        (bad.size, f"has {bad.size} sample(s) that are not finite, the first at index {first}"),
-        (samples.size != size, f"has {samples.size} samples and the horizontal {size}; both must "
-                               "have the same number"),
-    ):  # fmt: skip
-        if wrong:
-            raise RecordError(f"{name}: {component} {what}")
+def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
+    """Write motions to one file, complete or not at all; the same motions give the same bytes.
+
+    A numpy archive that a worker can read without obspy: the samples of each motion as float64,
+    and one JSON text. InputError if the metadata of a motion are not JSON, OutputError if it
+    cannot be written.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    table = []
+    for number, motion in enumerate(motions):
+        arrays[f"horizontal_{number}"] = motion.acceleration
+        if motion.vertical is not None:
+            arrays[f"vertical_{number}"] = motion.vertical
+        entry = {"id": motion.id, "dt": motion.dt, "log": motion.log, "metadata": motion.metadata}
+        try:
+            table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
+        except (TypeError, ValueError) as error:
+            name = motion.id or f"motion {number}"
+            raise InputError(f"{name}: metadata cannot be stored as JSON ({error})") from None
+    text = json.dumps({"format": FORMAT, "motions": table})
+    arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
+    with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+
+
+def load_motions(path: str | Path) -> list[Motion]:
+    """Read the motions that `save_motions` wrote, in their order.
+
+    InputError if the file is missing, damaged or something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(archive["table"].tobytes().decode())
+            if header["format"] != FORMAT:
+                raise ValueError(f"format {header['format']!r}")
+            motions = []
+            for number, entry in enumerate(map(json.loads, header["motions"])):
+                name = f"vertical_{number}"
+                vertical = archive[name] if name in archive.files else None
+                about = {key: entry[key] for key in ("dt", "id", "metadata", "log")}
+                motions.append(
+                    Motion(archive[f"horizontal_{number}"], vertical=vertical, **about)
+                )
+            return motions
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file of motions") from None
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: not a file of motions written by archfrag, or damaged ({error})"
+        ) from None

@@ -32,7 +32,7 @@ _CODE = re.compile(
 )
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
-_UPWARD = [
+_VERTICALS = [
     sign + code
     for sign in ("", "-", "+")
     for code in ("u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")
@@ -72,7 +72,7 @@ def quadrant(text: str) -> float | None:
     found = _QUADRANT.fullmatch(text)
     if found is None:
         return None
-    origin, angle, towards = found.group(1).upper(), float(found.group(2)), found.group(3).upper()
+    origin, angle, towards = found[1].upper(), float(found[2]), found[3].upper()
     angle = angle if origin == "N" else 180.0 - angle
     return (angle if towards == "E" else -angle) % 360.0
 
@@ -111,9 +111,9 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         paired = paired and (members[0][2] - members[1][2]) % 180.0 == 90.0
         for (one, *_), (other, *_) in (members, members[::-1]) if paired else ():
             pairs.setdefault(one, set()).add(other)
-        upward = [known[n] for up in _UPWARD if (n := f"{before}{up}{after}") in known]
-        if len(upward) == 1 and (paired or len(members) == 1):
-            verticals |= {name: upward[0] for name, *_ in members if name != upward[0]}
+        vertical = [known[n] for code in _VERTICALS if (n := f"{before}{code}{after}") in known]
+        if len(vertical) == 1 and (paired or len(members) == 1):
+            verticals |= {name: vertical[0] for name, *_ in members if name != vertical[0]}
     single = {one: next(iter(others)) for one, others in pairs.items() if len(others) == 1}
     return {one: other for one, other in single.items() if single.get(other) == one}, verticals
 
@@ -137,43 +137,42 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
     }
 
 
-def with_vertical(motion: Motion, upward: Motion) -> Motion:
-    """Join a motion with its vertical component, cut to the time of both.
-
-    `upward` has that in the place of its horizontal one. RecordError if headers state different
-    stations or events, time steps differ, or they have no time in common.
-    """
-    labels = {f"vertical_{key}": upward.metadata.get(key, "") for key in ("component", "trace")}
-    if upward.metadata.get("file") != motion.metadata.get("file"):
-        labels["vertical_file"] = upward.metadata.get("file", "")
-    return _joined(motion, upward, "vertical", labels)
-
-
-def with_across(motion: Motion, other: Motion) -> Motion:
-    """Join a motion with its other horizontal component; errors are those of `with_vertical`."""
-    keys = ("component", "azimuth", "trace", "file")
-    labels = {f"{key}_across": other.metadata[key] for key in keys if other.metadata.get(key)}
-    return _joined(motion, other, "across", labels)
-
-
-def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
-    """The other horizontal component of an instrument, of those of one file."""
-    others = [other for other in motions if other is not motion]
-    alike = [other for other in others if _family(other) == _family(motion)]
-    found = alike or others
-    return found[0] if len(found) == 1 else None
-
-
-def _family(motion: Motion) -> str:
-    return str(motion.metadata.get("trace") or motion.metadata.get("component", ""))[:-1]
-
-
 def folder_names(folder: Path) -> list[str]:
     """Names of the files of a folder; none if it cannot be read."""
     try:
         return sorted(entry.name for entry in os.scandir(folder) if entry.is_file())
     except OSError:
         return []
+
+
+def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
+    """The other horizontal component of an instrument, of those of one file."""
+
+    def family(one: Motion) -> str:
+        return str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
+
+    others = [other for other in motions if other is not motion]
+    found = [other for other in others if family(other) == family(motion)] or others
+    return found[0] if len(found) == 1 else None
+
+
+def with_vertical(motion: Motion, vertical: Motion) -> Motion:
+    """Join a motion with its vertical component, cut to the time of both.
+
+    `vertical` has that in the place of its horizontal one. RecordError if headers state different
+    stations or events, time steps differ, or they have no time in common.
+    """
+    labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
+    if vertical.metadata.get("file") != motion.metadata.get("file"):
+        labels["vertical_file"] = vertical.metadata.get("file", "")
+    return _joined(motion, vertical, "vertical", labels)
+
+
+def with_transverse(motion: Motion, other: Motion) -> Motion:
+    """Join a motion with its other horizontal component; errors are those of `with_vertical`."""
+    keys = ("component", "azimuth", "trace", "file")
+    labels = {f"{key}_transverse": other.metadata[key] for key in keys if other.metadata.get(key)}
+    return _joined(motion, other, "transverse", labels)
 
 
 def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
@@ -185,23 +184,21 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     for fact in () if one_file else _COMMON:
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
-            raise RecordError(
-                f"{name}: do not belong together, {fact} is {one!r} of the one and {two!r} of "
-                "the other"
-            )
+            differ = f"{fact} is {one!r} of the one and {two!r} of the other"
+            raise RecordError(f"{name}: do not belong together, {differ}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
-    timed = own.get("start_time") and its.get("start_time")
-    later = round((_start(other) - _start(motion)) / motion.dt) if timed else 0
+    starts = [about["start_time"] for about in (own, its) if about.get("start_time")]
+    seconds = [datetime.fromisoformat(str(start)).timestamp() for start in starts]
+    later = round((seconds[1] - seconds[0]) / motion.dt) if len(seconds) == 2 else 0
     sizes = motion.acceleration.size, other.acceleration.size
     first, its_first = max(0, later), max(0, -later)
     count = min(sizes[0] - first, sizes[1] - its_first)
     if count < 2:
         raise RecordError(f"{name}: have no time in common")
     word = "Vertical" if key == "vertical" else "Other horizontal"
-    passed = its.get("accepted", ())
     its_log = other.log[1:] if one_file else other.log
-    steps = (step if step in passed else f"{word} {code}: {step}" for step in its_log)
+    steps = (s if s in its.get("accepted", ()) else f"{word} {code}: {s}" for s in its_log)
     log = (*motion.log, *steps)
     if count < max(sizes):
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
@@ -215,7 +212,3 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
         if both := [*own.get(found, ()), *its.get(found, ())]:
             metadata[found] = list(dict.fromkeys(both))
     return motion._replaced(**arrays, metadata=metadata, log=log)
-
-
-def _start(motion: Motion) -> float:
-    return datetime.fromisoformat(str(motion.metadata["start_time"])).timestamp()

@@ -9,18 +9,21 @@ import itertools
 import re
 from collections.abc import Sequence
 from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.integrals import arias_times, integral
+from archfrag.motions.measures import Samples, arias_times, integral
 from archfrag.motions.motion import Motion
 from archfrag.motions.partners import AZIMUTHS, quadrant
 from archfrag.motions.units import STANDARD_GRAVITY
 
-Samples = NDArray[np.float64]
+if TYPE_CHECKING:
+    from obspy import Inventory
+
 _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
 _LEAST_SINE = 0.5  # of the angle between two components that a plane can be made of
 
@@ -51,6 +54,19 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
 
 
+def _fitted(values: Samples, powers: Sequence[int]) -> Polynomial:
+    """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
+    exponents = np.array(powers)
+    rows = _unit(values) ** exponents[:, None]
+    coefficients = np.zeros(exponents[-1] + 1)
+    coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
+    return Polynomial(coefficients)
+
+
+def _unit(values: Samples) -> Samples:
+    return np.arange(values.size) / (values.size - 1)
+
+
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
     """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record.
 
@@ -71,12 +87,9 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
 
 
 def bandpass(
-    motion: Motion,
-    lowest: float | None,
-    highest: float | None,
-    order: int = 4,
+    motion: Motion, lowest: float | None, highest: float | None, order: int = 4,
     causal: bool = False,
-) -> Motion:
+) -> Motion:  # fmt: skip
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
     Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Two
@@ -127,9 +140,10 @@ def trim_by_arias(
 ) -> Motion:
     """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
 
-    The intensity is that of both horizontal components together where there are two.
+    The intensity is that of both horizontal components together if there are two.
     """
-    first, last = arias_times(motion, (start, end))
+    fractions = (start, end)
+    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, fractions)
     return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
 
@@ -140,8 +154,8 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
     or fewer than two samples remain.
     """
     reached = np.abs(motion.acceleration) >= threshold
-    if motion.across is not None:
-        reached |= np.abs(motion.across) >= threshold
+    if motion.transverse is not None:
+        reached |= np.abs(motion.transverse) >= threshold
     if not reached.any():
         raise InputError(
             f"{motion.id or 'motion'}: no sample reaches the threshold {threshold:g} m/s2 "
@@ -172,31 +186,30 @@ def resample(motion: Motion, dt: float) -> Motion:
         return motion
     widest = max(up, down)
     window = firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
-    changed = motion._changed(
-        lambda a: resample_poly(a, up, down, window=window),
-        f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down}).",
-    )
+    done = f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down})."
+    changed = motion._changed(lambda a: resample_poly(a, up, down, window=window), done)
     return changed._replaced(dt=motion.dt * down / up)
 
 
 def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
-    """Turn the motion of the ground into another vertical plane, and across it.
+    """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
     The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
-    which the components' own azimuths must be known (``azimuth`` and ``azimuth_across`` of the
-    metadata), or by an `angle` [degrees] from the first component towards the other one, which is
-    then taken to be perpendicular. RecordError if there is one component only, an azimuth is not
-    known, or both are nearly parallel; InputError unless one of `azimuth` and `angle` is given.
+    which the components' own azimuths must be known (``azimuth`` and ``azimuth_transverse`` of
+    the metadata), or by an `angle` [degrees] from the first component towards the other one,
+    which is then taken to be perpendicular. RecordError if there is one component only, an
+    azimuth is not known, or both are nearly parallel; InputError unless one of `azimuth` and
+    `angle` is given.
     """
     name = motion.id or "motion"
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
-    if motion.across is None:
+    if motion.transverse is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
-    codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_across")]
+    codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_transverse")]
     own = [0.0, 90.0]
     if azimuth is not None:
-        for place, (key, code) in enumerate(zip(("azimuth", "azimuth_across"), codes)):
+        for place, (key, code) in enumerate(zip(("azimuth", "azimuth_transverse"), codes)):
             given = motion.metadata.get(key)
             value = azimuth_of_code(code) if given in (None, "") else float(given)
             if value is None:
@@ -205,7 +218,7 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
                     "be rotated to one; rotate by an angle from it"
                 )
             own[place] = value
-    wanted = float(angle or 0.0) if azimuth is None else azimuth
+    turned = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < _LEAST_SINE:
@@ -213,23 +226,23 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
             f"{name}: components {codes[0]} and {codes[1]} have azimuths {own[0]:g} and "
             f"{own[1]:g} degrees, too close to each other to be rotated"
         )
-    along = np.deg2rad(wanted)
-    # a(azimuth) = N cos + E sin holds for both components; solved for the wanted direction.
+    along = np.deg2rad(turned)
+    # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
         np.float64(np.sin(other - direction) / sine) * motion.acceleration
-        + np.float64(np.sin(direction - one) / sine) * motion.across
+        + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
     labels: dict[str, str | float] = {
-        "component": f"{wanted:g}", "component_across": f"{wanted + 90.0:g}",
+        "component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
     }  # fmt: skip
-    words = f"by {wanted:g} degrees from {codes[0]} towards {codes[1]}"
+    words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is not None:
-        labels |= {"azimuth": wanted % 360.0, "azimuth_across": (wanted + 90.0) % 360.0}
+        labels |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     about = {**motion.metadata, **labels}
-    return motion._replaced(acceleration=first, across=second, metadata=about, log=log)
+    return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
 
 
 def azimuth_of_code(code: str) -> float | None:
@@ -244,19 +257,46 @@ def azimuth_of_code(code: str) -> float | None:
     return AZIMUTHS.get(re.sub(r"\d$", "", text))
 
 
-def velocity(motion: Motion) -> Samples:
-    """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
-    return integral(motion.acceleration, 1.0) * motion.dt
+def remove_response(
+    motion: Motion, record: str | Path, inventory: "str | Path | Inventory | None" = None,
+    water_level: float = 60.0, band: tuple[float, float, float, float] | None = None,
+) -> Motion:  # fmt: skip
+    """Divide the spectrum of each component by its instrument's response (obspy).
 
+    `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
+    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. Below its largest value
+    the response counts as `water_level` [dB] lower, and no more. `band` (f1, f2, f3, f4) [Hz] is
+    what to keep: cosine tapers from f1 to f2 and from f3 to f4. RecordError if there is no
+    StationXML, or it does not describe a channel of the record.
+    """
+    from obspy import Trace, UTCDateTime
 
-def _fitted(values: Samples, powers: Sequence[int]) -> Polynomial:
-    """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
-    exponents = np.array(powers)
-    rows = _unit(values) ** exponents[:, None]
-    coefficients = np.zeros(exponents[-1] + 1)
-    coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return Polynomial(coefficients)
+    from archfrag.motions.calibrate import find_inventory, reason_of
 
-
-def _unit(values: Samples) -> Samples:
-    return np.arange(values.size) / (values.size - 1)
+    known, changed = None, {}
+    names = ("trace", "vertical_trace", "trace_transverse")
+    for (key, samples), name in zip(motion.components.items(), names):
+        if samples is None:
+            continue
+        codes = (str(motion.metadata.get(name, "")).split(".") + [""] * 4)[:4]
+        header = dict(zip(("network", "station", "location", "channel"), codes))
+        start = UTCDateTime(motion.metadata.get("start_time") or 0)
+        trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
+        known = known or find_inventory(Path(record), trace, inventory)
+        if known is None:
+            lacks = "has no StationXML by which to remove its response; give `inventory`"
+            raise RecordError(f"{record}: {lacks}")
+        try:
+            response = known.get_response(trace.id, trace.stats.starttime)
+            trace.data *= response.instrument_sensitivity.value
+            trace.remove_response(
+                known, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
+                taper=False,
+            )  # fmt: skip
+        except Exception as error:
+            failed = f"the response of channel {trace.id} cannot be removed"
+            raise RecordError(f"{record}: {failed} ({reason_of(error)})") from None
+        changed[key] = np.asarray(trace.data, dtype=np.float64)
+    kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
+    done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
+    return motion._replaced(**changed, log=(*motion.log, done))

@@ -8,11 +8,12 @@ import numpy as np
 from obspy import Inventory, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.channels import Reading, by_direction, read_channels
+from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
+from archfrag.motions.channels import by_direction, read_channels
+from archfrag.motions.formats import recognise
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
-from archfrag.motions.formats.waveform import recognise
-from archfrag.motions.index import IndexEntry, check_sha256, find_entry
+from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
 from archfrag.motions.partners import (
     channel_code,
@@ -20,8 +21,7 @@ from archfrag.motions.partners import (
     is_horizontal,
     is_vertical,
     with_vertical,
-)  # fmt: skip
-from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
+)
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = (
@@ -40,7 +40,7 @@ def read_motion(
     accept: Iterable[str] = (),
     columns: Columns | None = None,
 ) -> Motion:
-    """Read one horizontal component of a record, and the vertical where there is one.
+    """Read one horizontal component of a record, and the vertical if there is one.
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ def read_motion(
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
         that do not state it themselves; it is never guessed.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal wanted.
+        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read.
         Without it the first horizontal of the file is taken, and the log names it.
     vertical : path, optional
-        File of the vertical component where it is not in the same file.
+        File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
@@ -65,14 +65,14 @@ def read_motion(
         announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
         that lists the file may state it in a column ``accept``.
     columns : Columns, optional
-        Where the numbers are in a plain text without a header that is known.
+        Where the numbers are in a plain text whose header is not known.
 
     Returns
     -------
     Motion
         In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        states (see ``HEADER``), what was accepted under ``accepted`` and what the file contradicts
-        itself in under ``faults``.
+        states (see ``HEADER``), what was ``accepted``, and the ``faults``: contradictions in the
+        file.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = Reading(unit, inventory, accepted_words(accept, str(path)), columns)
+    options = Reading(unit, inventory, accept, columns)
     return _read_one(Path(path), options, component, vertical)
 
 
@@ -105,13 +105,12 @@ def _read_one(
         component = of_several
     remedy = "" if component else "give `component` (--component on the command line)"
     horizontals, verticals = by_direction(channels, source, remedy)
-    chosen, note = _choose(horizontals, source, component)
-    name = entry.id if entry else record_name(source)
-    motion = _motion(source, chosen, name, entry, options.accept)
-    motion = motion._replaced(log=(motion.log[0], *note, *motion.log[1:]))
+    chosen, line = _choose(horizontals, source, component)
+    motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
+    motion = motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
     if vertical is not None:
-        return with_vertical(motion, _vertical_from(Path(vertical), options))
-    return _with_own_vertical(motion, chosen, verticals, source, options)
+        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+    return _with_own_vertical(motion, chosen, verticals, source, entry)
 
 
 def read_motions(
@@ -129,8 +128,7 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    options = Reading(unit, inventory, accepted_words(accept, str(path)), columns)
-    channels, entry = read_channels(source, options)
+    channels, entry = read_channels(source, Reading(unit, inventory, accept, columns))
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     horizontals, verticals = by_direction(channels, source, remedy)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
@@ -138,9 +136,8 @@ def read_motions(
     motions = []
     for channel, code in zip(horizontals, codes):
         twin = f"{channel.stats.location}." if codes.count(code) > 1 else ""
-        id = base if alone else f"{base}:{twin}{code}"
-        motion = _motion(source, channel, id, entry, options.accept)
-        motions.append(_with_own_vertical(motion, channel, verticals, source, options))
+        motion = _motion(source, channel, base if alone else f"{base}:{twin}{code}", entry)
+        motions.append(_with_own_vertical(motion, channel, verticals, source, entry))
     return motions
 
 
@@ -150,14 +147,21 @@ def read_vertical(
     *,
     inventory: str | Path | Inventory | None = None,
     accept: Iterable[str] = (),
+    columns: Columns | None = None,
 ) -> Motion:
     """Read the vertical component of a file, in the place of the horizontal one of a motion.
 
     Parameters and errors are those of `read_motion`.
     """
     source = Path(path)
-    options = Reading(unit, inventory, accepted_words(accept, str(path)))
-    return _vertical_from(source, options)
+    channels, _ = read_channels(source, Reading(unit, inventory, accept, columns))
+    verticals = [channel for channel in channels if is_vertical(channel)]
+    if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
+        verticals = channels
+    if len(verticals) != 1:
+        names = ", ".join(repr(channel_code(channel)) for channel in channels)
+        raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
+    return _motion(source, verticals[0], record_name(source), None)
 
 
 def record_name(path: Path) -> str:
@@ -207,38 +211,24 @@ def _choose(
 
 
 def _with_own_vertical(
-    motion: Motion, channel: Trace, verticals: Sequence[Trace], path: Path, options: Reading
-) -> Motion:
+    motion: Motion, channel: Trace, verticals: Sequence[Trace], path: Path,
+    entry: IndexEntry | None,
+) -> Motion:  # fmt: skip
     """The motion with the vertical of its instrument, if the file has it."""
     own = next((v for v in verticals if instrument(v) == instrument(channel)), None)
     if own is None:
         return motion
-    upward = _motion(path, own, motion.id, find_entry(path), options.accept)
     try:
-        return with_vertical(motion, upward)
+        return with_vertical(motion, _motion(path, own, motion.id, entry))
     except RecordError as error:
-        raise RecordError(f"{path}: {error}") from None
+        text = str(error).removeprefix(f"{path}: ")
+        raise RecordError(f"{path}: {text}") from None
 
 
-def _vertical_from(path: Path, options: Reading) -> Motion:
-    channels, _ = read_channels(path, options)
-    verticals = [channel for channel in channels if is_vertical(channel)]
-    if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
-        verticals = channels
-    if len(verticals) != 1:
-        names = ", ".join(repr(channel_code(channel)) for channel in channels)
-        raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
-    return _motion(path, verticals[0], record_name(path), None, options.accept)
-
-
-def _motion(
-    path: Path, channel: Trace, name: str, entry: IndexEntry | None, accept: tuple[str, ...]
-) -> Motion:
-    """The motion of one channel."""
+def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> Motion:
+    """The motion of one channel; RecordError if it is not plausible and not accepted."""
     stats, record = channel.stats, channel.stats.record
-    accept = (*accept, *(entry.accept if entry else ()))
-    doubts = doubtful_motion(channel, channel.data)
-    accepted = record.accepted + accept_or_refuse(path, accept, doubts)
+    accepted = record.accepted + accept_or_refuse(path, record.accept, implausible(channel))
     metadata: dict[str, Any] = {
         "file": path.name, "format": stats._format, "unit_in_file": record.unit_in_file,
         "event": "", "date": "", "station": stats.station,

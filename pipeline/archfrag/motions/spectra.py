@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 
-SAMPLES_PER_PERIOD = 200  # where peaks are looked for: of white noise they are met to 0.1 %
+SAMPLES_PER_PERIOD = 200  # where peaks are looked for
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
 _ANGLES = np.deg2rad(np.arange(180.0))
 
@@ -23,7 +23,12 @@ _ANGLES = np.deg2rad(np.arange(180.0))
 def response_spectrum(
     acceleration: NDArray[np.float64], dt: float, periods: ArrayLike, damping: float = 0.05
 ) -> NDArray[np.float64]:
-    """Sa of oscillators from rest, free vibration after the record included, shape (n_period,)."""
+    """Sa of oscillators from rest, shape (n_period,) [m/s2].
+
+    Peaks are looked for at 200 points of a period or more (to 0.1 %, even of white noise). The
+    acceleration falls to zero in one step after the record; the free vibration that follows
+    counts. InputError for a period that is not positive or a damping outside [0, 1).
+    """
     return _spectrum(acceleration, dt, periods, damping, np.zeros(1))[:, 0]
 
 
@@ -45,17 +50,17 @@ def _spectrum(
     angles: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
     """Sa by angle, (n_period, n_angle); the second component is the imaginary part of `ground`."""
-    wanted = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    if not (np.isfinite(wanted).all() and (wanted > 0.0).all()):
-        raise InputError(f"periods {wanted.tolist()} must be positive numbers of seconds")
+    chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
+        raise InputError(f"periods {chosen.tolist()} must be positive numbers of seconds")
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping {damping} must be in [0, 1)")
     # A period after the record, in which it falls to zero within one step.
-    after = np.ceil(wanted / dt).astype(int) + 2
+    after = np.ceil(chosen / dt).astype(int) + 2
     padded = np.pad(ground, (0, after.max(initial=0)))
-    largest = np.zeros((wanted.size, angles.size))
+    largest = np.zeros((chosen.size, angles.size))
     loop, directions = _compiled(), np.exp(1j * angles)
-    for period, count, row in zip(wanted.tolist(), after + ground.size, largest):
+    for period, count, row in zip(chosen.tolist(), after + ground.size, largest):
         loop(padded[:count], float(dt), 2.0 * np.pi / period, float(damping), directions, row)
     scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0))))
     return np.round(largest * scale) / scale

@@ -12,9 +12,8 @@ from markupsafe import Markup
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
-from archfrag.motions.measures import measure, spectral_acceleration
+from archfrag.motions.measures import measure, spectral_acceleration, velocity
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import velocity
 from archfrag.report import drawing as look
 from archfrag.report.axes import Panel, even_ticks, log_ticks, panel_below
 from archfrag.report.drawing import BESIDE, Entry, FloatArray, Picture, Sheet, figure

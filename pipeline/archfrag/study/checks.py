@@ -163,7 +163,7 @@ def check_study(study: Study) -> Summary:
     for motion in read_sources(study):
         measured(motion, study)
         raw[motion.id], about = is_raw(motion), motion.metadata
-        others = [about.get("file_across"), about.get("vertical_file")]
+        others = [about.get("file_transverse"), about.get("vertical_file")]
         used = " and ".join(name for name in others if name and name != about["file"])
         partners += [f"{about['file']} with {used}"] if used else []
     records = len(raw)

@@ -1,0 +1,180 @@
+"""Waveform files in the formats that are allowed, each read by the plug-in for it.
+
+A record is somebody else's file. `obspy.read` would offer it to a reader of pickles, which runs
+what the file holds, unpack archives, and take a name for a pattern or an address. None of that
+happens here: the formats below are tried one by one on the file as it lies there. What C code
+reads is read in a fork of this process, which a damaged file may end.
+"""
+
+import contextlib
+import importlib
+import multiprocessing
+import os
+import resource
+import signal
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+from obspy import Stream, Trace
+from obspy.core import AttribDict
+from obspy.core.util.base import buffered_load_entry_point
+
+from archfrag.errors import RecordError
+from archfrag.files import opened
+
+# The readers of this package: name of the plug-in, and the module here that has is_<name> and
+# read_<name>. Each is an entry point in pyproject.toml, too.
+OWN = {"AT2": "keyed", "COSMOS": "csmip", "DMG": "csmip", "DYNA": "keyed", "GEONET": "blocks",
+       "RESORCE": "keyed", "SMC": "blocks"}  # fmt: skip
+TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
+# Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
+# WAV, WIN, Y) or that are no earthquakes' are not offered.
+BINARY = ("SAC", "SEISAN", "SACXY", "KINEMETRICS_EVT", "REFTEK130")
+IN_C = ("MSEED", "GSE2", "GSE1", "GCF")  # damaged files have crashed these readers of obspy
+COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
+MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
+
+_BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
+_ARCHIVES = {
+    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
+    b"\x28\xb5\x2f\xfd": "Zstandard", b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "RAR",
+}  # fmt: skip
+
+
+def read_traces(path: str, form: str | None = None) -> list[Trace]:
+    """Read the traces of a file in a format, or in the first one that recognises it.
+
+    Each has in ``stats.record`` what the header states, samples ``announced`` and ``held``, and
+    the ``messages`` of the reader. RecordError if the file is damaged, cut off, an archive or in
+    no format.
+    """
+    if form := form or recognise(path, (*TEXT, *BINARY)):
+        return read_as(path, form)
+    if traces := read_apart(path):
+        return traces
+    with opened(path) as file:
+        head = file.read(512)
+    kind = next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), None)
+    if kind or head[257:262] == b"ustar":
+        name = kind or "tar"
+        raise RecordError(f"{path}: this is an archive ({name}), which is never unpacked here")
+    raise RecordError(
+        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
+        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
+        "records by a pattern such as *.AT2"
+    )
+
+
+def plug_in(name: str, ours: str, obspys: str) -> Callable[[str], Any]:
+    """Return what recognises or reads a format: a function of this package or obspy's plug-in."""
+    if name in OWN or (name, ours) == ("KNET", "read"):
+        module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
+        return getattr(module, f"{ours}_{name.lower()}")
+    return buffered_load_entry_point("obspy", f"obspy.plugin.waveform.{name}", obspys)
+
+
+def recognise(path: str, formats: Sequence[str]) -> str | None:
+    """Return the first of the formats that a file is in, None if it is in none of them."""
+    for name in formats:
+        # A test that stumbles over the file has not recognised it.
+        with contextlib.suppress(Exception):
+            if plug_in(name, "is", "isFormat")(path):
+                return name
+    return None
+
+
+def read_as(path: str, name: str) -> list[Trace]:
+    """Read the traces of a file in the format of that name, see `read_traces`."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        traces = list(_stream(path, name))
+    messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
+    for message in messages:
+        if "MSEED" in message.category.__name__:
+            raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
+    if not traces:
+        raise _damaged(path, "no trace could be read from it")
+    texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
+    shown = list(dict.fromkeys(texts))
+    for trace in traces:
+        _check_blocks(trace, path, name)
+        record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
+        trace.stats._format, trace.stats.npts = name, len(trace.data)
+        trace.stats.record = AttribDict({"held": trace.stats.npts, "messages": shown} | record)
+    return traces
+
+
+def _stream(path: str, name: str) -> Stream:
+    try:
+        return plug_in(name, "read", "readFormat")(path)
+    except RecordError:
+        raise
+    except MemoryError:
+        raise RecordError(f"{path}: reading it as {name} takes more memory than allowed") from None
+    except Exception as error:
+        lines = str(error).strip().splitlines()
+        raise _damaged(path, lines[0] if lines else type(error).__name__) from None
+
+
+def _damaged(path: str, reason: str) -> RecordError:
+    return RecordError(f"{path}: the file is damaged, truncated or not what it seems ({reason})")
+
+
+def _check_blocks(trace: Trace, path: str, name: str) -> None:
+    """Refuse a file whose last block or record is cut off."""
+    blocks = trace.stats.get("mseed", {})
+    length = blocks.get("record_length") or _BLOCK.get(name)
+    size = blocks.get("filesize") or Path(path).stat().st_size
+    if length and size % length:
+        what = "miniSEED" if name == "MSEED" else name
+        raise RecordError(
+            f"{path}: truncated {what}: {size} bytes are no multiple of records of {length} bytes"
+        )
+
+
+def read_apart(path: str) -> list[Trace]:
+    """Read a file by a reader in C in a process of its own; no traces if it is in no such format.
+
+    RecordError if the file is damaged, crashes the reader, or takes more than is allowed.
+    """
+    for form in IN_C:  # imported once here, not in each fork
+        plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
+    context = multiprocessing.get_context("fork")
+    with ProcessPoolExecutor(1, context, initializer=_limit) as pool:
+        try:
+            return pool.submit(_read_limited, path).result()
+        except BrokenProcessPool:
+            raise RecordError(
+                f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
+                "computing; the file is damaged or not what it seems"
+            ) from None
+
+
+def _limit() -> None:
+    """Limit what this process may take, and let signals end it."""
+    for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
+        signal.signal(number, signal.SIG_DFL)
+    with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
+        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):  # readers in C print what they think of a file
+        os.dup2(quiet, stream)
+    signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
+
+
+def _read_limited(path: str) -> list[Trace]:
+    name = recognise(path, IN_C)
+    try:
+        traces = [] if name is None else read_as(path, name)
+        for trace in traces:
+            trace.data = trace.data.astype(float)
+    except (TypeError, ValueError):
+        wrong = f"the {name} file holds something other than numbers"
+        raise RecordError(f"{path}: {wrong}") from None
+    return traces

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream, Trace, UTCDateTime
+from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
@@ -33,10 +33,9 @@ _LEVELS = {"1": "raw", "2": "processed"}
 _COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
 _ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
 _REALS = {
-    "event_latitude": (facts.same, 2), "event_longitude": (facts.same, 3),
-    "depth_km": (facts.same, 4), "magnitude": (facts.nonzero, 5, 7, 6, 8),
-    "station_latitude": (facts.same, 10), "station_longitude": (facts.same, 11),
-    "epicentral_km": (facts.same, 16),
+    "event_latitude": (float, 2), "event_longitude": (float, 3), "depth_km": (float, 4),
+    "magnitude": (facts.nonzero, 5, 7, 6, 8), "station_latitude": (float, 10),
+    "station_longitude": (float, 11), "epicentral_km": (float, 16),
 }  # fmt: skip
 
 # GeoNet
@@ -56,9 +55,9 @@ _FACTS = {
     "vertical": (lambda text: text.lower() in ("up", "down") if text else None,
                  r"^\s*Component +(\S+)"),
     "date": (facts.iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
-    "magnitude": (facts.number_or_none, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
-    "depth_km": (facts.number_or_none, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
-    "epicentral_km": (facts.number_or_none, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
+    "magnitude": (facts.number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
+    "depth_km": (facts.number, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
+    "epicentral_km": (facts.number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
     "station": (str, r"^\s*Site +(\S+) +" + _PLACE),
 }  # fmt: skip
 
@@ -81,7 +80,13 @@ def read_smc(source: Source, **_: Any) -> Stream:
     level = _LEVELS.get(facts.search(_TITLE, head[0]))
     if level is None or "ACCEL" not in head[0].upper():
         raise text.needs(0, "an accelerogram (type 1 or 2)")
-    integers, reals = (_smc_numbers(text, kind) for kind in _NUMBERS)
+    numbers = []
+    for kind, (place, height, many, width) in _NUMBERS.items():
+        numbers.append(text.numbers(place, place + height, many, width))
+        if numbers[-1].size != many:
+            needed = f"{many} {kind} numbers are needed in the header"
+            raise RecordError(f"{text.place(place)}: {needed}, there are {numbers[-1].size}")
+    integers, reals = numbers
     first = text.first(_END, lambda line: not line.lstrip().startswith("|"))
     count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
     values = text.numbers(first, None, count, 10)
@@ -103,16 +108,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
         values, step, done = on_even_steps(values, text.name)
         record["log"] = (*record.get("log", ()), *filter(None, (done,)))
     codes = ("", head[2].strip().split(" ")[0], "")
-    return Stream([facts.trace_of(values, step, record, codes=codes, start=_start(integers))])
-
-
-def _smc_numbers(text: Text, kind: str) -> NDArray[np.float64]:
-    place, height, count, width = _NUMBERS[kind]
-    values = text.numbers(place, place + height, count, width)
-    if values.size != count:
-        needed = f"{count} {kind} numbers are needed in the header"
-        raise RecordError(f"{text.place(place)}: {needed}, there are {values.size}")
-    return values
+    return Stream([facts.trace_of(values, step, record, codes=codes, start=_time(*integers[1:6]))])
 
 
 def _smc_record(
@@ -121,24 +117,22 @@ def _smc_record(
     found = _COMPONENT.match(text[5])
     station, bearing = found.groups() if found else ("", "")
     stated = facts.direction(bearing)
-    upward, across = integers[12], integers[13]  # degrees from the vertical, from north
-    if upward in (0.0, 180.0):
-        stated |= {"component": "UP" if upward == 0.0 else "DOWN", "vertical": True}
-    elif upward == 90.0 and across != integers[0] and 0 <= across <= 360:
-        stated |= {"azimuth": float(across), "vertical": False}
+    tilt, azimuth = integers[12], integers[13]  # degrees from the vertical, from north
+    if tilt in (0.0, 180.0):
+        stated |= {"component": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
+    elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
+        stated |= {"azimuth": float(azimuth), "vertical": False}
 
-    year, days = integers[1:3]
-    day = facts.moment(year, 1, 1, 24.0 * (days - 1)) if 1 <= days <= 366 else None
-    known = (None if real == reals[0] else float(real) for real in reals)
-    return stated | facts.read_fields(_REALS, list(known).__getitem__) | facts.known(
+    day = _time(*integers[1:3], 0, 0, 0)
+    known = [None if real == reals[0] else float(real) for real in reals]
+    return stated | facts.read_fields(_REALS, known.__getitem__) | facts.known(
         event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
         station=station,
     )  # fmt: skip
 
 
-def _start(integers: NDArray[np.float64]) -> UTCDateTime | None:
-    """Time by year, day of the year, hour, minute and second; of an unknown second its minute."""
-    year, day, hour, minute, second = integers[1:6]
+def _time(year: float, day: float, hour: float, minute: float, second: float) -> Any:
+    """Time by the day of the year; of an unknown second its minute, None if there is none such."""
     if not (1 <= day <= 366 and 0 <= hour < 24 and 0 <= minute < 60):
         return None
     second = second if 0 <= second < 60 else 0.0
@@ -181,7 +175,7 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     samples = _geonet_samples(text, data, end, integers, record.get("component", ""))
     unit = facts.acceleration_unit(field.get("unit", ""), place)
     if text_of_factor := field.get("factor"):
-        factor = facts.number_or_none(text_of_factor)
+        factor = facts.number(text_of_factor)
         if not factor:
             wrong = f"readings in units of {text_of_factor!r}"
             raise RecordError(f"{place}: {wrong}; a number but 0 is needed")
@@ -194,7 +188,7 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
     )
     facts.judge_peak(record, field.get("peak", ""), samples, unit)
-    step = facts.positive_step(facts.number_of(field.get("interval")), f"{place}: interval")
+    step = facts.positive_step(facts.number(field.get("interval")), f"{place}: interval")
     # Year, month, day, hour, minute and millisecond of the first sample.
     start = facts.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0)
     codes = ("NZ", record.get("station", ""), "")

@@ -12,12 +12,14 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.facts import trace_of
 from archfrag.motions.formats.text import Text, numbers
 
-MOST_COLUMNS = 1000
-LONGEST_LINE = 2**22  # characters
+MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _FIRST = 10_000  # rows in which times are looked for
-_COMMENTS = ("#", "%")
 _BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
+_RISES = (
+    "what would be accelerations rises evenly, as times do; name the columns of time and "
+    "acceleration"
+)
 _WORDS = {
     "time": "time=COLUMN", "acceleration": "acceleration=COLUMN", "vertical": "vertical=COLUMN",
     "dt": "dt=SECONDS", "skip": "skip=LINES",
@@ -29,26 +31,17 @@ class Columns:
     """Where the numbers of a plain text are: in columns counted from 1, or row after row.
 
     Blanks, tabs, commas and semicolons separate numbers; empty lines and those that begin with
-    # or % are passed over.
+    # or % are passed over. InputError if the keys contradict each other.
 
     Parameters
     ----------
-    acceleration : int, optional
-        Column of the horizontal acceleration. Without it every number of the file is a sample,
-        row after row.
-    time : int, optional
-        Column of the times [s], evenly spaced.
-    dt : float [s], optional
-        Time step of a file without times; either `time` or `dt` is needed.
-    vertical : int, optional
-        Column of the vertical acceleration, positive upwards.
+    acceleration, vertical : int, optional
+        Columns of the horizontal and the vertical (upward) acceleration. Without them every
+        number of the file is a sample, row after row.
+    time, dt : int or float [s]
+        Column of the times, evenly spaced, or the time step of a file without times.
     skip : int
         Lines before the first row.
-
-    Raises
-    ------
-    InputError
-        If they contradict each other.
 
     Examples
     --------
@@ -64,23 +57,22 @@ class Columns:
 
     def __post_init__(self) -> None:
         given = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
-        wrong = next((c for c in given if not 1 <= c <= MOST_COLUMNS), None)
-        for refused, needed in (
+        outside = next((c for c in given if not 1 <= c <= MOST_COLUMNS), None)
+        for wrong, needed in (
             ((self.time is None) == (self.dt is None), "either time or dt"),
             (self.dt is not None and not 0.0 < self.dt < float("inf"),
              f"a positive dt, not {self.dt or 0.0:g}"),
             (self.acceleration is None and given, "acceleration where another column is named"),
             (len(set(given)) < len(given), "a different number for each column"),
-            (wrong is not None, f"numbers from 1 to {MOST_COLUMNS}, not {wrong}"),
+            (outside is not None, f"numbers from 1 to {MOST_COLUMNS}, not {outside}"),
             (self.skip < 0, f"skip of at least 0, not {self.skip}"),
         ):  # fmt: skip
-            if refused:
+            if wrong:
                 raise InputError(f"columns must have {needed}")
 
     def __str__(self) -> str:
         """As `parse_columns` reads it."""
-        given = {key: value for key, value in asdict(self).items() if value}
-        return " ".join(f"{key}={value:.15g}" for key, value in given.items())
+        return " ".join(f"{key}={value:.15g}" for key, value in asdict(self).items() if value)
 
 
 def parse_columns(text: str) -> Columns:
@@ -112,23 +104,19 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     name = str(path)
     rows = _rows(Text(path), columns.skip)
-    wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if wanted:
-        values = _picked(rows, name, columns.skip, wanted)
-    else:
-        if _times_in_front([row for row in rows[:_FIRST] if row]):
-            raise _times(name)
-        values = numbers(rows, columns.skip + 1, name)[:, None]
+    chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
+    if not chosen and _times_in_front([row for row in rows[:_FIRST] if row]):
+        raise RecordError(f"{name}: {_RISES}")
+    values = _picked(rows, name, columns.skip, chosen)
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
     timed = columns.time is not None
     step = _even_step(values[:, 0], rows, name, columns) if timed else columns.dt
-    codes = ("",) if columns.vertical is None else ("H", "V")
     traces = []
-    for index, code in enumerate(codes, start=int(timed)):
+    for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
         samples = np.ascontiguousarray(values[:, index])
         if _rises_evenly(samples):
-            raise _times(name)
+            raise RecordError(f"{name}: {_RISES}")
         record = {
             "announced": samples.size, "held": samples.size, "component": code,
             "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
@@ -145,7 +133,7 @@ def _rows(text: Text, skip: int) -> list[str]:
         if len(line) > LONGEST_LINE:
             raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")
         row = line.translate(_BETWEEN).strip()
-        rows.append("" if row.startswith(_COMMENTS) else row)
+        rows.append("" if row.startswith(("#", "%")) else row)
         if rows[-1]:
             comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
@@ -156,25 +144,27 @@ def _rows(text: Text, skip: int) -> list[str]:
     return rows
 
 
-def _picked(rows: list[str], name: str, skip: int, wanted: list[int]) -> NDArray[np.float64]:
-    """Columns of rows, shape (n_row, n_wanted)."""
+def _picked(rows: list[str], name: str, skip: int, chosen: list[int]) -> NDArray[np.float64]:
+    """Columns of rows, shape (n_row, n_chosen); without any all numbers, (n_sample, 1)."""
+    if not chosen:
+        return numbers(rows, skip + 1, name)[:, None]
     filled = [row.translate(_FORTRAN) for row in rows if row]
     if not filled:
-        return np.empty((0, len(wanted)))
+        return np.empty((0, len(chosen)))
     try:
-        values = np.loadtxt(filled, usecols=wanted, ndmin=2, comments=None)  # type: ignore[call-overload]
+        values = np.loadtxt(filled, usecols=chosen, ndmin=2, comments=None)  # type: ignore[call-overload]
         if np.isfinite(values).all():
             return values
     except ValueError:
         pass
     for place, row in enumerate(rows, start=skip + 1):
         words = row.split()
-        if words and len(words) <= max(wanted):
+        if words and len(words) <= max(chosen):
             raise RecordError(
-                f"{name}, line {place}: has {len(words)} column(s), column {max(wanted) + 1} is "
+                f"{name}, line {place}: has {len(words)} column(s), column {max(chosen) + 1} is "
                 "asked for; lines of text before the numbers are passed over by `skip`"
             )
-        for word in (words[c] for c in wanted if words):
+        for word in (words[c] for c in chosen if words):
             if numbers([word], place, name).size != 1:
                 raise RecordError(f"{name}, line {place}: {word!r} is not a number")
     raise RecordError(f"{name}: cannot be read as columns of numbers")
@@ -219,10 +209,3 @@ def _times_in_front(rows: list[str]) -> bool:
 def _rises_evenly(values: NDArray[np.float64]) -> bool:
     steps = np.diff(values)
     return steps.size >= 4 and steps.min() > 0.0 and float(np.ptp(steps)) < 1e-3 * steps.max()
-
-
-def _times(name: str) -> RecordError:
-    return RecordError(
-        f"{name}: what would be accelerations rises evenly, as times do; name the columns of "
-        "time and acceleration"
-    )

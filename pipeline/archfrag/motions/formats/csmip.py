@@ -16,7 +16,7 @@ of Mines and Geology, OSMS 85-03, 1985.
 
 import re
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from archfrag.motions.formats.text import (
 )
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
-_CUT_OFF = "there is no end-of-data line: the file may be cut off"
+_Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
 _FORMAT = re.compile(
@@ -46,14 +46,11 @@ _WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
 _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
 _NULL = -999.0
-_TEXT_LINES = (5, 100)
-_HEADER_NUMBERS = (64, 1000)
-_LARGEST_HEADER = 200  # lines
+_TEXT_LINES, _HEADER_NUMBERS, _LARGEST_HEADER = (5, 100), (64, 1000), 200
 _REALS = {
-    "station_latitude": (facts.same, 0), "station_longitude": (facts.same, 1),
-    "event_latitude": (facts.same, 9), "event_longitude": (facts.same, 10),
-    "depth_km": (facts.same, 11), "magnitude": (facts.nonzero, 12, 14),
-    "epicentral_km": (facts.same, 16),
+    "station_latitude": (float, 0), "station_longitude": (float, 1),
+    "event_latitude": (float, 9), "event_longitude": (float, 10), "depth_km": (float, 11),
+    "magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16),
 }  # fmt: skip
 
 # CSMIP
@@ -61,32 +58,32 @@ _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
 _SECOND_LINE = re.compile(r"\s*UNCORRECTED ACCELEROGRAM DATA", re.IGNORECASE)
 _COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNORECASE)
 _POINTS = re.compile(r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE)
-_PEAK = {
-    "raw": re.compile(r"MAX\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE),
-    "processed": re.compile(r"PEAK ACCELERATION\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE),
-}
 _UNITS = (
     (r"\b(G)\s*/\s*10\b", "g", 0.1), (r"\b(CM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "cm/s2", 1.0),
     (r"\b(MM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "mm/s2", 1.0),
     (r"(?:UNITS:?|IN|AND|OF|IS)\s+(G)\b", "g", 1.0),
 )  # fmt: skip
-_LINES = {"raw": (13, 14), "processed": (25, 20)}  # of text; of integers and reals
+# By level: lines of text, lines of integers and reals, what the peak of the samples is called.
+_LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 _LOOK = 12  # lines beyond them in which the section may begin
 _WIDTH, _PAIR_WIDTH = 10, 7
 _Data = tuple[NDArray[np.float64], float, dict[str, Any], int]
 
 
-def _stream(
-    source: Source, channel: Callable[[Text, int], tuple[Trace | None, int, str]]
-) -> Stream:
-    """Traces of channels one after the other; `channel` gives one, its end and its header."""
+def _stream(source: Source, channel: Callable[[Text, int], _Channel]) -> Stream:
+    """Traces of channels one after the other, each read by `channel` from a line on."""
     text, traces = Text(source), []
     place = stated = 0
-    while (place := text.next_line(place)) < len(text):
+
+    def begins(line: str) -> bool:
+        return bool(line.strip(" \t\x1a")) and not END_OF_DATA.match(line)
+
+    while (place := text.first(place, begins)) < len(text):
         trace, place, header = channel(text, place)
         if trace is not None:
             if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
-                facts.add_fault(trace.stats.record, _CUT_OFF)
+                cut_off = "there is no end-of-data line: the file may be cut off"
+                facts.add_fault(trace.stats.record, cut_off)
             traces.append(trace)
             stated = max(stated, int(facts.search(_CHANNELS, header) or 0))
     if not traces:
@@ -100,9 +97,8 @@ def _stream(
 def is_cosmos(source: Source) -> bool:
     """Whether a file or open binary buffer is a COSMOS file of a time series."""
     lines = head_lines(source)
-    first = _FORMAT.match(lines[0]) if lines else None
     integers = re.compile(r"\s*\d+\s+Integer-header values follow", re.IGNORECASE)
-    return first is not None and any(map(integers.match, lines[1:]))
+    return bool(lines and _FORMAT.match(lines[0])) and any(map(integers.match, lines[1:]))
 
 
 def read_cosmos(source: Source, **_: Any) -> Stream:
@@ -114,65 +110,55 @@ def read_cosmos(source: Source, **_: Any) -> Stream:
     return _stream(source, _cosmos_channel)
 
 
-class _Header(NamedTuple):
-    text: list[str]
-    integers: NDArray[np.float64]
-    reals: NDArray[np.float64]
-    comments: list[str]
-    section: int  # line that announces the samples
+def _cosmos_channel(text: Text, place: int) -> _Channel:
+    count = int(facts.search(_FORMAT, text.lines[place]) or 0)
+    if not _TEXT_LINES[0] <= count <= _TEXT_LINES[1]:
+        raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
+    head = text.head(place, place + count)
+    integers, at = _header_numbers(text, place + count, "integer")
+    reals, at = _header_numbers(text, at, "real")
+    comments = ""
+    if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
+        end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
+        comments, at = "\n".join(text.head(at + 1, end)), end
+    section = "".join(text.head(at, at + 1))
+    if not _SECTION.match(section):
+        raise text.needs(at, "the line with the number of points and their units")
+    end, all_text, where = text.end_of_numbers(at + 1), "\n".join(head), text.place(at)
+    if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
+        return None, end, all_text
 
-    def real(self, index: int) -> float | None:
-        value = float(self.reals[index]) if index < self.reals.size else _NULL
+    def real(index: int) -> float | None:
+        value = float(reals[index]) if index < reals.size else _NULL
         return None if value == _NULL else value
 
-
-def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
-    head = _cosmos_header(text, place)
-    end = text.end_of_numbers(head.section + 1)
-    (section,), all_text = text.head(head.section, head.section + 1), "\n".join(head.text)
-    parameter = head.integers[1]
-    if not (parameter == 1 or (parameter == _NULL and "ACCEL" in section.upper())):
-        return None, end, all_text
-    where = text.place(head.section)
     announced = facts.checked_count(facts.search(_SECTION, section), where)
-    samples = text.numbers(head.section + 1, end, announced, format_width(section))
-    unit, scale = _COSMOS_UNITS.get(int(head.integers[2]), ("", 1.0))
-    record, codes = _cosmos_record(head)
-    record |= {"level": _COSMOS_LEVELS.get(int(head.integers[0]), ""), "unit": unit,
+    samples = text.numbers(at + 1, end, announced, format_width(section))
+    unit, scale = _COSMOS_UNITS.get(int(integers[2]), ("", 1.0))
+    record, codes = _cosmos_record([*head, *[""] * 9], int(integers[53]), comments, real)
+    record |= {"level": _COSMOS_LEVELS.get(int(integers[0]), ""), "unit": unit,
                "announced": announced, "held": samples.size}  # fmt: skip
     if scale != 1.0:
         samples = samples * scale
         record["log"] = ("Unit in/s2 converted into cm/s2.",)
     if unit == "counts":
-        record |= facts.known(g_per_count=_g_per_count(head))
+        # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
+        least, sensitivity, gain = (max(real(index) or 0.0, 0.0) for index in (21, 41, 46))
+        if least and sensitivity:
+            record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
-    own, recorder = head.real(61), head.real(33)
+    own, recorder = real(61), real(33)
     if own is None and recorder is None:
         raise RecordError(f"{where}: the header states no time step")
     step = facts.positive_step(own / 1000.0 if own is not None else recorder or 0.0, where)
-    if head.reals[63] != _NULL and scale == 1.0:
-        facts.judge_peak(record, f"{head.reals[63]:.4E}", samples, unit)
-    length = head.real(62)
+    if reals[63] != _NULL and scale == 1.0:
+        facts.judge_peak(record, f"{reals[63]:.4E}", samples, unit)
+    length = real(62)
     if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
         last = f"{announced} samples at {step:g} s last {announced * step:g} s"
         facts.add_fault(record, f"the header states a length of {length:g} s, {last}")
-    start = facts.utc_time(head.text[7]) if len(head.text) > 7 else None
+    start = facts.utc_time(head[7]) if len(head) > 7 else None
     return facts.trace_of(samples, step, record, codes=codes, start=start), end, all_text
-
-
-def _cosmos_header(text: Text, place: int) -> _Header:
-    count = int(facts.search(_FORMAT, text.lines[place]) or 0)
-    if not _TEXT_LINES[0] <= count <= _TEXT_LINES[1]:
-        raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
-    integers, at = _header_numbers(text, place + count, "integer")
-    reals, at = _header_numbers(text, at, "real")
-    comments: list[str] = []
-    if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
-        end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
-        comments, at = text.head(at + 1, end), end
-    if not any(map(_SECTION.match, text.head(at, at + 1))):
-        raise text.needs(at, "the line with the number of points and their units")
-    return _Header(text.head(place, place + count), integers, reals, comments, at)
 
 
 def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
@@ -193,35 +179,29 @@ def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64]
     return values, at + 1 + height
 
 
-def _g_per_count(head: _Header) -> float | None:
-    """By the recorder's least count [µV], the sensor's sensitivity [V/g] and the gain."""
-    least, sensitivity, gain = (max(head.real(index) or 0.0, 0.0) for index in (21, 41, 46))
-    return 1e-6 * least / (sensitivity * (gain or 1.0)) if least and sensitivity else None
-
-
-def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]:
-    text = [*head.text, *[""] * 9]
+def _cosmos_record(
+    text: list[str], angle: int, comments: str, real: Callable[[int], float | None]
+) -> tuple[dict[str, Any], tuple[str, str, str]]:
+    """Facts of a header, and codes of network, station and location."""
     channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
     number, bearing = channel.groups() if channel else (None, "")
     position = " ".join(text[8].partition("Location:")[2].split())
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
     event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
-    record = facts.read_fields(_REALS, head.real) | facts.known(
+    direction = facts.direction(bearing)
+    if not {"azimuth", "vertical"} & direction.keys():
+        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
+        direction = facts.direction(word)
+    record = facts.read_fields(_REALS, real) | facts.known(
         event="" if _WEEKDAY.match(event) else event,
         date=next(filter(None, (facts.iso_date(text[i]) for i in (3, 1, 7))), ""),
         magnitude=facts.magnitude(text[2]),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
         channel=number,
     )
-    direction = facts.direction(bearing)
-    if not {"azimuth", "vertical"} & direction.keys():
-        angle = int(head.integers[53])  # or up, or down
-        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
-        direction = facts.direction(word)
     record |= direction
-    dotted = r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4)
-    names = re.search(dotted, "\n".join(head.comments))
+    names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
     if names is None:
         return record, ("" if network.startswith("-") else network, code, position)
     code, band, network, location = (part.strip("-") for part in names.groups())
@@ -246,43 +226,42 @@ def read_dmg(source: Source, **_: Any) -> Stream:
     return _stream(source, _dmg_channel)
 
 
-def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
+def _dmg_channel(text: Text, place: int) -> _Channel:
     title = _TITLE.match(text.lines[place])
     if title is None:
         raise text.needs(place, "a line that begins (UN)CORRECTED ACCELEROGRAM")
     level = "raw" if title.group(1) else "processed"
-    lines = text.head(place, place + _LINES[level][0])
-    if len(lines) < _LINES[level][0]:
+    count, rows, peak_name = _LEVELS[level]
+    lines = text.head(place, place + count)
+    if len(lines) < count:
         raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
-    samples, step, stated, data_end = _dmg_data(text, place, level)
-    shift = 0 if level == "raw" else 1
-    record, code, position = _dmg_record(lines[shift:])
-    record |= {"level": level, **stated}
-    peak = next(filter(None, map(_PEAK[level].search, lines)), None)
-    if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
-        facts.judge_peak(record, peak.group(1), samples, stated["unit"])
-    end = text.first(data_end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
-    start = facts.utc_time(lines[3 + shift])
-    trace = facts.trace_of(samples, step, record, codes=("", code, position), start=start)
-    return trace, end, "\n".join(lines)
-
-
-def _dmg_data(text: Text, place: int, level: str) -> _Data:
-    """Samples, step, what is stated of them, and the first line after them."""
-    begin, rows = place + _LINES[level][0], _LINES[level][1]
-    window = range(begin, min(begin + rows + _LOOK, len(text)))
+    window = range(place + count, min(place + count + rows + _LOOK, len(text)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
         lacking = "no line with the points of acceleration follows the header"
         raise RecordError(f"{text.place(place)}: {lacking}")
-    if section is None:
-        return _pairs(text, place, begin + rows)
+    data = _pairs(text, place, lines, rows) if section is None else _section(text, section)
+    samples, step, stated, data_end = data
+    shift = 0 if level == "raw" else 1
+    record, codes = _dmg_record(lines[shift:])
+    record |= {"level": level, **stated}
+    named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
+    peak = next(filter(None, map(named.search, lines)), None)
+    if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
+        facts.judge_peak(record, peak.group(1), samples, stated["unit"])
+    end = text.first(data_end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
+    start = facts.utc_time(lines[3 + shift])
+    trace = facts.trace_of(samples, step, record, codes=codes, start=start)
+    return trace, end, "\n".join(lines)
+
+
+def _section(text: Text, section: int) -> _Data:
+    """Samples after a line that announces them, step, what is stated, the first line after."""
     where, (line,) = text.place(section), text.head(section, section + 1)
     announced = facts.checked_count(facts.search(_POINTS, line), where)
-    apart, rate = (facts.search(p, line) for p in (r"SPACED AT\s+(\S+)\s+SEC",
-                                                   r"AT\s+(\S+)\s+PTS/SEC"))  # fmt: skip
+    apart = facts.search(r"SPACED AT\s+(\S+)\s+SEC", line)
     try:
-        value = float(apart or rate)
+        value = float(apart or facts.search(r"AT\s+(\S+)\s+PTS/SEC", line))
     except ValueError:
         raise RecordError(f"{where}: no time step is stated in {line.strip()!r}") from None
     step = facts.positive_step(value if apart else 1.0 / value if value else 0.0, where)
@@ -293,13 +272,12 @@ def _dmg_data(text: Text, place: int, level: str) -> _Data:
     return samples * scale, step, stated, end
 
 
-def _pairs(text: Text, place: int, first: int) -> _Data:
-    """Pairs of time and acceleration, of digitised film."""
-    lines = text.head(place, place + _LINES["raw"][0])
+def _pairs(text: Text, place: int, lines: list[str], rows: int) -> _Data:
+    """As `_section` of pairs of time and acceleration, of digitised film."""
     index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), None)
     if index is None:
         raise RecordError(f"{text.place(place)}: the header has no NO. OF POINTS")
-    count = facts.search(_COUNT_LINE, lines[index])
+    count, first = facts.search(_COUNT_LINE, lines[index]), place + len(lines) + rows
     announced = facts.checked_count(count, text.place(place + index))
     unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
     end = text.end_of_numbers(first)
@@ -316,22 +294,21 @@ def _unit_of(text: str) -> tuple[str, float]:
     return next(found, ("", 1.0))
 
 
-def _dmg_record(text: list[str]) -> tuple[dict[str, Any], str, str]:
-    """What the lines of a header state, the station's code and the place of the sensor."""
+def _dmg_record(text: list[str]) -> tuple[dict[str, Any], tuple[str, str, str]]:
+    """What the lines of a header state; the station's code and the place of the sensor."""
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", text[6])
     number, bearing = channel.groups() if channel else (None, "")
     bearing, _, position = bearing.partition("LOCATION:")
-    origin = text[2].upper().partition("ORIGIN")[2]
-    dates = map(facts.iso_date, (origin, text[2], text[1]))
+    dates = map(facts.iso_date, (text[2].upper().partition("ORIGIN")[2], text[2], text[1]))
     record = facts.known(
         event="" if re.match(r"(?i)\s*RE?CO?RD OF", text[1]) else text[1].strip(),
         date=next(filter(None, dates), ""),
         magnitude=facts.magnitude(text[8]),
-        depth_km=facts.number_or_none(facts.search(r"\bH\s*=\s*(\d+\.?\d*)\s*KM", text[8])),
+        depth_km=facts.number(facts.search(r"\bH\s*=\s*(\d+\.?\d*)\s*KM", text[8])),
         **facts.place(text[8], "event"),
         station=re.split(r"\s{3,}", text[5].strip())[0],
         **facts.place(text[4], "station"),
         channel=number,
     )
     code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])
-    return record | facts.direction(bearing), code, " ".join(position.split())
+    return record | facts.direction(bearing), ("", code, " ".join(position.split()))

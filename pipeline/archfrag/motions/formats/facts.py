@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
@@ -16,27 +16,21 @@ from archfrag.motions.partners import AZIMUTHS, quadrant
 from archfrag.motions.units import METRES_PER_SECOND_SQUARED, unit_factor
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
-_NAMED = rf"\b(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
-_DATES = tuple(
-    re.compile(pattern)
-    for pattern in (
-        r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
-        r"\b(?P<month>\d{1,2})[-/](?P<day>\d{1,2})[-/](?P<year>\d{4}|\d{2})\b",
-        r"\b(?P<day>\d{1,2})\s*" + _NAMED.replace(r"\b", "") + r",?\s*(?P<year>\d{4})\b",
-        _NAMED + r"\s*(?P<day>\d{1,2}),?\s*(?P<year>\d{4})\b",
-        r"\b(?P<year>\d{4}) " + _NAMED + r" +(?P<day>\d\d?)\b",
-    )
+_NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
+_DATES = (
+    r"\b(?P<year>\d{4})[-/](?P<month>\d{1,2})[-/](?P<day>\d{1,2})\b",
+    r"\b(?P<month>\d{1,2})[-/](?P<day>\d{1,2})[-/](?P<year>\d{4}|\d{2})\b",
+    rf"\b(?P<day>\d{{1,2}})\s*{_NAMED},?\s*(?P<year>\d{{4}})\b",
+    rf"\b{_NAMED}\s*(?P<day>\d{{1,2}}),?\s*(?P<year>\d{{4}})\b",
+    rf"\b(?P<year>\d{{4}}) \b{_NAMED} +(?P<day>\d\d?)\b",
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
-_MAGNITUDES = tuple(
-    re.compile(rf"\b{kind}\s*=?\s*(\d\.?\d*)") for kind in ("MW", "ML", "MS", "MD", "MB", "M")
-)
+_MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
 _PLACE = re.compile(r"(\d+\.?\d*)\s*([NS])\s*,?\s*(\d+\.?\d*)\s*([EW])\b")
 _SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
-_PEAK_WITHIN = 0.01  # of the header's peak, beside its rounding
-_PEAK_DOUBTFUL = 0.1
-Table = dict[str, tuple[Any, ...]]
+_PEAK_WITHIN, _PEAK_REFUSED = 0.01, 0.1  # of the header's peak, besides its rounding
 _LONGEST = 10_000_000  # samples that a header may announce
+Table = Mapping[str, tuple[Any, ...]]
 
 
 def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
@@ -47,9 +41,41 @@ def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
     return (found.group(group) or "") if found else ""
 
 
+def known(**facts: Any) -> dict[str, Any]:
+    """The facts without those that a header leaves open."""
+    return {key: fact for key, fact in facts.items() if fact not in (None, "")}
+
+
+def read_fields(table: Table, find: Callable[[Any], Any]) -> dict[str, Any]:
+    """Read the facts of a header by a table: for each name what reads it and where it may stand.
+
+    `find` gives what a header has at a place, which is a key, a pattern or an index; of several
+    places the first one that gives a fact counts.
+    """
+    return known(**{
+        name: next((fact for place in places if (value := find(place)) not in (None, "")
+                    and (fact := read(value)) not in (None, "")), None)
+        for name, (read, *places) in table.items()
+    })  # fmt: skip
+
+
+def number(text: str | None) -> float | None:
+    """A finite number of a header, None if there is none."""
+    try:
+        value = float((text or "").upper().replace("D", "E"))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def nonzero(value: float) -> float | None:
+    """A number of a header that is 0 if it is not known."""
+    return value or None
+
+
 def iso_date(text: str) -> str:
     """First date in a text as YYYY-MM-DD (months before days, as in the USA); else nothing."""
-    found = next(filter(None, (pattern.search(text.upper()) for pattern in _DATES)), None)
+    found = next(filter(None, (re.search(pattern, text.upper()) for pattern in _DATES)), None)
     if found is None:
         return ""
     named = found["month"]
@@ -98,6 +124,23 @@ def place(text: str, kind: str) -> dict[str, float]:
     return {f"{kind}_latitude": latitude, f"{kind}_longitude": longitude}
 
 
+def direction(text: str) -> dict[str, Any]:
+    """Component, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
+    word = text.strip().upper()
+    found = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
+    if found and int(found[1]) <= 360:
+        return {"component": str(int(found[1])), "azimuth": float(found[1]), "vertical": False}
+    if found := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
+        azimuth = quadrant(re.sub(r"\s", "", found[0]))
+        return {"component": found[0], "azimuth": azimuth, "vertical": False}
+    if re.match(r"(UP|VERT|DOWN|DWN|[-+]?[UVZ]\b)", word):
+        down = word.startswith(("DOWN", "DWN", "-"))
+        return {"component": "DOWN" if down else "UP", "vertical": True}
+    code = (word.split() or [""])[0]
+    stated = {"azimuth": AZIMUTHS[code], "vertical": False} if code in AZIMUTHS else {}
+    return {"component": code} | stated
+
+
 def checked_count(text: str, where: str) -> int:
     """Number of samples that a header announces, if a record can have it."""
     count = int(text) if text.strip().isdigit() and len(text.strip()) < 12 else -1
@@ -108,125 +151,12 @@ def checked_count(text: str, where: str) -> int:
     return count
 
 
-def positive_step(value: float, where: str) -> float:
+def positive_step(value: float | None, where: str) -> float:
     """A time step [s] if it is one."""
-    if not (math.isfinite(value) and value > 0.0):
-        raise RecordError(f"{where}: time step {value:g} s must be a positive number of seconds")
-    return value
-
-
-def direction(text: str) -> dict[str, Any]:
-    """Component, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
-    word = text.strip().upper()
-    found = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
-    if found and int(found.group(1)) <= 360:
-        code = str(int(found.group(1)))
-        return {"component": code, "azimuth": float(code), "vertical": False}
-    found = re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word)
-    if found:
-        azimuth = quadrant(re.sub(r"\s", "", found.group(0)))
-        return {"component": found.group(0), "azimuth": azimuth, "vertical": False}
-    if re.match(r"(UP|VERT|DOWN|DWN|[-+]?[UVZ]\b)", word):
-        down = word.startswith(("DOWN", "DWN", "-"))
-        return {"component": "DOWN" if down else "UP", "vertical": True}
-    code = (word.split() or [""])[0]
-    stated = {"azimuth": AZIMUTHS[code], "vertical": False} if code in AZIMUTHS else {}
-    return {"component": code} | stated
-
-
-def known(**facts: Any) -> dict[str, Any]:
-    """The facts without those that a header leaves open."""
-    return {key: fact for key, fact in facts.items() if fact not in (None, "")}
-
-
-def read_fields(table: Table, find: Callable[[Any], Any]) -> dict[str, Any]:
-    """Read the facts of a header by a table: for each name what reads it and where it may stand.
-
-    `find` gives what a header has at a place, which is a key, a pattern or an index; of several
-    places the first one that gives a fact counts.
-    """
-    found = {}
-    for name, (read, *places) in table.items():
-        facts = (read(find(place)) for place in places)
-        found[name] = next((fact for fact in facts if fact not in (None, "")), None)
-    return known(**found)
-
-
-def same(fact: Any) -> Any:
-    """What stands at a place of a header, as it is."""
-    return fact
-
-
-def nonzero(fact: Any) -> Any:
-    """What stands at a place of a header, if it is not zero."""
-    return fact or None
-
-
-def judge_peak(
-    record: dict[str, Any], stated: str, values: NDArray[np.float64], unit: str
-) -> None:
-    """Compare the peak that a header states, rounded to its last digit, with the samples."""
-    try:
-        number = Decimal(stated.strip().upper().replace("D", "E"))
-    except InvalidOperation:
-        return
-    if values.size == 0 or not number.is_finite() or number == 0:
-        return
-    peak = abs(float(number))
-    rounding = 10.0 ** int(number.as_tuple().exponent)
-    found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
-    nearest = min(found, key=lambda value: abs(value - peak))
-    off = abs(nearest - peak) - rounding
-    if off > _PEAK_WITHIN * peak:
-        text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        add_fault(record, f"{text} {unit}", "doubts" if off > _PEAK_DOUBTFUL * peak else "faults")
-
-
-def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
-    """Add to what is odd about a record."""
-    record[kind] = (*record.get(kind, ()), fault)
-
-
-def stream_of(traces: list[Trace]) -> Stream:
-    """The traces as a stream, those of one code with their channel numbers as locations."""
-    ids = [trace.id for trace in traces]
-    seen: set[str] = set()
-    for number, trace in enumerate(traces, start=1):
-        if ids.count(ids[number - 1]) > 1:
-            trace.stats.location += str(trace.stats.record.get("channel", number))
-        if trace.id in seen:
-            trace.stats.location += f"-{number}"
-        seen.add(trace.id)
-    return Stream(traces)
-
-
-def trace_of(
-    samples: NDArray[np.float64], dt: float, record: dict[str, Any], *,
-    codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
-) -> Trace:  # fmt: skip
-    """A trace of network, station and location `codes`, with the header as ``stats.record``."""
-    network, station, location = codes
-    header: dict[str, Any] = {
-        "delta": dt, "network": network, "station": station, "location": location,
-        "channel": record.get("component", ""), "record": AttribDict(record),
-    }  # fmt: skip
-    if start is not None:
-        header["starttime"] = start
-    return Trace(samples, header=header)
-
-
-def number_of(text: str | None) -> float:
-    """A number of a header; NaN if there is none."""
-    try:
-        return float((text or "").upper().replace("D", "E"))
-    except ValueError:
-        return math.nan
-
-
-def number_or_none(text: str | None) -> float | None:
-    """A finite number of a header, None if there is none."""
-    value = number_of(text)
-    return value if math.isfinite(value) else None
+    step = math.nan if value is None else value
+    if not (math.isfinite(step) and step > 0.0):
+        raise RecordError(f"{where}: time step {step:g} s must be a positive number of seconds")
+    return step
 
 
 def acceleration_unit(text: str, where: str) -> str:
@@ -234,3 +164,53 @@ def acceleration_unit(text: str, where: str) -> str:
     plain = re.sub(r"[\s^*()]", "", text.lower()).replace("sec", "s").replace("/s/s", "/s2")
     unit_factor(plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where)
     return plain
+
+
+def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
+    """Add to the contradictions of a record, or to its ``warnings``, for which it is refused."""
+    record[kind] = (*record.get(kind, ()), fault)
+
+
+def judge_peak(
+    record: dict[str, Any], stated: str, values: NDArray[np.float64], unit: str
+) -> None:
+    """Compare the peak that a header states, rounded to its last digit, with the samples."""
+    try:
+        given = Decimal(stated.strip().upper().replace("D", "E"))
+    except InvalidOperation:
+        return
+    if values.size == 0 or not given.is_finite() or given == 0:
+        return
+    peak = abs(float(given))
+    rounding = 10.0 ** int(given.as_tuple().exponent)
+    found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
+    nearest = min(found, key=lambda value: abs(value - peak))
+    off = abs(nearest - peak) - rounding
+    if off > _PEAK_WITHIN * peak:
+        text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
+        kind = "warnings" if off > _PEAK_REFUSED * peak else "faults"
+        add_fault(record, f"{text} {unit}", kind)
+
+
+def trace_of(
+    samples: NDArray[np.float64], dt: float, record: dict[str, Any], *,
+    codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
+) -> Trace:  # fmt: skip
+    """A trace of network, station and location `codes`, with the header as ``stats.record``."""
+    header = dict(zip(("network", "station", "location"), codes)) | {
+        "delta": dt, "channel": record.get("component", ""), "record": AttribDict(record),
+    }  # fmt: skip
+    return Trace(samples, header | ({} if start is None else {"starttime": start}))
+
+
+def stream_of(traces: list[Trace]) -> Stream:
+    """The traces as a stream, those of one code with their channel numbers as locations."""
+    ids = [trace.id for trace in traces]
+    seen: set[str] = set()
+    for count, trace in enumerate(traces, start=1):
+        if ids.count(ids[count - 1]) > 1:
+            trace.stats.location += str(trace.stats.record.get("channel", count))
+        if trace.id in seen:
+            trace.stats.location += f"-{count}"
+        seen.add(trace.id)
+    return Stream(traces)

@@ -1,10 +1,9 @@
 """Formats whose header gives names and values, one component a file, as plug-ins of obspy.
 
-- PEER AT2: four lines (what it is; event, date, station, component; quantity and unit; number of
-  samples and time step), then samples in rows. The headers of the NGA database, of the strong
-  motion database before it and of its many re-issues differ in the fourth line only.
+- PEER AT2: four lines (title; event, date, station, component; quantity and unit; number of
+  samples and time step), then samples in rows. The many re-issues differ in the fourth line.
 - DYNA 1.x of ESM and AFAD's TADAS, and ITACA before it: lines ``KEY: value``, then one sample a
-  line (ITACA 2.x user manual, header of waveform files). What matters is found by its key.
+  line (ITACA 2.x user manual, header of waveform files).
 - RESORCE: ten lines ``Key : value``, quantity and unit, then samples in columns of fixed width.
 - K-NET and KiK-net: obspy reads them; here is what it leaves out. A KiK-net station has two
   sensors, which obspy names NS1, EW1, UD1 (borehole) and NS2, EW2, UD2 (surface), after the
@@ -32,11 +31,8 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
-_RESORCE_KEY = re.compile(r"([^:]+?)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
-_DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4})")  # AFAD
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
-_number = facts.number_or_none
 _LONGEST_HEADER = 40  # lines of RESORCE
 _VERTICALS = ("Z", "UP", "V", "UD")
 _SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
@@ -45,22 +41,15 @@ _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
-    "magnitude": (_number, "MAGNITUDE_W", "MAGNITUDE_L"),
-    "depth_km": (_number, "EVENT_DEPTH_KM"),
-    "event_latitude": (_number, "EVENT_LATITUDE_DEGREE"),
-    "event_longitude": (_number, "EVENT_LONGITUDE_DEGREE"),
+    "magnitude": (facts.number, "MAGNITUDE_W", "MAGNITUDE_L"),
+    "depth_km": (facts.number, "EVENT_DEPTH_KM"),
+    "event_latitude": (facts.number, "EVENT_LATITUDE_DEGREE"),
+    "event_longitude": (facts.number, "EVENT_LONGITUDE_DEGREE"),
     "station": (str, "STATION_CODE"),
-    "station_latitude": (_number, "STATION_LATITUDE_DEGREE"),
-    "station_longitude": (_number, "STATION_LONGITUDE_DEGREE"),
-    "vs30_mps": (_number, "VS30_M/S", "VS30_MS"),
-    "epicentral_km": (_number, "EPICENTRAL_DISTANCE_KM"),
-}  # fmt: skip
-# What obspy keeps of a K-NET header.
-_KNET = {
-    "date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag"),
-    "depth_km": (float, "evdp"), "event_latitude": (float, "evla"),
-    "event_longitude": (float, "evlo"), "station_latitude": (float, "stla"),
-    "station_longitude": (float, "stlo"),
+    "station_latitude": (facts.number, "STATION_LATITUDE_DEGREE"),
+    "station_longitude": (facts.number, "STATION_LONGITUDE_DEGREE"),
+    "vs30_mps": (facts.number, "VS30_M/S", "VS30_MS"),
+    "epicentral_km": (facts.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -68,6 +57,13 @@ _RESORCE = {
     "ORIENTATION": "COMPONENT", "EVENT DATE & TIME": "EVENT_DATE_YYYYMMDD",
     "FILTER CUT-OFF FREQUENCY (HZ)": "LOW_CUT_FREQUENCY_HZ", "PGA (M/S/S)": "PGA_M/S/S",
     "STATION CODE / NAME": "STATION_CODE",
+}  # fmt: skip
+# What obspy keeps of a K-NET header.
+_KNET = {
+    "date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag"),
+    "depth_km": (float, "evdp"), "event_latitude": (float, "evla"),
+    "event_longitude": (float, "evlo"), "station_latitude": (float, "stla"),
+    "station_longitude": (float, "stlo"),
 }  # fmt: skip
 
 
@@ -98,11 +94,12 @@ def read_at2(source: Source, **_: Any) -> Stream:
     count, step = _count_and_step(header[3])
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
-    stated, where = facts.number_of(count), text.place(3)
-    announced = facts.checked_count(f"{stated:.0f}" if stated % 1 == 0 else count, where)
+    stated, where = facts.number(count), text.place(3)
+    whole = stated is not None and stated % 1 == 0
+    announced = facts.checked_count(f"{stated:.0f}" if whole else count, where)
+    dt = facts.positive_step(facts.number(step), where)
     record = _at2_names(header[1]) | {"unit": unit, "announced": announced}
-    step_s = facts.positive_step(facts.number_of(step), where)
-    return Stream([facts.trace_of(text.numbers(_AT2_LINES), step_s, record)])
+    return Stream([facts.trace_of(text.numbers(_AT2_LINES), dt, record)])
 
 
 def _count_and_step(line: str) -> tuple[str, str]:
@@ -128,9 +125,9 @@ def _at2_names(line: str) -> dict[str, Any]:
 def is_dyna(source: Source) -> bool:
     """Whether the first line names an event and a later one the time step or the samples."""
     lines = head_lines(source)
-    keys = {match.group(1) for match in map(_KEY.match, lines) if match}
-    first = re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) if lines else None
-    return first is not None and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
+    keys = {match[1] for match in map(_KEY.match, lines) if match}
+    first = bool(lines) and re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) is not None
+    return first and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
 
 
 def read_dyna(source: Source, **_: Any) -> Stream:
@@ -138,14 +135,14 @@ def read_dyna(source: Source, **_: Any) -> Stream:
     text = Text(source)
     header: dict[str, str] = {}
     places: dict[str, str] = {}
-    for number, line in enumerate(text.lines):
+    for count, line in enumerate(text.lines):
         match = _KEY.match(line)
         if match is None:
             break
-        key, place = match.group(1).upper(), text.place(number)
+        key, place = match[1].upper(), text.place(count)
         if key in header:
             raise RecordError(f"{place}: {key} is there a second time")
-        header[key], places[key] = _readable(match.group(2)), f"{place}, {key}"
+        header[key], places[key] = _readable(match[2]), f"{place}, {key}"
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
     return _keyed(text, header, places, len(header), codes)
 
@@ -160,17 +157,17 @@ def is_resorce(source: Source) -> bool:
 def read_resorce(source: Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
     text = Text(source)
-    found = ((i, match) for i, line in enumerate(text.lines) if (match := _SERIES.match(line)))
-    series, match = next(found, (0, None))
+    series = text.first(0, _SERIES.match)
+    match = _SERIES.match(text.lines[series]) if series < len(text) else None
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
-    header: dict[str, str] = dict(zip(("DATA_TYPE", "UNITS"), (match[1], match[2])))
+    header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}
     places = dict.fromkeys(header, text.place(series))
-    for number, line in enumerate(text.lines[:series]):
-        pair = _RESORCE_KEY.match(line)
-        if pair and (key := _RESORCE.get(pair.group(1).upper())):
-            header[key] = pair.group(2).strip()
-            places[key] = f"{text.place(number)}, {pair.group(1)}"
+    for count, line in enumerate(text.lines[:series]):
+        name, colon, value = line.partition(":")
+        if colon and (key := _RESORCE.get(name.rstrip().upper())):
+            header[key] = value.strip()
+            places[key] = f"{text.place(count)}, {name.rstrip()}"
     code, name = map(str.strip, header.get("STATION_CODE", "").partition("/")[::2])
     header["STATION_CODE"] = name or code
     return _keyed(text, header, places, series + 1, ("", code, ""))
@@ -188,10 +185,10 @@ def _keyed(
         if not header.get(key):
             raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
     unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
-    step = facts.number_of(header["SAMPLING_INTERVAL_S"])
+    step = facts.number(header["SAMPLING_INTERVAL_S"])
     step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
     samples = text.numbers(first)
-    record = facts.read_fields(_DYNA, lambda key: header.get(key, ""))
+    record = facts.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
@@ -220,7 +217,7 @@ def _readable(text: str) -> str:
 
 def _first_sample(text: str) -> UTCDateTime | None:
     """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
-    text = _DAY_FIRST.sub(r"\3\2\1", text, count=1)
+    text = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", text, count=1)
     found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
     return facts.moment(*map(float, found.groups())) if found else None
 

@@ -1,8 +1,8 @@
-"""What the readers of text formats have in common: lines, their places, numbers and times."""
+"""What the readers of text formats have in common: lines, numbers in columns, even time steps."""
 
 import io
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,24 +14,24 @@ from archfrag.files import opened
 
 Source = str | Path | BinaryIO
 
-_CHUNK = 4000  # lines that are taken apart at a time: words need ten times the memory of numbers
-_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
+_CHUNK = 4000  # lines converted at a time: words need ten times the memory of numbers
 _WIDEST = 200  # characters of a line of a header; patterns take long over much longer ones
 _SHOWN = 40  # characters of a word in a message
 _FORTRAN = str.maketrans("Dd", "EE")
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
 _FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE)
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
-_EVEN = 0.05  # part of a step by which times may be off where only their rounding is seen
+_EVEN = 0.05  # part of a step by which times may be off if only their rounding is seen
 _STRETCH = 20  # samples on the grid for each that the file holds, at most
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
-_NO_NUMBERS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
+_WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
 
 class Text:
-    """Lines of a file, whatever ends them; RecordError if there is none or nothing in it."""
+    """Lines of a file, whatever ends them; RecordError if there is no file or nothing in it."""
 
     def __init__(self, source: Source) -> None:
         is_path = isinstance(source, (str, Path))
@@ -55,9 +55,9 @@ class Text:
         return [line[:_WIDEST] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
-        """The refusal of a line that is something else than what is needed."""
-        held = [repr(line.strip()[:60]) for line in self.lines[index : index + 1]]
-        shown = (*held, "the end of the file")[0]
+        """The error for a line that is something else than needed."""
+        line = self.lines[index].strip()[:60] if index < len(self) else None
+        shown = "the end of the file" if line is None else repr(line)
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
 
     def numbers(
@@ -67,21 +67,17 @@ class Text:
         """Numbers of some lines, see `numbers`."""
         return numbers(self.lines[first:last], first + 1, self.name, expected, width)
 
-    def next_line(self, index: int) -> int:
-        """The first line from one on that is neither empty nor an end of data."""
-        return self.first(index, lambda s: s.strip(" \t\x1a") and not END_OF_DATA.match(s))
+    def first(self, index: int, test: Callable[[str], object]) -> int:
+        """The first line from `index` on that passes a test; the number of lines if none does."""
+        return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
 
     def end_of_numbers(self, index: int) -> int:
-        """The first line from one on that holds words."""
-        return self.first(index, _NO_NUMBERS.search)
-
-    def first(self, index: int, test: Callable[[str], object]) -> int:
-        """The first line from one on that passes a test; the number of lines without one."""
-        return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
+        """The first line from `index` on that holds words."""
+        return self.first(index, _WORDS.search)
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
-    """First bytes of a file or of what is left of an open buffer, whose place is kept."""
+    """First bytes of a file, or of the rest of an open buffer, whose position is kept."""
     if isinstance(source, (str, Path)):
         with opened(source) as file:
             return file.read(size)
@@ -91,10 +87,10 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
     return content
 
 
-def head_lines(source: Source, size: int = 4096) -> list[str]:
+def head_lines(source: Source) -> list[str]:
     """Lines at the beginning of a file; none if it is not plain text or cannot be read."""
     try:
-        content = _read_bytes(source, size)
+        content = _read_bytes(source, 4096)
     except (OSError, ValueError):
         return []
     return [] if b"\0" in content else _lines(content)
@@ -115,20 +111,19 @@ def numbers(
     lines: Sequence[str], first: int, name: str, expected: int | None = None,
     width: int | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Finite numbers of lines from line `first` on, parted by blanks or in columns of a width."""
-    words = _in_chunks(lines, _parted)
-    if words is not None and (width is None or words.size == expected):
-        return words
-    columns = None if width is None else _in_chunks(lines, lambda part: _columns(part, width))
-    if columns is not None and (words is None or columns.size == expected):
-        return columns
+    """Finite numbers of lines from line `first` on, between blanks or in columns of a width."""
+    words = _converted(lines, None)
+    if width is not None and (words is None or words.size != expected):
+        columns = _converted(lines, width)
+        if columns is not None and (words is None or columns.size == expected):
+            return columns
     if words is not None:
         return words
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
         for word in _words(line, width):
             try:
-                values += _taken_apart(word, f"{name}, line {number}")
+                values += _split(word, f"{name}, line {number}")
             except RecordError as error:
                 if number - first + 1 < len(lines):
                     raise
@@ -136,26 +131,20 @@ def numbers(
     return np.array(values)
 
 
-def _words(line: str, width: int | None) -> list[str]:
-    """Words of a line, or its columns where only they are numbers."""
-    words = line.split()
-    if width is None or "\t" in line:
-        return words
-    columns = [line[start : start + width].strip() for start in range(0, len(line), width)]
-    for found in (words, [column for column in columns if column]):
-        if all(_NUMBER.fullmatch(word.translate(_FORTRAN)) for word in found):
-            return found
-    return words
-
-
-def _in_chunks(
-    lines: Sequence[str], take: Callable[[Sequence[str]], Iterable[str | float]]
-) -> NDArray[np.float64] | None:
-    """All numbers by a quick rule, None where it fails."""
+def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] | None:
+    """All numbers at once; None if a word or a column is not a finite number."""
     parts = [np.zeros(0)]
     for start in range(0, len(lines), _CHUNK):
+        text = "\n".join(lines[start : start + _CHUNK]).translate(_FORTRAN)
+        if "_" in text or (width is not None and "\t" in text):  # Python allows 1_000
+            return None
+        cells = text.split() if width is None else [
+            line[i : i + width]
+            for line in map(str.rstrip, text.split("\n"))
+            for i in range(0, len(line), width)
+        ]  # fmt: skip
         try:
-            parts.append(np.array(take(lines[start : start + _CHUNK]), dtype=np.float64))
+            parts.append(np.array(list(map(float, cells))))
         except ValueError:
             return None
         if not np.isfinite(parts[-1]).all():
@@ -163,24 +152,19 @@ def _in_chunks(
     return np.concatenate(parts)
 
 
-def _parted(lines: Sequence[str]) -> list[str]:
-    text = " ".join(lines).translate(_FORTRAN)
-    if "_" in text:  # which Python allows between digits
-        raise ValueError
-    return text.split()
+def _words(line: str, width: int | None) -> list[str]:
+    """Words of a line, or its columns if only they are numbers."""
+    words = line.split()
+    if width is None or "\t" in line:
+        return words
+    columns = [line[start : start + width].strip() for start in range(0, len(line), width)]
+    for found in (words, list(filter(None, columns))):
+        if all(_NUMBER.fullmatch(word.translate(_FORTRAN)) for word in found):
+            return found
+    return words
 
 
-def _columns(lines: Sequence[str], width: int) -> list[float]:
-    values = []
-    for line in lines:
-        line = line.rstrip().translate(_FORTRAN)
-        if "\t" in line or "_" in line:
-            raise ValueError
-        values += [float(line[i : i + width]) for i in range(0, len(line), width)]
-    return values
-
-
-def _taken_apart(word: str, place: str) -> list[float]:
+def _split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
     shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")
@@ -201,15 +185,14 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     if times.size < 2:
         return values[:0], 1.0, ""
-    steps = np.diff(times)
-    bad = int(np.argmax(np.append(steps, -1.0) < 0.0)) + 1
-    if bad <= steps.size or not times[-1] > times[0]:
-        bad = bad if bad <= steps.size else 0
+    steps, length = np.diff(times), times[-1] - times[0]
+    if steps.min() < 0.0 or not length > 0.0:
+        bad = int(np.argmax(steps < 0.0)) + 1 if steps.min() < 0.0 else 0
         raise RecordError(
             f"{name}: the times of the samples must increase; {times[bad]:g} s at sample {bad} "
             "does not"
         )
-    mean = float(times[-1] - times[0]) / steps.size
+    mean = float(length) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
         rounded = (float(f"{mean:.{digits}g}") for digits in (1, 2, 3))
@@ -217,13 +200,12 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
         return np.ascontiguousarray(values), step, ""
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
-    fitting = _STEPS[median >= _STEPS / 1.02]
-    step = float(fitting.max()) if fitting.size else median
-    count = (times[-1] - times[0]) / step
+    step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
+    count = length / step
     if not count < _STRETCH * times.size:
         raise RecordError(
             f"{name}: the times of the samples are too uneven: {times.size} samples in "
-            f"{times[-1] - times[0]:g} s with a median step of {median:g} s"
+            f"{length:g} s with a median step of {median:g} s"
         )
     grid = times[0] + step * np.arange(int(count * (1.0 + 1e-12)) + 1)
     done = (

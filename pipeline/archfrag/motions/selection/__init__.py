@@ -3,12 +3,16 @@
 Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 """
 
-from archfrag.motions.selection.models import MODELS, Prediction, Rupture, correlation, predict
 from archfrag.motions.selection.select import Selection, select_records
 from archfrag.motions.selection.target import (
+    MODELS,
     PERIODS,
+    Prediction,
+    Rupture,
     Target,
     conditional_spectrum,
+    correlation,
+    predict,
     read_target,
     spectrum_target,
 )

@@ -13,14 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.selection.match import Limits, best_set, factors, simulate
-from archfrag.motions.selection.models import Array
-from archfrag.motions.selection.target import Target, column_of, name_of, numbers
+from archfrag.motions.selection.target import SAME, Array, Target, column_of, name_of, numbers
 
-LARGE_SCALE = 4.0  # a factor that is a caution even where the limit allows it
-TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
-_SPECTRAL = re.compile(r"T(\d+(?:\.\d+)?)S")
-_SAME = 1e-6  # difference of ln T of periods that are the same
+LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
+TRIALS = 20  # simulated sets
+STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
+MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
 _WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
 # Columns of an index of records by those of a flatfile.
 _INDEX = {
@@ -29,6 +27,8 @@ _INDEX = {
     "dt_s": "dt_s", "unit": "unit", "station": "station", "accept": "accept",
     "columns": "columns",
 }  # fmt: skip
+Rows = NDArray[np.int64]
+Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Selection:
 
     @property
     def errors(self) -> tuple[Array, Array]:
-        """Median and sd over those of the target, less 1; nan where the target's sd is 0."""
+        """Median and sd over those of the target, less 1; nan if the target's sd is 0."""
         sd = np.where(self.target.sd > 0.0, self.target.sd, np.nan)
         return self.median / self.target.median - 1.0, self.sd / sd - 1.0
 
@@ -69,7 +69,7 @@ class Selection:
         """What users of the selection should know."""
         found, given = list(self.target.notes), self.target.conditioning
         count = len(self.table)
-        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= _SAME).all():
+        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= SAME).all():
             found.append(
                 f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
                 "periods near it too small; measure them at that period"
@@ -85,10 +85,8 @@ class Selection:
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):
-            found.append(
-                f"{most.max()} of {count} records are of one event ({most.idxmax()}); "
-                "`per_event` limits them"
-            )
+            of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
+            found.append(f"{of_one}; `per_event` limits them")
         return tuple(found)
 
     def facts(self) -> dict[str, Any]:
@@ -109,7 +107,7 @@ class Selection:
 
         Columns are those of an index of records and ``scale``. A study scales each record to
         its own levels and does not apply ``scale``, which is the factor for the target: both
-        are equal where the level is Sa(T*) of a conditional spectrum. An empty ``unit`` is
+        are equal if the level is Sa(T*) of a conditional spectrum. An empty ``unit`` is
         that of the file. `folder` is what the column ``file`` of the flatfile is relative to.
         RecordError if there is no such column, OutputError if the file cannot be written.
         """
@@ -131,14 +129,9 @@ class Selection:
 
 
 def select_records(
-    table: pd.DataFrame,
-    target: Target,
-    count: int,
-    seed: int,
-    *,
-    max_scale: float = 4.0,
+    table: pd.DataFrame, target: Target, count: int, seed: int, *, max_scale: float = 4.0,
     per_event: int | None = None,
-) -> Selection:
+) -> Selection:  # fmt: skip
     """Select records whose scaled spectra are distributed as the target's.
 
     Spectra are drawn from the target, the nearest record is matched to each, and then one
@@ -153,7 +146,7 @@ def select_records(
     a target that is a mean only; no factor is above `max_scale` or below its inverse. At most
     `per_event` records are of one event. The same table, whatever the order of its rows, and the
     same seed give the same set. RecordError if the flatfile lacks a column or period, or fewer
-    records than wanted may be selected, InputError for another argument.
+    records than asked for may be selected, InputError for another argument.
     """
     for name, value, least in (
         ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
@@ -161,9 +154,20 @@ def select_records(
     ):  # fmt: skip
         if not value >= least:
             raise InputError(f"{name} = {value} must be at least {least}")
-    records, ln_sa, limits = _candidates(table, target, count, max_scale, per_event)
-    start = simulate(target, count, np.random.default_rng(seed))
-    chosen, ln_factor = best_set(ln_sa, target, start, limits)
+    limit = float(np.log(max_scale))
+    records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
+    found = []
+    for start in _simulated(target, count, np.random.default_rng(seed)):
+        chosen = _improved(ln_sa, target, start, _matched(ln_sa, target, start, limit, groups),
+                           limit, groups)  # fmt: skip
+        ln_factor = np.array([
+            _factors(ln_sa[[record]], target, start[place], limit)[0]
+            for place, record in enumerate(chosen)
+        ])  # fmt: skip
+        scaled = ln_sa[chosen] + ln_factor[:, None]
+        sd = scaled.std(axis=0, ddof=1) if len(chosen) > 1 else target.sd
+        found.append((float(_deviation(target, scaled.mean(axis=0), sd)), chosen, ln_factor))
+    _, chosen, ln_factor = min(found, key=lambda each: each[0])
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
     selected["scale"] = np.exp(ln_factor[order])
@@ -171,9 +175,83 @@ def select_records(
     return Selection(selected, target, scaled, seed, len(records))
 
 
+def _deviation(target: Target, mean: Array, sd: Array) -> Array:
+    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
+    weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
+    errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
+    return errors[0].sum(-1) + weight * errors[1].sum(-1)
+
+
+def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
+    """Sets of ln Sa drawn from the target, the nearest to it, (``STARTS``, count, n_period)."""
+    values, vectors = np.linalg.eigh(target.covariance)
+    # Published correlations are not quite positive definite. The symmetric root does not hang on
+    # the signs of eigenvectors, which differ between machines.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    drawn = target.ln_mean + rng.standard_normal((TRIALS, count, values.size)) @ root
+    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
+    return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
+
+
+def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
+    """ln of the factor to Sa given, or by least squares to a spectrum (n_period,), (n_record,)."""
+    if target.given is not None:
+        return target.ln_mean[target.given] - ln_sa[:, target.given]
+    return np.clip((spectrum - ln_sa).mean(axis=1), -limit, limit)
+
+
+def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
+    """Records that may not join those chosen, shape (n_record,)."""
+    taken = np.zeros(len(groups[0][0]), dtype=bool)
+    for group, most in groups:
+        taken |= np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
+    return taken
+
+
+def _matched(
+    ln_sa: Array, target: Target, start: Array, limit: float, groups: Groups
+) -> Rows:
+    """Record nearest to each simulated spectrum among those still allowed, shape (count,)."""
+    chosen = np.empty(0, dtype=np.int64)
+    for spectrum in start:
+        scaled = ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
+        apart = ((scaled - spectrum) ** 2).sum(axis=1)
+        apart[_excluded(groups, chosen)] = np.inf
+        chosen = np.append(chosen, int(apart.argmin()))
+    return chosen
+
+
+def _improved(
+    ln_sa: Array, target: Target, start: Array, chosen: Rows, limit: float, groups: Groups
+) -> Rows:
+    """The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing."""
+    count = len(chosen)
+
+    def scaled(place: int) -> Array:
+        return ln_sa + _factors(ln_sa, target, start[place], limit)[:, None] - target.ln_mean
+
+    held = np.array([scaled(place)[record] for place, record in enumerate(chosen)])
+    for _ in range(MOST_PASSES if count > 1 else 0):
+        before = chosen.copy()
+        for place in range(count):
+            others = np.delete(held, place, axis=0)
+            candidates = scaled(place)
+            mean = (others.sum(axis=0) + candidates) / count
+            squares = (others**2).sum(axis=0) + candidates**2
+            sd = np.sqrt(np.clip(squares - count * mean**2, 0.0, None) / (count - 1))
+            error = _deviation(target, mean + target.ln_mean, sd)
+            error[_excluded(groups, np.delete(chosen, place))] = np.inf
+            best = int(error.argmin())
+            if error[best] < error[chosen[place]]:
+                chosen[place], held[place] = best, candidates[best]
+        if (chosen == before).all():
+            break
+    return chosen
+
+
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
-) -> tuple[pd.DataFrame, Array, Limits]:
+) -> tuple[pd.DataFrame, Array, Groups]:
     """Records that may be selected, their ln Sa, and which of them may be together."""
     ids = column_of(table, "record").astype(str)
     if table.empty:
@@ -185,19 +263,19 @@ def _candidates(
     ln_sa = _spectra(records, target.periods)
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
-    limit = float(np.log(max_scale))
     if target.given is not None:
+        limit = float(np.log(max_scale))
         # Rounding must not put a record that needs no factor beyond a limit of 1.
-        usable &= np.abs(factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
+        usable &= np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
         story += f", {usable.sum()} of them a factor from 1/{max_scale:g} to {max_scale:g}"
     records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
     recording = _groups(records, ["event", "station"])
-    rules, most = [(recording, 1)], len(set(recording))
+    groups, most = [(recording, 1)], len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
         column_of(records, "event")
         event = _groups(records, ["event"])
-        rules.append((event, per_event))
+        groups.append((event, per_event))
         of_event = Counter(dict(set(zip(recording, event))).values())
         most = sum(min(number, per_event) for number in of_event.values())
         story += f", {most} with at most {per_event} of one event"
@@ -205,40 +283,49 @@ def _candidates(
         raise RecordError(
             f"{name_of(table)}: {count} records are wanted and {most} may be selected; {story}"
         )
-    return records, ln_sa, Limits(limit, tuple(rules))
+    return records, ln_sa, groups
+
+
+def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
+    """A number for each row, the same where all these columns agree; one alone if any is empty."""
+    known = table.reindex(columns=columns).astype("string").fillna("")
+    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
+    same = known.groupby(columns, sort=False).ngroup()
+    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
 
 
 def _columns(table: pd.DataFrame) -> tuple[Array, list[str]]:
     """Rising periods [s] and the names of their columns of Sa."""
-    names = [str(column) for column in table.columns]
-    found = sorted((float(m[1]), name) for name in names if (m := _SPECTRAL.fullmatch(name)))
+    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    found = sorted((float(match[1]), match[0]) for match in matches if match)
     return np.array([period for period, _ in found]), [name for _, name in found]
 
 
 def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
     """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
 
-    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan where a
+    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan if a
     value is missing or not positive (-999 in NGA flatfiles).
     """
     have, names = _columns(table)
     if not names:
         raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
-    wanted = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    outside = wanted[(wanted < have[0] * (1.0 - 1e-6)) | (wanted > have[-1] * (1.0 + 1e-6))]
+    asked = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    outside = asked[(asked < have[0] * (1.0 - 1e-6)) | (asked > have[-1] * (1.0 + 1e-6))]
     if outside.size:
         given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
         raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
-    place = np.interp(np.log(wanted), np.log(have), np.arange(have.size))
-    near, before = np.rint(place).astype(int), np.maximum(np.ceil(place).astype(int) - 1, 0)
-    same, after = np.abs(np.log(have[near] / wanted)) < _SAME, np.ceil(place).astype(int)
+    place = np.interp(np.log(asked), np.log(have), np.arange(have.size))
+    near, after = np.rint(place).astype(int), np.ceil(place).astype(int)
+    before = np.maximum(after - 1, 0)
+    same = np.abs(np.log(have[near] / asked)) < SAME
     apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
     if apart.any():
         first = int(apart.argmax())
         raise RecordError(
             f"{name_of(table)}: has no Sa between {have[before[first]]:g} and "
             f"{have[after[first]]:g} s, too far apart to interpolate the target's "
-            f"{wanted[first]:g} s"
+            f"{asked[first]:g} s"
         )
     ln_sa = np.column_stack([numbers(table, name) for name in names])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -246,11 +333,3 @@ def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
     part = place - before
     between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
     return np.where(same, ln_sa[:, near], between)
-
-
-def _groups(table: pd.DataFrame, columns: list[str]) -> NDArray[np.int64]:
-    """A number for each row, the same where all these columns agree; one alone if any is empty."""
-    known = table.reindex(columns=columns).astype("string").fillna("")
-    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
-    same = known.groupby(columns, sort=False).ngroup()
-    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]

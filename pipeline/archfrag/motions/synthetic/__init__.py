@@ -1,14 +1,8 @@
 """Synthetic ground motions: any number, each from its magnitude, distance and seeds alone."""
 
+from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.synthetic.motion import MODEL, Options, Seeds, make_motion
-from archfrag.motions.synthetic.source import VS30
-from archfrag.motions.synthetic.suite import (
-    Plan,
-    Recipe,
-    make_suite,
-    plan_motions,
-    shipped_recipes,
-)
+from archfrag.motions.synthetic.suite import Plan, make_suite, plan_motions, shipped_recipes
 
-__all__ = ["MODEL", "VS30", "Options", "Plan", "Recipe", "Seeds", "make_motion", "make_suite",
+__all__ = ["MODEL", "VS30", "Options", "Plan", "Seeds", "make_motion", "make_suite",
            "plan_motions", "shipped_recipes"]  # fmt: skip

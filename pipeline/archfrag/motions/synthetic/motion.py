@@ -1,42 +1,43 @@
 """Synthetic ground motions by the stochastic point-source method of Boore (2003).
 
 Gaussian noise is shaped in time by a window of the expected duration and in frequency by the
-Fourier amplitude of source, path and site (see `source`), which varies between events, sites and
-records (see `variation`). One motion follows from its magnitude, distance, options and three
-seeds alone.
+Fourier amplitude of source, path and site (see `amplitude`), which varies between events, sites
+and records. One motion follows from its magnitude, distance, options and three
+seeds alone. It may have the velocity pulse of a near fault.
+
+References
+----------
+.. [1] Shahi and Baker (2011), An empirically calibrated framework for including the effects of
+   near-fault directivity in probabilistic seismic hazard analysis, BSSA 101(2), 742-755: the
+   period of a pulse, and the amplification of Sa over the same motion without it. The period's
+   coefficients are those of PEER report 2013/15 of the same authors, too; the amplification's are
+   from memory and without a second source: check them before use.
+.. [2] Mavroeidis and Papageorgiou (2003), A mathematical representation of near-fault ground
+   motions, BSSA 93(3), 1099-1131: the form of a pulse.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
-from archfrag.motions.synthetic.pulse import add_pulse
-from archfrag.motions.synthetic.source import (
-    VS30,
-    WINDOW_LENGTH,
-    WINDOW_PEAK,
-    fourier_amplitude,
-    ground_motion_duration,
-    low_cut,
-    median_adjustment,
-    site_factor,
-    window,
-)  # fmt: skip
-from archfrag.motions.synthetic.variation import draw_term, frequencies, grid, median_correction
-from archfrag.motions.synthetic.vertical import COMPONENT_CORRELATION, vertical_factor
+from archfrag.motions.spectra import response_spectrum
+from archfrag.motions.synthetic import amplitude as fourier
+from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
 
 MODEL = (
     "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
     "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
 )
 TIME_STEP = 0.01
+CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
+_PEAK_PERIOD = 0.88  # of a pulse's amplification, as a fraction of its period
 # Streams of random numbers that one seed may be asked for.
 _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
 
@@ -52,8 +53,8 @@ class Seeds(NamedTuple):
 class Options(NamedTuple):
     """How a motion is made: time step [s], site, whether amplitudes vary, vertical, pulse.
 
-    `vs30` is from 450 to 1000 m/s: the range of V/H and where nonlinear soil may be left out.
-    Without `vary` only phases do; `pulse` is the horizontal velocity pulse of a near fault.
+    `vs30` is from 450 to 1000 m/s: the range of V/H and of linear soil. Without `vary` only
+    phases do; `pulse` is the horizontal velocity pulse of a near fault.
     """
 
     dt: float = TIME_STEP
@@ -79,61 +80,42 @@ def make_motion(
     options = options or Options()
     seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
     _check(magnitude, distance, seeds, options)
-    frame = _frame(magnitude, distance, options)
-    terms = _terms(magnitude, distance, seeds, options)
+    dt = options.dt
+    length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
+    active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
+    size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
+    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
+    shape = fourier.window(time, length)
+    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
+    amplitude = _amplitude(f, magnitude, distance, options.vs30)
+
+    def shaken(stream: str, term: Row) -> Row:
+        """Noise in the window with the amplitude and its variation, tapered [m/s2]."""
+        noise = _generator(stream, seeds.record).standard_normal(size)
+        spectrum = np.fft.rfft(noise * shape)
+        spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
+        spectrum[0] = 0.0
+        spectrum[1:] *= amplitude * np.exp(np.interp(np.log(f), np.log(FREQUENCIES), term))
+        samples = np.fft.irfft(spectrum, size)[:active] / dt
+        return samples * _taper(active, int(_MARGIN / dt))
+
     facts: dict[str, float | str] = {
         "event": f"synthetic M{magnitude:g} {seeds.event}", "Mw": magnitude,
         "distance_km": distance, "Vs30_mps": options.vs30, "seed": seeds.record,
         "event_seed": seeds.event, "site_seed": seeds.site, "model": MODEL,
     }  # fmt: skip
-    horizontal = _shaken(frame, _generator("noise", seeds.record), terms["horizontal"])
+    terms = _terms(magnitude, distance, seeds, options)
+    horizontal = shaken("noise", terms[0])
     if options.pulse:
+        after_peak = time[:active] - fourier.WINDOW_PEAK * length
         stream = _generator("pulse", seeds.record)
-        made = add_pulse(horizontal, frame.after_peak, magnitude, stream)
-        horizontal, facts["pulse_period_s"] = made
-    vertical = None
-    if options.vertical:
-        stream = _generator("vertical_noise", seeds.record)
-        vertical = _finished(_shaken(frame, stream, terms["vertical"]), options.dt)
+        horizontal, facts["pulse_period_s"] = _with_pulse(
+            horizontal, after_peak, magnitude, stream
+        )
+    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if options.vertical else None
     log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
     name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
-    samples = _finished(horizontal, options.dt)
-    return Motion(samples, options.dt, vertical, name, facts, (log,))
-
-
-class _Frame(NamedTuple):
-    """What is common to motions of one magnitude, distance and time step."""
-
-    dt: float
-    after_peak: NDArray[np.float64]  # time from the peak of the window, of samples kept [s]
-    window: NDArray[np.float64]  # (size,)
-    log_f: NDArray[np.float64]  # of the frequencies above zero
-    amplitude: NDArray[np.float64]  # without variation, at these frequencies [m/s]
-
-
-def _frame(magnitude: float, distance: float, options: Options) -> _Frame:
-    dt = options.dt
-    length = WINDOW_LENGTH * ground_motion_duration(magnitude, distance)
-    active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
-    size = 1 << int(np.ceil(np.log2(active + 1.5 / (low_cut(magnitude) * dt))))
-    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
-    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
-    amplitude = _amplitude(f, magnitude, distance, options.vs30)
-    after_peak = time[:active] - WINDOW_PEAK * length
-    return _Frame(dt, after_peak, window(time, length), np.log(f), amplitude)
-
-
-def _shaken(
-    frame: _Frame, generator: np.random.Generator, term: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Noise in the window with the amplitude and its variation, tapered, (active,) [m/s2]."""
-    size, active = frame.window.size, frame.after_peak.size
-    spectrum = np.fft.rfft(generator.standard_normal(size) * frame.window)
-    spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
-    spectrum[0] = 0.0
-    spectrum[1:] *= frame.amplitude * np.exp(np.interp(frame.log_f, np.log(frequencies()), term))
-    samples = np.fft.irfft(spectrum, size)[:active] / frame.dt
-    return samples * _taper(active, int(_MARGIN / frame.dt))
+    return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
 
 
 def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
@@ -146,7 +128,7 @@ def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) ->
             raise InputError(f"{name} = {value} is outside {allowed}")
     if not 0.0 < options.dt <= 0.02:
         raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
-    for seed in (seeds.record, seeds.event, seeds.site):
+    for seed in seeds:
         if not 0 <= seed < 2**63:
             raise InputError(f"seed {seed} must be from 0 to 2^63 - 1")
 
@@ -155,68 +137,86 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence([_STREAMS.index(stream), seed]))
 
 
-def _amplitude(
-    f: NDArray[np.float64], magnitude: float, distance: float, vs30: float
-) -> NDArray[np.float64]:
+def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """Fourier amplitude without variation, above zero frequency [m/s]."""
-    amplitude = fourier_amplitude(f, magnitude, distance) * site_factor(f, vs30)
-    amplitude *= median_adjustment(f, magnitude, distance)
-    return amplitude / (1.0 + (low_cut(magnitude) / f) ** 8)
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(f, vs30)
+    amplitude *= fourier.median_adjustment(f, magnitude, distance)
+    return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
+
+
+@lru_cache(maxsize=256)
+def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool) -> Row:
+    """ln of V/H of amplitudes, or what to add to ln amplitude so that variation leaves medians."""
+    amplitude = _amplitude(GRID, magnitude, distance, vs30)
+    if vertical:
+        return fourier.vertical_factor(amplitude, magnitude, distance, vs30)
+    return fourier.median_correction(amplitude)
 
 
 def _terms(
     magnitude: float, distance: float, seeds: Seeds, options: Options
-) -> dict[str, NDArray[np.float64]]:
-    """What is added to ln amplitude of each component, each shape (61,)."""
-    ratio = np.zeros(frequencies().size)
-    if options.vertical:
-        ratio = _vertical(magnitude, distance, options.vs30)
+) -> tuple[Row, Row]:
+    """What is added to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
+    scenario = magnitude, distance, options.vs30
+    ratio = _corrections(*scenario, True) if options.vertical else np.zeros(FREQUENCIES.size)
     if not options.vary:
-        return {"horizontal": np.zeros(ratio.size), "vertical": ratio}
-    common = _correction(magnitude, distance, options.vs30).copy()
+        return np.zeros(ratio.size), ratio
+    common = _corrections(*scenario, False).copy()
     for kind, seed in (("event", seeds.event), ("site", seeds.site)):
         common += draw_term(kind, _generator(kind, seed))
     record = draw_term("record", _generator("record", seeds.record))
     other = draw_term("record", _generator("vertical_record", seeds.record))
-    apart = np.sqrt(1.0 - COMPONENT_CORRELATION**2)
-    return {
-        "horizontal": common + record,
-        "vertical": common + COMPONENT_CORRELATION * record + apart * other + ratio,
-    }
+    apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
+    return common + record, common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio
 
 
-@lru_cache(maxsize=256)
-def _correction(magnitude: float, distance: float, vs30: float) -> NDArray[np.float64]:
-    return median_correction(_amplitude(grid(), magnitude, distance, vs30))
+def _finished(samples: Row, dt: float) -> Row:
+    """The samples with velocity and place zero at the end, rounded, between zeros.
 
-
-@lru_cache(maxsize=256)
-def _vertical(magnitude: float, distance: float, vs30: float) -> NDArray[np.float64]:
-    amplitude = _amplitude(grid(), magnitude, distance, vs30)
-    return vertical_factor(amplitude, magnitude, distance, vs30)
-
-
-def _finished(samples: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    A tapered line is subtracted so that the trapezoid rule ends there. The ends of rows are zero,
+    so that plain sums are trapezoid sums.
+    """
+    taper = _taper(samples.size, samples.size // 4)
+    position = np.linspace(0.0, 1.0, samples.size)
+    shapes = np.stack((taper, taper * position))
+    ends = [(row.sum() * dt, (row * (1.0 - position)).sum() * dt) for row in (*shapes, samples)]
+    closed = samples - np.linalg.solve(np.array(ends[:2]).T, ends[2]) @ shapes
     quiet = np.zeros(int(_QUIET / dt))
-    rounded = np.round(_closed(samples, dt) / _QUANTUM) * _QUANTUM
+    rounded = np.round(closed / _QUANTUM) * _QUANTUM
     return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
 
 
-def _taper(size: int, ramp: int) -> NDArray[np.float64]:
+def _taper(size: int, ramp: int) -> Row:
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
     return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
 
 
-def _closed(samples: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """Subtract a tapered line so that the trapezoid rule ends at zero velocity and place."""
-    size = samples.size
-    taper = _taper(size, size // 4)
-    position = np.linspace(0.0, 1.0, size)
-    shapes = np.stack((taper, taper * position))
+def amplification(ratio: ArrayLike) -> Row:
+    """Median Sa with a pulse over that without, at T / Tp, shape of `ratio` [1]_."""
+    ratio = np.asarray(ratio, dtype=np.float64)
+    apart = (np.log(ratio) + 0.127) ** 2
+    short = 1.131 * np.exp(-3.11 * apart) + 0.058
+    long = 0.924 * np.exp(-2.11 * apart) + 0.255
+    return np.exp(np.where(ratio <= _PEAK_PERIOD, short, long))
 
-    def ends(row: NDArray[np.float64]) -> tuple[float, float]:
-        # The ends of a row are zero, so that plain sums are trapezoid sums.
-        return row.sum() * dt, (row * (1.0 - position)).sum() * dt
 
-    coefficients = np.linalg.solve(np.array([ends(s) for s in shapes]).T, ends(samples))
-    return samples - coefficients @ shapes
+def _with_pulse(
+    samples: Row, time: Row, magnitude: float, generator: np.random.Generator
+) -> tuple[Row, float]:
+    """A motion with a pulse at time zero, and its period [s]: at 0.88 Tp it amplifies as [1]_.
+
+    ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
+    (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
+    abs(t) = gamma Tp / 2.
+    """
+    period = float(np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal()))
+    phase = generator.uniform(0.0, 2.0 * np.pi)
+    angle = 2.0 * np.pi * time / period
+    envelope = 1.0 + np.cos(angle / CYCLES)
+    slope = -np.sin(angle / CYCLES) / CYCLES * np.cos(angle + phase)
+    slope -= envelope * np.sin(angle + phase)
+    pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
+    dt, at = time[1] - time[0], _PEAK_PERIOD * period
+    without, alone = (response_spectrum(row, dt, at)[0] for row in (samples, pulse))
+    gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
+    return samples + gain * without / alone * pulse, period

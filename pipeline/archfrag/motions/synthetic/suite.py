@@ -11,8 +11,8 @@ from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.motion import Motion
+from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
-from archfrag.motions.synthetic.source import VS30
 
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
@@ -23,12 +23,10 @@ SUITE = {
     7.0: (5.0, 10.0, 20.0, 40.0, 60.0, 100.0),
     7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
 }
-EVENTS = 3  # of each magnitude
-FIRST_SEED = 20250101
-FOLDER = "synthetic"
-COMPONENT = "HN1"
+EVENTS, FIRST_SEED = 3, 20250101  # of each magnitude; of the first motion
+FOLDER, COMPONENT = "synthetic", "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
-# Seeds of a study are its own seed times this, plus consecutive numbers: other studies, others.
+# Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
 SPACING = 10**6
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
 
@@ -41,11 +39,6 @@ class Recipe(NamedTuple):
     distance: float
     seeds: Seeds
     options: Options
-
-    def make(self) -> Motion:
-        """Make the motion, with the recipe's id; errors are those of `make_motion`."""
-        made = make_motion(self.magnitude, self.distance, self.seeds, self.options)
-        return made._replaced(id=self.id)
 
 
 @dataclass(frozen=True)
@@ -88,8 +81,7 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
     magnitudes = np.resize(plan.magnitude, plan.events)
     if plan.drawn_magnitude:
-        low, high = plan.magnitude
-        magnitudes = generator.uniform(low, high, plan.events).round(6)
+        magnitudes = generator.uniform(*plan.magnitude, plan.events).round(6)
     distances = np.resize(plan.distance, count)
     if plan.drawn_distance:
         low, high = np.log(np.maximum(plan.distance, 1e-3)).tolist()
@@ -129,7 +121,7 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
     recipes = shipped_recipes() if recipes is None else recipes
     pulses = any(recipe.options.pulse for recipe in recipes)
     for number, recipe in enumerate(recipes, start=1):
-        motion = recipe.make()
+        motion = make_motion(*recipe[1:])
         path = folder / FOLDER / f"{recipe.id}.mseed"
         _write_miniseed(path, motion, f"S{number % 10000:04d}")  # five characters at most
         known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
@@ -144,12 +136,11 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
 def _write_miniseed(path: Path, motion: Motion, station: str) -> None:
     from obspy import Stream, Trace, UTCDateTime
 
-    components = {COMPONENT: motion.acceleration, "HNZ": motion.vertical}
-    start = UTCDateTime(2000, 1, 1)
-    header = {"network": "XX", "station": station, "delta": motion.dt, "starttime": start}
+    header = {"network": "XX", "station": station, "delta": motion.dt,
+              "starttime": UTCDateTime(2000, 1, 1)}  # fmt: skip
     stream = Stream(
         Trace(samples.astype(np.float32), header={**header, "channel": channel})
-        for channel, samples in components.items()
+        for channel, samples in ((COMPONENT, motion.acceleration), ("HNZ", motion.vertical))
         if samples is not None
     )
     with replacing(path, lasting=False) as part:

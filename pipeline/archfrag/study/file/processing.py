@@ -162,9 +162,7 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
     if step.name == "trim":
         changed = _trimmed(motion, **settings)
     elif step.name == "response":
-        from archfrag.motions.calibrate import remove_response
-
-        changed = remove_response(motion, record, inventory, **settings)
+        changed = process.remove_response(motion, record, inventory, **settings)
     else:
         changed = getattr(process, step.name)(motion, **settings)
     if len(changed.log) == len(motion.log):  # nothing to do

@@ -133,7 +133,7 @@ def _pair(motion: "Motion") -> frozenset[tuple[str, str]]:
     """What two motions have in common of which each has the other as its second component."""
     about = motion.metadata
     file = str(about.get("file", ""))
-    other = str(about.get("file_across", file)), str(about.get("component_across", ""))
+    other = str(about.get("file_transverse", file)), str(about.get("component_transverse", ""))
     return frozenset(((file, str(about.get("component", ""))), other))
 
 
@@ -141,7 +141,7 @@ def _with_components(
     study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
     """The motion with the components that the study asks for and without others."""
-    from archfrag.motions.partners import other_horizontal, with_across, with_vertical
+    from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
     from archfrag.motions.read import read_vertical
 
     alone = motion
@@ -165,8 +165,8 @@ def _with_components(
     if other is None:
         both = "motions.processing or intensity.measure needs both"
         raise _lacks(source, motion, "other horizontal", both)
-    motion = with_across(motion, _as_listed(other, source))
-    return motion._replaced(metadata={**motion.metadata, "id_across": other.id})
+    motion = with_transverse(motion, _as_listed(other, source))
+    return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
 
 
 def _lacks(source: Source, motion: "Motion", component: str, why: str) -> RecordError:
@@ -197,7 +197,7 @@ def _processed(motion: "Motion", source: Source, steps: Sequence[Step]) -> "Moti
             key = f"motions.processing[{number}] ({step.name})"
             raise RecordError(f"{source.path}: {key}: {error}") from None
         if step.name == "rotate":
-            one, other = motion.id, str(motion.metadata.get("id_across", ""))
+            one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
             common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
             motion = motion._replaced(id=common or f"{one}+{other}")
     return motion
@@ -267,7 +267,7 @@ def _remove_others(study: Study) -> None:
 
 def _stored(motion: "Motion", study: Study) -> PreparedRecord:
     """Store a motion under the SHA-256 of the file, and describe it."""
-    from archfrag.motions.store import save_motions
+    from archfrag.motions.motion import save_motions
 
     (factor, measures), about = measured(motion, study), motion.metadata
     new = study.work / FOLDER / "new.npz"
@@ -326,7 +326,7 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
 
 def load_record(work: Path, record: PreparedRecord) -> "Motion":
     """The motion of a record, stored in a study's folder of work."""
-    from archfrag.motions.store import load_motions
+    from archfrag.motions.motion import load_motions
 
     return load_motions(_check_stored(work, record))[0]
 

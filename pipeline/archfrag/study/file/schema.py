@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from archfrag.errors import InputError, StudyError
 from archfrag.files import WORK
-from archfrag.motions.plausible import Acceptable
+from archfrag.motions.calibrate import Acceptable
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.blocks import (
     Execution,

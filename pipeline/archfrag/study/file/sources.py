@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from archfrag.errors import RecordError, StudyError
 from archfrag.files import opened
+from archfrag.motions.calibrate import LARGEST_INVENTORY, record_size
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
-from archfrag.motions.plausible import LARGEST_INVENTORY, record_size
 from archfrag.study.file.schema import FileSet, Study
 
 if TYPE_CHECKING:
