@@ -15,7 +15,7 @@ from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
 from archfrag.study.runs.design import CASE
-from archfrag.study.runs.designs import design_of
+from archfrag.study.runs import design_of
 from archfrag.study.runs.plan import DECIDING, KEY, Plan, make_plan
 from archfrag.study.runs.store import (
     ROW,
