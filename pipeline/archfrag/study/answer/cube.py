@@ -87,18 +87,16 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
     else:
         intensity, scale = (each._replace(dimensions="run") for each in (intensity, scale))
         levels, scales = filled(runs.cases["level"], np.nan), filled(factors, np.nan)
-    facts = {
-        "intensity": _variable(intensity, levels),
-        "scale_factor": _variable(scale, scales),
-        **_arch_facts(plan.arches),
-    }
+    facts = _arch_facts(plan.arches) | {
+        "intensity": _variable(intensity, levels), "scale_factor": _variable(scale, scales),
+    }  # fmt: skip
     facts["intensity"].attrs["measure"] = measure
     tables = {
         each.name: filled(runs.table[each.name], float(each.missing))
         for each in (*COLUMNS, VARIABLES["model_time"])
     }
     survived = tables["verdict"] == Verdict.STANDING
-    values = tables | _record_facts(plan) | {
+    values = _record_facts(plan) | tables | {
         "level": np.arange(shape[2]),
         "model": [model.name.lower() for model in Model],
         "lost_contact_and_stand": (survived & np.isfinite(tables["lost_contact_time"])).sum(1),
