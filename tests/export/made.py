@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from archfrag.export.curve_set import CurveSet, Made
+from archfrag.export import CurveSet, Made
 from archfrag.fragility.fit import Fragility
 
 MADE = Made("my.study", 'A "title" <with> & -- signs\x0b', "0.1.0", "abc", "def", "0" * 64)

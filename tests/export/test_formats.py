@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 
 from archfrag.errors import InputError
-from archfrag.export.curve_set import crossing
+from archfrag.export.command import crossing
 from archfrag.export.formats import (
     NAMESPACE,
     in_core_sets,

@@ -8,7 +8,6 @@ import pytest
 import xarray as xr
 
 from archfrag.export.tables import (
-    Unit,
     curve_tables,
     facts_table,
     runs_table,
@@ -32,7 +31,7 @@ def cube_file(tmp_path_factory):
     cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
     cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
     cube["record_measure"] = (("record", "measure"), np.arange(12.0).reshape(6, 2))
-    cube["measure_units"] = ("measure", ["m s-2", "m s-1"])
+    cube["measure_unit"] = ("measure", ["m s-2", "m s-1"])
     cube = cube.assign_coords(measure=["PGA", "PGV"], level=np.arange(9))
     cube["lost_contact_and_stand"] = (("arch", "level"), np.ones((2, 9), int))
     path = tmp_path_factory.mktemp("tables") / "cube.nc"
@@ -68,12 +67,12 @@ class TestRuns:
         table = runs_table(cube)
         missing = {str(name) for name in cube.variables} - set(table.columns)
         assert missing == {
-            "record_file", "lost_contact_and_stand", "model", "measure", "measure_units",
+            "record_file", "lost_contact_and_stand", "model", "measure", "measure_unit",
             "model_time", "record_measure",
         }  # fmt: skip
         assert list(full(table)) == list(table.columns)
-        assert table.columns["record_measure_PGV"].unit == "m s-1"
-        assert table.columns["verdict"].codes["solver_failure"] == 3
+        assert table.columns["record_measure_PGV"]["unit"] == "m s-1"
+        assert table.columns["verdict"]["codes"]["solver_failure"] == 3
         records = facts_table(cube, "record")
         assert {"record_file", "event", "magnitude"} <= set(records.columns)
         assert len(full(records)) == 6
@@ -82,9 +81,7 @@ class TestRuns:
         del cube["verdict"].encoding["chunksizes"]
         pieces = list(runs_table(cube, 1).pieces)
         assert [piece["arch"].unique().tolist() for piece in pieces] == [["ring-7"], ["wall+2"]]
-        pd.testing.assert_frame_equal(
-            pd.concat(pieces, ignore_index=True), full(runs_table(cube))
-        )
+        pd.testing.assert_frame_equal(pd.concat(pieces, ignore_index=True), full(runs_table(cube)))
 
     def test_runs_each_at_an_intensity_of_its_own(self, cube):
         """As in designs of scattered runs: one level, intensity by arch and record."""
@@ -112,7 +109,7 @@ class TestFiles:
 def test_points_and_parameters():
     answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
     curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
-    points, parameters = curve_tables(curves, answers, Unit("g", "m s-2", 1 / G))
+    points, parameters = curve_tables(curves, answers, "g", "m s-2", G).values()
     frame, stated = full(points), full(parameters)
     for table, found in ((points, frame), (parameters, stated)):
         assert list(found) == list(table.columns)

@@ -8,9 +8,8 @@ import pytest
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
-from archfrag.study.runs.design import Grid, Precision
-from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Borders, Ida, Stop, half_width, search
-from archfrag.study.runs.plan import Iterations
+from archfrag.study.runs.design import Grid, ask
+from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Borders, Ida, Precision, look, search
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 
@@ -35,13 +34,12 @@ def lognormal(seed, n_record=30, theta=0.3, beta=0.4):
 
 def driven(requests, table):
     """What a design returns, and all cells that it requested, none of them twice."""
-    iterations, asked = Iterations({0: requests}), []
-    while len(iterations.requested):
-        record, place = iterations.requested["record"], iterations.requested["place"]
-        asked += zip(record.tolist(), place.tolist())
-        iterations.answer(table[record, place].astype(np.int8))
+    cases, notes = ask(
+        {0: requests}, lambda cases: table[cases["record"], cases["place"]].astype(np.int8)
+    )
+    asked = list(zip(cases["record"].tolist(), cases["place"].tolist()))
     assert len(asked) == len(set(asked)), "a cell was asked for twice"
-    return iterations.notes[0], asked
+    return notes[0], asked
 
 
 def bracketed(asked, table):
@@ -61,35 +59,29 @@ def search_only(table, prepare=lambda borders: None):
     borders = Borders(grid_of(*table.shape))
     prepare(borders)
 
-    def strand():
+    def design():
         yield from search(borders, range(len(table)))
         return {}
 
-    driven(strand(), table)
+    driven(design(), table)
     return borders
 
 
-class TestRounds:
-    def test_strands_are_answered_each_with_its_own_verdicts(self):
-        def strand(arch, lengths):
-            seen = []
-            for length in lengths:
-                cells = replace(grid_of(1), arch=arch).cases([0] * length, range(length))
-                seen.append((yield cells).tolist())
-            return {"seen": seen}
+def test_designs_are_answered_each_with_its_own_verdicts():
+    def design(arch, lengths):
+        seen = []
+        for length in lengths:
+            cells = replace(grid_of(1), arch=arch).cases([0] * length, range(length))
+            seen.append((yield cells).tolist())
+        return {"seen": seen}
 
-        iterations = Iterations({0: strand(0, [2, 0, 1]), 1: strand(1, []), 5: strand(5, [3])})
-        assert iterations.requested["arch"].tolist() == [0, 0, 5, 5, 5]
-        iterations.answer(np.array([1, 2, 3, 0, 1], np.int8))
-        assert iterations.requested["arch"].tolist() == [0]
-        for missing in ([-1], [4], [], [0, 0]):
-            with pytest.raises(ValueError, match="must have been made"):
-                iterations.answer(np.array(missing, np.int8))
-        iterations.answer(np.array([2], np.int8))
-        assert not len(iterations.requested)
-        assert iterations.notes == {
-            1: {"seen": []}, 5: {"seen": [[3, 0, 1]]}, 0: {"seen": [[1, 2], [], [2]]}
-        }  # fmt: skip
+    answers = iter([[1, 2, 3, 0, 1], [2]])
+    requests = {0: design(0, [2, 0, 1]), 1: design(1, []), 5: design(5, [3])}
+    cases, notes = ask(requests, lambda _: np.array(next(answers), np.int8))
+    assert cases["arch"].tolist() == [0, 0, 5, 5, 5, 0]
+    assert notes == {
+        1: {"seen": []}, 5: {"seen": [[3, 0, 1]]}, 0: {"seen": [[1, 2], [], [2]]}
+    }  # fmt: skip
 
 
 class TestSearch:
@@ -218,7 +210,7 @@ class TestPrecision:
         reach = np.abs(np.log(np.array(quoted.theta) / quoted.curve.theta)).max()
         assert note["reached"]
         assert note["half_width"] == pytest.approx(reach, rel=1e-12)
-        assert half_width(seen, FINE, 0.9) == note["half_width"] <= 0.1
+        assert note["half_width"] <= 0.1
         assert note["records"] > LEAST_RECORDS
 
     def test_median_is_as_well_known_as_asked(self):
@@ -230,10 +222,13 @@ class TestPrecision:
             error.append(abs(np.log(posterior.fragility.theta)))
         assert np.mean(np.array(error) <= 0.06) >= 0.8
 
-    def test_one_narrow_look_is_not_enough(self):
-        stop = Stop(Precision(theta=0.1))
-        looks = [(0.01, 10), (0.09, 40), (0.11, 42), (0.09, 45), (0.09, 48)]
-        assert [stop.look(width, done) for width, done in looks] == [False] * 4 + [True]
+    def test_one_narrow_look_is_not_enough(self, monkeypatch):
+        narrow, reached = 0, []
+        for width, done in ((0.01, 10), (0.09, 40), (0.11, 42), (0.09, 45), (0.09, 48)):
+            monkeypatch.setattr("archfrag.study.runs.ida.half_width", lambda *_, w=width: w)
+            _, narrow, facts = look(Precision(theta=0.1), Borders(grid_of(100)), done, narrow)
+            reached.append(facts["reached"])
+        assert reached == [False] * 4 + [True]
 
     def test_records_of_shared_events_are_worth_fewer(self):
         shared = np.repeat(capacities(4, n=400), 4)

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import psutil
@@ -74,7 +73,7 @@ def _at_once(monkeypatch):
 
 def test_workers_import_neither_obspy_nor_matplotlib():
     code = (
-        "import sys; import archfrag.study.runs.worker, archfrag.simulate; "
+        "import sys; import archfrag.study.runs.execute, archfrag.simulate; "
         "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask') "
         "if n in sys.modules])"
     )
@@ -109,10 +108,8 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
 )
 def test_only_the_kernels_that_the_runs_need(done, method, expected):
     arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
-    study = done.study.model_copy(update={"arches": arches})
-    assert kernels_needed(study, replace(done.plan, method=Method(**method).model_dump())) == (
-        expected
-    )
+    changes = {"arches": arches, "method": Method(**method)}
+    assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == expected
 
 
 @pytest.mark.usefixtures("_at_once")

@@ -8,11 +8,10 @@ from obspy import Trace
 
 from archfrag.cli import main
 from archfrag.errors import InputError, RecordError
-from archfrag.study.file.records import load_prepared, prepare_motions
+from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.plan import make_plan
 from archfrag.study.runs.store import gather
-from archfrag.study.runs.worker import run_chunk
 from archfrag.study.steps import finish, make_step, stale_steps
 from tests.study.small import TEXT, files_below, make_runs, small_study, write_at2
 
@@ -142,14 +141,14 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert steps(path, "motions")[0] == 0
     study = load_study(path)
-    digest, before = make_plan(study).digest, files_below(tmp_path / "out")
+    digest, before = make_plan(study).digests, files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     code, messages = steps(path, "motions")
     assert code == 2
     assert "wave1.AT2" in messages
     assert before.items() <= files_below(tmp_path / "out").items()
-    assert make_plan(study).digest == digest
+    assert make_plan(study).digests == digest
     make_runs(study)
     assert (
         gather(make_plan(study)).table["steps"].tolist()
@@ -158,7 +157,7 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     assert steps(path, "motions")[0] == 0
-    assert make_plan(study).digest != digest
+    assert make_plan(study).digests != digest
     with pytest.raises(InputError, match="6 of 12 runs of iteration 1 are missing"):
         gather(make_plan(study))
     assert len(list((tmp_path / "out" / ".archfrag" / "motions").iterdir())) == 2
@@ -176,12 +175,10 @@ def test_two_stored_motions_swapped_by_hand(copied):
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
     assert changed[0].startswith(message)
-    copied.plan.save()
-    cases = copied.plan.iterations().requested[:1]
     with pytest.raises(InputError, match="is not the motion that was prepared"):
-        run_chunk(str(copied.plan.path), cases)
+        load_record(copied.study.work, copied.plan.records[0])
     prepare_motions(copied.study)
-    assert make_plan(copied.study).digest == copied.plan.digest
+    assert make_plan(copied.study).digests == copied.plan.digests
 
 
 def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatch):
@@ -198,4 +195,4 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     )
     stale, (changed,) = stale_steps(other)
     assert stale[0] == "batch-0of1"
-    assert changed.endswith("batch-0of1.csv: was made before these changed: levels, archfrag")
+    assert changed.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")

@@ -1,5 +1,6 @@
 """The commands for a study: `validate`, `run`, `clean` and the steps of a run."""
 
+import contextlib
 import shlex
 from collections.abc import Callable
 from dataclasses import asdict
@@ -60,7 +61,7 @@ def run(
     """
     from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import Stopped, stoppable
+    from archfrag.study.running import Stopped, stoppable, without_dask
     from archfrag.study.starter import snakefile
     from archfrag.study.steps import Options, run_study
 
@@ -70,8 +71,10 @@ def run(
         raise InputError(f"--profile is of Snakemake: {how}")
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
-        with stoppable() as stop:
+        with stoppable() as stop, contextlib.ExitStack() as stack:
             study = load_study(study_file, overrides)
+            if study.execution.scheduler is None:
+                stack.enter_context(without_dask())
             anything = run_study(study, study_file, Options(_report, cores, quiet), stop)
     except Stopped as stopped:
         warn(f"{stopped}; what is finished is kept, `{typed} --resume` goes on")
@@ -140,13 +143,12 @@ def _step(name: str, help_: str, *options: Callable) -> None:
     ) -> None:  # fmt: skip
         from archfrag.study.file.schema import load_study
         from archfrag.study.files import check_own
-        from archfrag.study.steps import Options, batch_step, is_done, make_step, products
+        from archfrag.study.steps import Options, batch_step, make_step, products
 
         study = load_study(study_file, overrides)
         check_own(study)
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
-        if given.get("compared") or not is_done(study, step):
-            make_step(study, step, warn, Options(_report, **given))
+        make_step(study, step, warn, Options(_report, **given))
         for path in filter(Path.is_file, products(study, step)):
             path.touch()
         if as_json:

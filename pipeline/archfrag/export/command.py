@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 import archfrag
-from archfrag.export import tables
-from archfrag.export.curve_set import CurveSet, Made, crossing
+from archfrag.errors import from_extra
+from archfrag.export import CurveSet, Made, tables
 from archfrag.export.formats import FORMATS, named_measure, written
 from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
@@ -80,7 +80,7 @@ def export_study(
         curves, notes = study_curves(study, cube, answers)
         texts = {name: written(curves, name) for name in wanted if name in FORMATS}
         if "parquet" in wanted:
-            tables.require_pyarrow()
+            from_extra("pyarrow", "parquet")  # before anything is written
         made = Exported(make_folder(folder or study.folder / FOLDER), left_out=curves.left_out)
         for name in wanted:
             for ending, text in texts.get(name, {}).items():
@@ -163,27 +163,37 @@ def _limit_states(
     return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
 
 
+def crossing(mild: Fragility, severe: Fragility) -> float:
+    """Largest probability by which the curve of the severer state lies above that of the milder.
+
+    Between them lies no probability there: receivers would take a negative one.
+    """
+    ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
+    im = np.geomspace(min(ends), max(ends), 400)
+    return float((severe.probability(im) - mild.probability(im)).max())
+
+
 def _write_tables(
     study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Answer],
     folder: Path, ending: str,
 ) -> list[tuple[str, Path]]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
-    si, factor = study.intensity.si[0], study.intensity.given[0]
-    unit = tables.Unit(study.intensity.unit, str(cube["intensity"].attrs["units"]), factor / si)
-    every = [
-        *tables.curve_tables(curves, answers, unit), tables.runs_table(cube),
-        *(tables.facts_table(cube, dimension) for dimension in ("record", "arch")),
-    ]  # fmt: skip
     about = {name: curves.described(name) for name in curves.classes}
     facts = {"made": asdict(curves.made), "classes": about, "left_out": curves.left_out}
-    paths = [folder / f"{study.id}-{table.name}.{ending}" for table in every]
-    for table, path in zip(every, paths):
+    units = study.intensity.unit, str(cube["intensity"].attrs["units"])
+    every = {
+        **tables.curve_tables(curves, answers, *units, study.intensity.factor),
+        "runs": tables.runs_table(cube),
+        "records": tables.facts_table(cube, "record"), "arches": tables.facts_table(cube, "arch"),
+    }  # fmt: skip
+    paths = [folder / f"{study.id}-{name}.{ending}" for name in every]
+    for table, path in zip(every.values(), paths):
         if ending == "csv":
             write_csv(path, table.pieces)
         else:
             tables.write_parquet(table, path, facts)
     if ending == "csv":
         paths.append(folder / f"{study.id}-tables.json")
-        content = facts | {"tables": {table.name: table.facts for table in every}}
+        content = facts | {"tables": {name: table.columns for name, table in every.items()}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return [(ending, path) for path in paths]

@@ -6,14 +6,13 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
-from archfrag.export.curve_set import CurveSet
+from archfrag.export import CurveSet
 from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.motions.measures import parse_measure
@@ -29,13 +28,9 @@ _PER_G = 1.0 / STANDARD_GRAVITY
 # By receiver (OpenQuake: hazardlib's imt.py) and kind of measure: name, unit, factor from SI.
 _KNOWN = {
     "OpenQuake": {
-        "PGA": ("PGA", "g", _PER_G),
-        "PGV": ("PGV", "cm/s", 100.0),
-        "PGD": ("PGD", "cm", 100.0),
-        "Arias": ("IA", "m/s", 1.0),
-        "CAV": ("CAV", "g s", _PER_G),
-        "Sa": ("SA({0!r})", "g", _PER_G),
-        "AvgSA": ("AvgSA", "g", _PER_G),
+        "PGA": ("PGA", "g", _PER_G), "PGV": ("PGV", "cm/s", 100.0), "PGD": ("PGD", "cm", 100.0),
+        "Arias": ("IA", "m/s", 1.0), "CAV": ("CAV", "g s", _PER_G),
+        "Sa": ("SA({0!r})", "g", _PER_G), "AvgSA": ("AvgSA", "g", _PER_G),
     },
     "pelicun": {
         "PGA": ("Peak Ground Acceleration", "g", _PER_G),
@@ -43,12 +38,10 @@ _KNOWN = {
         "Sa": ("Spectral Acceleration|{0!r}", "g", _PER_G),
     },
     "IN-CORE": {
-        "PGA": ("PGA", "g", _PER_G),
-        "PGV": ("PGV", "cm/s", 100.0),
-        "PGD": ("PGD", "m", 1.0),
+        "PGA": ("PGA", "g", _PER_G), "PGV": ("PGV", "cm/s", 100.0), "PGD": ("PGD", "m", 1.0),
         "Sa": ("{0!r} Sec Sa", "g", _PER_G),
     },
-}
+}  # fmt: skip
 
 
 class Named(NamedTuple):
@@ -112,13 +105,11 @@ def nrml_continuous(curves: CurveSet) -> str:
     imt, root, functions = _nrml(curves, {"format": "continuous", "shape": "logncdf"}, "")
     for function, states in functions:
         top = imt.factor * max(fit.theta * np.exp(_REACH * fit.beta) for fit in states.values())
-        limits = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _row([top])}
-        ElementTree.SubElement(function, "imls", {"imt": imt.name} | limits)
+        _add(function, "imls", imt=imt.name, noDamageLimit="0.0", minIML="0.0", maxIML=_row([top]))
         for state, fit in states.items():
             mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
-            values = {"mean": mean, "stddev": mean * np.sqrt(np.expm1(fit.beta**2))}
-            texts = {"ls": state} | {name: _row([value]) for name, value in values.items()}
-            ElementTree.SubElement(function, "params", texts)
+            stddev = mean * np.sqrt(np.expm1(fit.beta**2))
+            _add(function, "params", ls=state, mean=_row([mean]), stddev=_row([stddev]))
     return _xml(root)
 
 
@@ -135,50 +126,55 @@ def nrml_discrete(curves: CurveSet) -> str:
     for function, states in functions:
         parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
         levels = np.unique(imt.factor * np.concatenate([*parts, curves.levels]))
-        imls = ElementTree.SubElement(function, "imls", imt=imt.name, noDamageLimit="0.0")
-        imls.text = _row(levels)
+        _add(function, "imls", _row(levels), imt=imt.name, noDamageLimit="0.0")
         for state, fit in states.items():
-            poes = fit.probability(levels / imt.factor)
-            ElementTree.SubElement(function, "poes", ls=state).text = _row(poes)
+            _add(function, "poes", _row(fit.probability(levels / imt.factor)), ls=state)
     return _xml(root)
+
+
+Element = ElementTree.Element
 
 
 def _nrml(
     curves: CurveSet, kind: dict[str, str], more: str
-) -> tuple[Named, ElementTree.Element, list[tuple[ElementTree.Element, dict[str, Fragility]]]]:
+) -> tuple[Named, Element, list[tuple[Element, dict[str, Fragility]]]]:
     """The measure, the root of a file, and the function of each arch with its curves."""
-    imt = named_measure("OpenQuake", curves.measure)
-    complete = curves.require_curves("OpenQuake")
-    root = ElementTree.Element(
-        "nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
-    )
+    imt, complete = named_measure("OpenQuake", curves.measure), curves.require_curves("OpenQuake")
+    namespaces = {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
+    root = Element("nrml", namespaces)
     name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made.study)[:75]
-    model = ElementTree.SubElement(
-        root, "fragilityModel", id=name, assetCategory="masonry arches",
-        lossCategory="structural",
-    )  # fmt: skip
+    about = {"id": name, "assetCategory": "masonry arches", "lossCategory": "structural"}
+    model = _add(root, "fragilityModel", **about)
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
-    ElementTree.SubElement(model, "description").text = (
-        f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. {more}"
-        f"{curves.made.text}{imt.remark}{of}{left}"
-    )
-    ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
+    text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
+    _add(model, "description", f"{text}{more}{curves.made.text}{imt.remark}{of}{left}")
+    _add(model, "limitStates", " ".join(curves.limit_states))
     functions = [
-        (ElementTree.SubElement(model, "fragilityFunction", {"id": arch} | kind), states)
+        (_add(model, "fragilityFunction", id=arch, **kind), states)
         for arch, states in complete.items()
     ]
     return imt, root, functions
+
+
+def _add(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
+    element = ElementTree.SubElement(parent, tag, attributes)
+    element.text = text
+    return element
 
 
 def _row(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _xml(root: ElementTree.Element) -> str:
+def _xml(root: Element) -> str:
     ElementTree.indent(root, " ")
     body = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
+
+
+def _text(content: dict[str, object]) -> str:
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def pelicun_table(curves: CurveSet) -> str:
@@ -187,46 +183,44 @@ def pelicun_table(curves: CurveSet) -> str:
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
     """
-    demand = named_measure("pelicun", curves.measure)
-    complete = curves.require_curves("pelicun")
-    text = io.StringIO()
-    states = [f"LS{n + 1}" for n in range(len(curves.limit_states))]
-    columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
-    fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
+    demand, complete = named_measure("pelicun", curves.measure), curves.require_curves("pelicun")
     rows = []
     for arch, name in _ids(complete).items():
-        fits = complete[arch].values()
-        values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
-        rows.append([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
-    write_csv(text, [pd.DataFrame(rows, columns=[*fixed.split(), *columns])])
+        row = {
+            "ID": name, "Incomplete": 0, "Demand-Type": demand.name, "Demand-Unit": demand.unit,
+            "Demand-Offset": 0, "Demand-Directional": 1,
+        }  # fmt: skip
+        for n, fit in enumerate(complete[arch].values(), start=1):
+            row |= {
+                f"LS{n}-Family": "lognormal", f"LS{n}-Theta_0": float(demand.factor * fit.theta),
+                f"LS{n}-Theta_1": float(fit.beta),
+            }  # fmt: skip
+        rows.append(row)
+    text = io.StringIO()
+    write_csv(text, [pd.DataFrame(rows)])
     return text.getvalue()
 
 
 def pelicun_description(curves: CurveSet) -> str:
     """What stands beside the table, as JSON in the layout of pelicun's own databases."""
-    complete = curves.require_curves("pelicun")
     remark = named_measure("pelicun", curves.measure).remark
-    content: dict[str, object] = {
-        "_GeneralInformation": {
-            "ShortName": curves.made.study,
-            "Description": curves.made.text + remark,
-            "Version": curves.made.archfrag,
-            "ComponentGroups": ["Masonry arches"],
-            "archfrag": asdict(curves.made),
-            "LeftOut": curves.left_out,
-        }
+    general = {
+        "ShortName": curves.made.study, "Description": curves.made.text + remark,
+        "Version": curves.made.archfrag, "ComponentGroups": ["Masonry arches"],
+        "archfrag": asdict(curves.made), "LeftOut": curves.left_out,
+    }  # fmt: skip
+    states = {
+        f"LS{n}": {f"DS{n}": {"Description": state}}
+        for n, state in enumerate(curves.limit_states, start=1)
     }
-    for arch, name in _ids(complete).items():
-        content[name] = {
-            "Description": curves.described(arch),
-            "SuggestedComponentBlockSize": "1 EA",
-            "RoundUpToIntegerQuantity": "True",
-            "LimitStates": {
-                f"LS{n + 1}": {f"DS{n + 1}": {"Description": state}}
-                for n, state in enumerate(curves.limit_states)
-            },
+    components = {
+        name: {
+            "Description": curves.described(arch), "SuggestedComponentBlockSize": "1 EA",
+            "RoundUpToIntegerQuantity": "True", "LimitStates": states,
         }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        for arch, name in _ids(curves.require_curves("pelicun")).items()
+    }  # fmt: skip
+    return _text({"_GeneralInformation": general, **components})
 
 
 def _ids(arches: Iterable[str]) -> dict[str, str]:
@@ -251,60 +245,47 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     repeated up to the fourth: the damage states between then have probability 0, and the last has
     that of the severest.
     """
-    demand = named_measure("IN-CORE", curves.measure)
-    complete = curves.require_curves("IN-CORE")
+    demand, complete = named_measure("IN-CORE", curves.measure), curves.require_curves("IN-CORE")
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
+    lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
     sets = {}
     for arch, states in complete.items():
         kept = list(states.items())[-_MOST:]
         last, severest = kept[-1]
         repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
-        four = kept + [(repeated, severest)] * (_MOST - len(kept))
-        lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
-        rules = [
-            {
+        rules = []
+        for n, (state, fit) in enumerate(kept + [(repeated, severest)] * (_MOST - len(kept))):
+            theta, beta = float(demand.factor * fit.theta), float(fit.beta)
+            expression = lognormal.format(variable, theta, beta)
+            rules.append({
                 "description": f"LS_{n}: {state}",
                 "curveParameters": None,
                 "returnType": {"type": "Limit State", "unit": "", "description": f"LS_{n}"},
-                "rules": [{
-                    "condition": [f"{variable} > 0"],
-                    "expression": lognormal.format(
-                        variable, float(demand.factor * fit.theta), float(fit.beta)
-                    ),
-                }],
-            }
-            for n, (state, fit) in enumerate(four)
-        ]  # fmt: skip
-        content = {
+                "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
+            })  # fmt: skip
+        sets[arch] = _text({
             "description": f"{curves.described(arch)}. {curves.made.text}{demand.remark}",
             "creator": f"archfrag {curves.made.archfrag}",
-            "demandTypes": [demand.name],
-            "demandUnits": [demand.unit],
-            "resultType": "Limit State",
-            "resultUnit": "",
-            "hazardType": "earthquake",
-            "inventoryType": "bridge",
-            "curveParameters": [
-                {
-                    "name": variable,
-                    "unit": demand.unit,
-                    "description": f"{curves.measure} as {demand.name}",
-                    "fullName": demand.name,
-                    "expression": None,
-                }
-            ],
+            "demandTypes": [demand.name], "demandUnits": [demand.unit],
+            "resultType": "Limit State", "resultUnit": "",
+            "hazardType": "earthquake", "inventoryType": "bridge",
+            "curveParameters": [{
+                "name": variable, "unit": demand.unit,
+                "description": f"{curves.measure} as {demand.name}",
+                "fullName": demand.name, "expression": None,
+            }],
             "fragilityCurves": rules,
-        }
-        sets[arch] = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        })  # fmt: skip
     return sets
 
 
-# By name of a format: its receiver, and the texts of its files by the ends of their names.
+# By name of a format: its receiver, and the texts of its files by the ends of their names, with a
+# text for each arch where {arch} stands in it.
 FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str]]]]] = {
     "nrml-continuous": ("OpenQuake", {"fragility-continuous.xml": nrml_continuous}),
     "nrml-discrete": ("OpenQuake", {"fragility-discrete.xml": nrml_discrete}),
     "pelicun": ("pelicun", {"pelicun.csv": pelicun_table, "pelicun.json": pelicun_description}),
-    "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),  # a text for each arch
+    "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),
 }
 
 

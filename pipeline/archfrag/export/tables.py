@@ -1,6 +1,5 @@
 """Tables of curves, runs, records and arches, written as CSV or Parquet."""
 
-import contextlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -10,8 +9,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from archfrag.errors import InputError
-from archfrag.export.curve_set import CurveSet
+from archfrag.errors import from_extra
+from archfrag.export import CurveSet
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
@@ -22,68 +21,28 @@ _POINTS = 211
 _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
 _GROUPS = ("arch", "record", "event", "arch_class")
-
-
-class Column(NamedTuple):
-    """A column of a table: what it is, its unit (CF's spelling), its codes by meaning."""
-
-    about: str
-    unit: str = ""
-    codes: dict[str, int] | None = None
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """For JSON, without what does not apply."""
-        return {key: value for key, value in self._asdict().items() if value}
+# What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
+Columns = dict[str, dict[str, Any]]
 
 
 class Table(NamedTuple):
     """A table in pieces of the same columns; at least one piece, which may have no row."""
 
-    name: str
-    columns: dict[str, Column]
+    columns: Columns
     pieces: Iterable[pd.DataFrame]
-
-    @property
-    def facts(self) -> dict[str, dict[str, Any]]:
-        """Descriptions of the columns, for JSON."""
-        return {name: column.facts for name, column in self.columns.items()}
-
-
-class Unit(NamedTuple):
-    """Units of intensities: the study's and SI, with the factor from SI to the study's."""
-
-    given: str
-    si: str
-    factor: float
-
-
-def require_pyarrow() -> tuple[Any, Any]:
-    """pyarrow and its module of Parquet."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise InputError(
-            "format parquet needs pyarrow, which is not installed: `pip install "
-            "'archfrag[parquet]'`; csv holds the same tables"
-        ) from None
-    return pyarrow, pyarrow.parquet
 
 
 def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
     """Write a table as Parquet, a row group for each piece; completely or not at all."""
-    arrow, parquet = require_pyarrow()
-    about = json.dumps(facts | {"columns": table.facts}, ensure_ascii=False)
-    with contextlib.ExitStack() as stack:
-        temporary = stack.enter_context(replacing(path))
-        writer = None
-        for piece in table.pieces:
-            rows = arrow.Table.from_pandas(piece, preserve_index=False)
-            if writer is None:
-                schema = rows.schema.with_metadata({"archfrag": about})
-                writer = stack.enter_context(parquet.ParquetWriter(temporary, schema))
-            writer.write_table(rows.cast(schema))
+    arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    about = json.dumps(facts | {"columns": table.columns}, ensure_ascii=False)
+    pieces = (arrow.Table.from_pandas(each, preserve_index=False) for each in table.pieces)
+    first = next(pieces)
+    schema = first.schema.with_metadata({"archfrag": about})
+    with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+        writer.write_table(first.cast(schema))
+        for piece in pieces:
+            writer.write_table(piece.cast(schema))
 
 
 # Columns of the tables of curves: what they are and in which unit, which is "given" or "si" for
@@ -131,47 +90,44 @@ _PARAMETER: dict[str, tuple[str, str, Callable[[Fragility, Answer], object]]] = 
 
 
 def curve_tables(
-    curves: CurveSet, answers: Mapping[str, Answer], unit: Unit
-) -> tuple[Table, Table]:
-    """Points and parameters of all curves.
+    curves: CurveSet, answers: Mapping[str, Answer], unit: str, si: str, factor: float
+) -> dict[str, Table]:
+    """Points and parameters of all curves; an intensity in `unit` times `factor` is in `si`.
 
     Bands of collapse are those that the report quotes; those of other limit states are from the
     covariance of the fit.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
-    points, parameters = [], []
-    for arch, states in curves.curves.items():
-        for state, fit in states.items():
-            if not isinstance(fit, Fragility):
-                continue
-            labels = {"arch": arch, "limit_state": state, "measure": curves.measure}
-            known = answers[arch]
-            lower, upper = (np.interp(levels, known.im, end) for end in (known.lower, known.upper))
-            if state != "collapse":
-                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-                known = Answer(fit, fit, *ends, method="covariance of the fit")
-                lower, upper = fit.band(levels, confidence)
-            values = {
-                "im": levels * unit.factor, "unit": unit.given, "intensity": levels,
-                "probability": fit.probability(levels), "lower": lower, "upper": upper,
-            }  # fmt: skip
-            points.append(pd.DataFrame(labels | values))
-            row: dict[str, Any] = {name: f(fit, known) for name, (_, _, f) in _PARAMETER.items()}
-            row |= {k: unit.factor * row[k] for k, f in _PARAMETER.items() if f[1] == "given"}
-            parameters.append(labels | row | {"unit": unit.given})
-    units = {"given": unit.given, "si": unit.si}
+    units, percent = {"given": unit, "si": si}, f"{100 * confidence:g} %"
     about, stated = (
         {
-            name: Column(text.format(percent=f"{100 * confidence:g} %"), units.get(of, of))
+            name: _about(text.format(percent=percent), units.get(of, of))
             for name, (text, of, *_) in (_LABELS | columns).items()
         }
         for columns in (_POINT, _PARAMETER)
     )
-    return (
-        Table("curves", about, points or [pd.DataFrame(columns=list(about))]),
-        Table("parameters", stated, [pd.DataFrame(parameters, columns=list(stated))]),
-    )
+    points, parameters = [], []
+    for arch, state, fit in curves.fits:
+        labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
+        known = answers[arch]
+        lower, upper = (np.interp(levels, known.im, end) for end in (known.lower, known.upper))
+        if state != "collapse":
+            ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
+            known = Answer(fit, fit, *ends, method="covariance of the fit")
+            lower, upper = fit.band(levels, confidence)
+        values = {
+            "im": levels / factor, "intensity": levels, "probability": fit.probability(levels),
+            "lower": lower, "upper": upper,
+        }  # fmt: skip
+        points.append(pd.DataFrame(labels | values, columns=list(about)))
+        row: dict[str, Any] = {name: value(fit, known) for name, (*_, value) in _PARAMETER.items()}
+        row |= {name: row[name] / factor for name, f in _PARAMETER.items() if f[1] == "given"}
+        parameters.append(row | labels)
+    return {
+        "curves": Table(about, points or [pd.DataFrame(columns=list(about))]),
+        "parameters": Table(stated, [pd.DataFrame(parameters, columns=list(stated))]),
+    }
 
 
 def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
@@ -180,13 +136,13 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
     Values of a record, an arch or a level stand in each of their runs; text about a record but
     its event is in the table of records. Values by model or measure have a column for each.
     """
-    columns: dict[str, tuple[Column, xr.Variable]] = {}
+    columns, values = Columns(), dict[str, xr.Variable]()
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
         variable = cube.variables[name]
         own = [d for d in variable.dims if d in _RUN]
         text = variable.dtype.kind in "OSU" and name not in _GROUPS
         if own and own != ["arch", "level"] and not text:  # of arch and level: counts of records
-            columns |= _columns(cube, name)
+            _add_columns(cube, name, columns, values)
 
     def pieces() -> Iterator[pd.DataFrame]:
         n_arch, n_record, n_level = (cube.sizes[name] for name in _RUN)
@@ -194,41 +150,45 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
         stored = (cube["verdict"].encoding.get("chunksizes") or (1,))[0]  # each chunk is read once
         at_once = -(-at_once // stored) * stored
         for first in range(0, max(n_arch, 1), at_once):
-            some = xr.Dataset({name: variable for name, (_, variable) in columns.items()})
-            some = some.isel(arch=slice(first, first + at_once))
+            some = xr.Dataset(values).isel(arch=slice(first, first + at_once))
             frame = some.to_dataframe(dim_order=list(_RUN)).reset_index()[list(columns)]
             yield frame[frame["verdict"] != Verdict.NOT_SIMULATED].reset_index(drop=True)
 
-    return Table("runs", {name: about for name, (about, _) in columns.items()}, pieces())
+    return Table(columns, pieces())
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
     """What the cube holds of each record, or of each arch."""
-    found: dict[str, tuple[Column, xr.Variable]] = {}
+    columns, values = Columns(), dict[str, xr.Variable]()
     for name in sorted(map(str, cube.variables), key=dimension.__ne__):
         if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]:
-            found |= _columns(cube, name)
-    frame = pd.DataFrame({name: variable.values for name, (_, variable) in found.items()})
-    plural = {"arch": "arches", "record": "records"}[dimension]
-    return Table(plural, {name: about for name, (about, _) in found.items()}, [frame])
+            _add_columns(cube, name, columns, values)
+    frame = pd.DataFrame({name: variable.values for name, variable in values.items()})
+    return Table(columns, [frame])
 
 
-def _columns(cube: xr.Dataset, name: str) -> dict[str, tuple[Column, xr.Variable]]:
-    """Columns that a variable becomes: one, or one for each label of its other dimension."""
+def _add_columns(
+    cube: xr.Dataset, name: str, columns: Columns, values: dict[str, xr.Variable]
+) -> None:
+    """Add a variable as one column, or as one for each label of its other dimension."""
     variable = cube.variables[name]
-    about, codes = variable.attrs, None
-    if "flag_meanings" in about:
-        values = np.atleast_1d(about["flag_values"]).tolist()
-        codes = dict(zip(about["flag_meanings"].split(), values))
-    text = ". ".join(filter(None, (about.get("long_name", name), about.get("comment", ""))))
-    column = Column(text, str(about.get("units", "")), codes)
+    attrs, codes = variable.attrs, {}
+    if "flag_meanings" in attrs:
+        codes = dict(zip(attrs["flag_meanings"].split(), np.ravel(attrs["flag_values"]).tolist()))
+    text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
+    unit = str(attrs.get("units", ""))
     other = [str(d) for d in variable.dims if d not in _RUN]
     if not other:
-        return {name: (column, variable)}
-    labels, units = cube[other[0]].values, [column.unit] * cube.sizes[other[0]]
-    if f"{other[0]}_units" in cube:
-        units = cube[f"{other[0]}_units"].values.astype(str).tolist()
-    return {
-        f"{name}_{label}": (column._replace(unit=unit), variable.isel({other[0]: n}))
-        for n, (label, unit) in enumerate(zip(labels, units))
-    }
+        columns[name], values[name] = _about(text, unit, codes), variable
+        return
+    of_each = cube.get(f"{other[0]}_unit")
+    for n, label in enumerate(cube[other[0]].values):
+        unit = unit if of_each is None else str(of_each.values[n])
+        columns[f"{name}_{label}"] = _about(text, unit, codes)
+        values[f"{name}_{label}"] = variable.isel({other[0]: n})
+
+
+def _about(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:
+    """Facts on a column, without what does not apply."""
+    facts = {"about": text, "unit": unit, "codes": codes}
+    return {key: value for key, value in facts.items() if value}

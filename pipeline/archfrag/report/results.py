@@ -15,7 +15,7 @@ from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.report.drawing import FloatArray
 from archfrag.study.file.blocks import LEVEL_UNITS
-from archfrag.study.runs.designs import design_of
+from archfrag.study.runs import design_of
 
 IntArray = NDArray[np.int64]
 _MOST_GROUPS = 10

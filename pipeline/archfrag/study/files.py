@@ -107,6 +107,15 @@ def stamp_file(study: "Study", step: str) -> Path:
     return study.work / "steps" / f"{step}.json"
 
 
+def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
+    """What a step was made from, None if it is not done, and digests of its files."""
+    try:
+        stamp = read_json(stamp_file(study, step))
+        return dict(stamp["from"]), dict(stamp["files"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None, {}
+
+
 def read_owner(study: "Study") -> dict[str, str]:
     """Id and file of the study whose results are in a folder; empty if that is not known."""
     with contextlib.suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
@@ -118,12 +127,8 @@ def read_owner(study: "Study") -> dict[str, str]:
 
 def refuse_foreign_cube(study: "Study") -> None:
     """See that no other study's cube stands where this study's is to be; ours may be damaged."""
-    path, stamp = study.folder / CUBE, None
-    if not path.exists():
-        return
-    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
-        stamp = read_json(stamp_file(study, "cube"))["files"][CUBE]
-    if stamp is not None and sha256_if_there(path) == stamp:
+    path, digest = study.folder / CUBE, read_stamp(study, "cube")[1].get(CUBE)
+    if not path.exists() or (digest is not None and sha256_if_there(path) == digest):
         return
     import netCDF4
 
@@ -134,7 +139,7 @@ def refuse_foreign_cube(study: "Study") -> None:
             owner = cube.__dict__.get("archfrag_study")
     except OSError:
         with contextlib.suppress(OSError), opened(path) as file:
-            if stamp is not None and file.read(4) in (b"", b"\x89HDF"):
+            if digest is not None and file.read(4) in (b"", b"\x89HDF"):
                 return
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
@@ -151,12 +156,12 @@ def remove_figures(study: "Study", before: dict[str, str], kept: Iterable[str]) 
             path.unlink(missing_ok=True)
 
 
-Inputs = dict[str, dict[str, str]]
+Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
 
 
 def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) -> Inputs:
-    """SHA-256 of all files that the motions of a study follow from, by kind and path.
+    """All files that the motions of a study follow from.
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
@@ -170,14 +175,14 @@ def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) ->
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
     for place in places:
-        beside = sorted(place.glob("*.xml"))
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
-        inventories += [p for p in beside if p.stem in names or p.stem.count(".") == 1]
-    found: Inputs = {}
+        every = sorted(place.glob("*.xml"))
+        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
+    inputs: Inputs = {}
     for kind, paths in zip(KINDS, (records, indices, inventories)):
         digests = {os.path.relpath(path, folder): sha256_if_there(path) for path in paths}
-        found[kind] = {path: digest for path, digest in digests.items() if digest is not None}
-    return found
+        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
+    return inputs
 
 
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
@@ -186,20 +191,9 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
         for path in sorted(set(old) | set(new)):
-            was, is_ = old.get(path), new.get(path)
             file = f"{kind} {os.path.normpath(folder / path)}"
-            if was is None or is_ is None:
-                lines.append(f"{file} is {'new' if was is None else 'gone'}")
-            elif was != is_:
-                lines.append(f"{file} has changed (sha256 {was[:12]}, now {is_[:12]})")
+            if path not in old or path not in new:
+                lines.append(f"{file} is {'new' if path in new else 'gone'}")
+            elif old[path] != new[path]:
+                lines.append(f"{file} has changed (sha256 {old[path][:12]}, now {new[path][:12]})")
     return lines
-
-
-def by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
-    paths = [Path(path).parts for path in digests]
-    for size in range(1, max(map(len, paths), default=1) + 1):
-        ends = ["/".join(parts[-size:]) for parts in paths]
-        if len(set(ends)) == len(ends):
-            break
-    return dict(zip(ends, digests.values()))

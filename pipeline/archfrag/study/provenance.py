@@ -20,7 +20,7 @@ from archfrag.study.file.schema import Study
 from archfrag.study.files import (
     KINDS,
     PACKAGE,
-    by_name,
+    digest_of,
     read_json,
     sha256_if_there,
     write_text,
@@ -85,18 +85,29 @@ def commit() -> str:
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
     """Global attributes of the cube: the same on every run of the same study with this code."""
-    inputs, names = read_manifest(study)["inputs"], ("inputs", "index", "inventories")
+    inputs = read_manifest(study)["inputs"]
+    names = dict(zip(KINDS, ("inputs", "index", "inventories")))
     return {
         "archfrag_study": study.id,
         "archfrag_config": strict_json(portable_config(study)),
-        **{f"archfrag_{name}_sha256": strict_json(by_name(inputs[kind]))
-           for name, kind in zip(names, KINDS)},
+        **{f"archfrag_{name}_sha256": strict_json(_by_name(inputs[kind]))
+           for kind, name in names.items()},
         "archfrag_processing": strict_json(described(study.motions.processing)),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),
-        "archfrag_plan": plan.digest,
+        "archfrag_plan": digest_of(plan.digests),
     }  # fmt: skip
+
+
+def _by_name(digests: dict[str, str]) -> dict[str, str]:
+    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
+    paths = [Path(path).parts for path in digests]
+    for size in range(1, max(map(len, paths), default=1) + 1):
+        ends = ["/".join(parts[-size:]) for parts in paths]
+        if len(set(ends)) == len(ends):
+            break
+    return dict(zip(ends, digests.values()))
 
 
 def strict_json(value: Any) -> str:

@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import stat
+import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
@@ -81,6 +82,18 @@ def stoppable() -> Iterator[Stop]:
         os.close(writer)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def without_dask() -> Iterator[None]:
+    """Keep xarray from importing dask and distributed, which takes it half a second."""
+    before = sys.modules.get("dask")
+    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # as if it were not installed
+    try:
+        yield
+    finally:
+        if before is None:
+            sys.modules.pop("dask", None)
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.schema import Study
-from archfrag.study.runs.designs import design_of
+from archfrag.study.runs import design_of
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,6 +1,6 @@
 """What else follows from runs: other shapes, measures, limit states, parts of the dispersion."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from archfrag.errors import FitError, InputError, attempt
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.answer.curves import Answer, Runs, curve_to_dict
+from archfrag.study.answer.curves import Answer, Runs, Worded, curve_to_dict
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,9 +22,7 @@ MISFIT = 0.05  # p-value below which the lognormal curve does not describe the c
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 
 
-def free_shapes(
-    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
-) -> dict[str, Any]:
+def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
     from archfrag.fragility.shapes import check_lognormal, isotonic_curve
 
@@ -35,27 +33,19 @@ def free_shapes(
         )
         shaped["isotonic"] = {name: values.tolist() for name, values in curve.items()}
         p_value, _ = check_lognormal(runs.brackets, seed=_SEED, resamples=_RESAMPLES)
-        shaped["test_of_fit"] = {"p_value": p_value, "message": _fit_message(p_value)}
     except FitError as error:
-        shaped["none"] = worded(error)
-    return shaped
-
-
-def _fit_message(p_value: float) -> str:
-    if p_value < MISFIT:
-        return (
-            f"The lognormal curve does not describe these collapses (p = {p_value:.3g}): quote "
-            "the isotonic curve too."
-        )
-    return (
-        f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small number of "
-        "records only a large misfit would show."
+        return shaped | {"none": worded(error)}
+    message = (
+        f"The lognormal curve does not describe these collapses (p = {p_value:.3g}): quote the "
+        "isotonic curve too."
+        if p_value < MISFIT
+        else f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small "
+        "number of records only a large misfit would show."
     )
+    return shaped | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(
-    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
-) -> dict[str, Any]:
+def cloud_curves(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
     """Curve of a cloud by logistic regression."""
     from archfrag.fragility.fit import fit_cloud
 
@@ -71,7 +61,7 @@ def cloud_curves(
 
 
 def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
-    """The study's measure beside others in which its motions are known."""
+    """The study's measure compared with others in which its motions are known."""
     from archfrag.fragility.measures import compare_measures
 
     names, rows = cube["measure"].values.astype(str).tolist(), runs.rows
@@ -89,19 +79,11 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
 
 
 def limit_states(
-    parts: "Sequence[tuple[xr.Dataset, Runs]]", keys: Mapping[str, float],
-    worded: Callable[[FitError], str] = str,
-) -> dict[str, Any]:  # fmt: skip
+    parts: "Sequence[tuple[xr.Dataset, Runs]]", keys: Mapping[str, float], worded: Worded = str
+) -> dict[str, Any]:
     """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
 
-    Parameters
-    ----------
-    parts : sequence of (xarray.Dataset, Runs)
-        Each arch with its part of the cube.
-    keys : mapping of str to float
-        ``limit_states`` of the study.
-    worded : callable
-        As of `archfrag.study.answer.curves.answer`.
+    `parts` is each arch's part of the cube with its runs, `keys` the ``limit_states`` of a study.
     """
     from archfrag.fragility.limit_states import fit_limit_states
 
@@ -135,7 +117,7 @@ def limit_states(
 def _exceeded(
     cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float], names: Sequence[str]
 ) -> NDArray[np.int64]:
-    """1 where a run of an arch exceeds a limit state, 0 where not, -1 where that is not known."""
+    """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
 
     def values(name: str) -> NDArray:
         table: NDArray = cube[name].transpose("record", "level").values
@@ -150,13 +132,11 @@ def _exceeded(
         "contact lost": np.isfinite(values("lost_contact_time")),
         "collapse": runs.verdict == Verdict.COLLAPSED,
     }
-    reached = [np.where(runs.decided, states[name], -1).astype(np.int64) for name in names]
+    codes = [np.where(states[name], Verdict.COLLAPSED, Verdict.STANDING) for name in names]
+    codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
     if runs.design.adaptive:  # where the runs of a record imply others
-        for i, codes in enumerate(reached):
-            codes = np.where(codes < 0, Verdict.NOT_SIMULATED, codes)
-            filled = find_brackets(codes, runs.level).filled
-            reached[i] = np.where(filled == Verdict.NOT_SIMULATED, -1, filled)
-    return np.stack(reached, axis=-1)
+        codes = [find_brackets(code, runs.level).filled for code in codes]
+    return np.stack(codes, axis=-1)
 
 
 def _onset(cube: "xr.Dataset") -> float:
@@ -201,8 +181,7 @@ def dispersion_split(
             fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
             split = split_curves(
                 [fit.theta for fit in fits], [fit.beta for fit in fits],
-                [fit.standard_errors[0] for fit in fits],
-                shared=_shared_error(capacity),
+                [fit.standard_errors[0] for fit in fits], shared=_shared_error(capacity),
             )  # fmt: skip
         else:
             split = split_capacities(capacity)

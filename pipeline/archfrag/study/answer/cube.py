@@ -19,7 +19,7 @@ from archfrag.study.file.vary import VARIABLE
 from archfrag.study.files import CUBE, refuse_foreign_cube
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.runs.design import CASE
-from archfrag.study.runs.outcome import COLUMNS, Column
+from archfrag.study.runs.outcome import COLUMNS, VARIABLES, Variable
 from archfrag.study.runs.plan import Plan, make_plan
 from archfrag.study.runs.store import Gathered, gather
 
@@ -27,7 +27,6 @@ _RUN = ("arch", "record", "level")
 # Of a chunk, which is read and decompressed at once [values].
 LARGEST_CHUNK = 100_000
 COMPRESSION = 4
-_LABELS = "arch record intensity"
 _ARCH_UNITS = {"embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N"}
 _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
@@ -65,9 +64,11 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
 
     Memory grows by about 600 bytes a run.
     """
-    found = study.members(len(plan.records))
-    regular = plan.asks.on_levels
-    shape = (len(plan.arches), len(plan.records), len(plan.levels) if regular else 1)
+    from archfrag.motions.measures import measure_unit
+
+    regular, measure = study.design.on_levels, study.intensity.measure
+    levels, factors = np.array(study.intensity.si), plan.factors(runs.cases)
+    shape = (len(plan.arches), len(plan.records), len(levels) if regular else 1)
     cells = runs.cases["arch"], runs.cases["record"], runs.cases["place"]
 
     def filled(values: NDArray, missing: float) -> NDArray:
@@ -75,35 +76,34 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
         table[cells] = values
         return table
 
-    notes = {plan.arches[arch]["id"]: note for arch, note in sorted(runs.notes.items())}
-    facts: dict[str, xr.Variable] = {
-        "arch": _texts("arch", found.ids, "name of the arch"),
-        "arch_class": _texts("arch", found.classes, "entry of the study it is of", "arch"),
-        "record": _texts("record", [r.id for r in plan.records], "name of the record"),
-        "model": _texts(
-            "model", [model.name.lower() for model in Model],
-            "model of the ladder that a time was simulated with",
-        ),
-        **_levels(study, plan, shape, filled, runs),
-        **_arch_facts(found),
-        **_record_facts(plan),
+    intensity = VARIABLES["intensity"]._replace(
+        units=_UDUNITS[measure_unit(measure)], long_name=f"{measure} of the scaled record"
+    )
+    scale = VARIABLES["scale_factor"]
+    if regular:
+        grid = np.zeros(shape[1:], CASE)
+        grid["record"], grid["level"] = np.arange(shape[1])[:, None], levels
+        scales = plan.factors(grid.ravel()).reshape(grid.shape)
+    else:
+        intensity, scale = (each._replace(dimensions="run") for each in (intensity, scale))
+        levels, scales = filled(runs.cases["level"], np.nan), filled(factors, np.nan)
+    facts = _arch_facts(plan.arches) | {
+        "intensity": _variable(intensity, levels), "scale_factor": _variable(scale, scales),
     }  # fmt: skip
-    for column in COLUMNS:
-        values = filled(runs.table[column.name], column.missing)
-        facts[column.name] = _variable(column, _RUN, values, _LABELS)
-    lost = (facts["verdict"] == Verdict.STANDING) & np.isfinite(facts["lost_contact_time"])
-    column = Column(
-        "lost_contact_and_stand", "i4", "1",
-        "number of runs of all records that lost contact at a joint and stand",
-    )  # fmt: skip
-    facts[column.name] = _variable(column, ("arch", "level"), lost.sum("record"), "arch level")
-    column = Column(
-        "model_time", "f8", "s", "simulated time in each model",
-        comment="They add up to end_time: from rest through mega-voussoirs to all voussoirs.",
-    )  # fmt: skip
-    times = filled(runs.table["model_time"], np.nan)
-    facts[column.name] = _variable(column, (*_RUN, "model"), times, f"{_LABELS} model")
-    design = {**plan.design, "arches": notes}
+    facts["intensity"].attrs["measure"] = measure
+    tables = {
+        each.name: filled(runs.table[each.name], float(each.missing))
+        for each in (*COLUMNS, VARIABLES["model_time"])
+    }
+    survived = tables["verdict"] == Verdict.STANDING
+    values = _record_facts(plan) | tables | {
+        "level": np.arange(shape[2]),
+        "model": [model.name.lower() for model in Model],
+        "lost_contact_and_stand": (survived & np.isfinite(tables["lost_contact_time"])).sum(1),
+    }  # fmt: skip
+    facts |= {name: _variable(VARIABLES[name], each) for name, each in values.items()}
+    notes = {plan.arches[arch].id: note for arch, note in sorted(runs.notes.items())}
+    design = study.design.model_dump(mode="json") | {"arches": notes}
     return xr.Dataset(facts, attrs=_global_attributes(study, plan, design))
 
 
@@ -122,9 +122,8 @@ def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict
         "archfrag.",
         "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
         "README of archfrag",
-        "comment": f"{counted(len(plan.arches), 'arch')} under "
-        f"{counted(len(plan.records), 'record')} scaled by {study.intensity.measure}. "
-        "Wall times and machine are in a log beside this file.",
+        "comment": f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')} scaled by "
+        f"{study.intensity.measure}. Wall times and machine are in a log beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_design": strict_json(design),
         "archfrag_design_kind": str(design["kind"]),
@@ -132,143 +131,90 @@ def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict
     }
 
 
-def _variable(
-    column: Column, dimensions: Sequence[str], values: Any, labels: str = ""
-) -> xr.Variable:
-    """Values with CF's attributes; `labels` names the coordinates that they belong to."""
-    array = np.asarray(values, dtype=column.dtype)
-    attrs: dict[str, Any] = {"long_name": column.long_name}
-    if column.units:
-        attrs["units"] = column.units
-    if column.flags:
-        attrs["flag_values"] = np.array([code for code, _ in column.flags], dtype=column.dtype)
-        attrs["flag_meanings"] = " ".join(meaning for _, meaning in column.flags)
-    if column.comment:
-        attrs["comment"] = column.comment
+def _variable(about: Variable, values: Any) -> xr.Variable:
+    """Values with CF's attributes and the names of the coordinates that they belong to."""
+    dimensions = about.dimensions.replace("run", " ".join(_RUN)).split()
+    attrs: dict[str, Any] = {"long_name": about.long_name}
+    level = "intensity" if "record" in dimensions else "level"
+    labels = [level if name == "level" else name for name in dimensions]
+    labels = [name for name in labels if name != about.name]
+    encoding: dict[str, Any] = {"coordinates": " ".join(labels) or None}
+    if about.dtype == "S":
+        # Text as characters: CF's form that every version of every reader knows.
+        length = max(1, *(len(text.encode()) for text in values))
+        encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
+        return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
+    array = np.asarray(values, dtype=about.dtype)
+    if about.units:
+        attrs["units"] = about.units
+    if about.flags:
+        attrs["flag_values"] = np.array(list(about.meanings), dtype=about.dtype)
+        attrs["flag_meanings"] = " ".join(about.meanings.values())
+    if about.comment:
+        attrs["comment"] = about.comment
     # One arch at a time, so that who reads one reads no more; of very many runs some records.
     sizes = list(array.shape)
     if tuple(dimensions[: len(_RUN)]) == _RUN:
         of_record = max(1, int(np.prod(sizes[2:])))
         sizes[:2] = [1, min(sizes[1], max(1, LARGEST_CHUNK // of_record))]
-    encoding = {
-        "zlib": True, "complevel": COMPRESSION, "_FillValue": column.fill,
-        "chunksizes": tuple(max(1, size) for size in sizes), "coordinates": labels or None,
+    encoding |= {
+        "zlib": True, "complevel": COMPRESSION,
+        "chunksizes": tuple(max(1, size) for size in sizes),
+        "_FillValue": float(about.fill) if about.fill else None,
     }  # fmt: skip
     return xr.Variable(dimensions, array, attrs, encoding)
 
 
-def _texts(dimension: str, texts: Sequence[str], about: str, labels: str = "") -> xr.Variable:
-    """Text as characters: CF's form that every version of every reader knows."""
-    length = max(1, *(len(text.encode()) for text in texts))
-    encoding = {"dtype": "S1", "char_dim_name": f"text{length}", "coordinates": labels or None}
-    return xr.Variable(dimension, np.array(texts, object), {"long_name": about}, encoding)
-
-
-def _levels(
-    study: Study, plan: Plan, shape: tuple[int, ...], filled: Any, runs: Gathered
-) -> dict[str, xr.Variable]:
-    from archfrag.motions.measures import measure_unit
-
-    level = Column("level", "i4", "1", "number of the intensity level, counted from 0")
-    measure = study.intensity.measure
-    intensity = Column(
-        "intensity", "f8", _UDUNITS[measure_unit(measure)], f"{measure} of the scaled record"
-    )
-    scale = Column("scale_factor", "f8", "1", "factor on the record that reaches the level")
-    if plan.asks.on_levels:
-        record, place = np.indices(shape[1:])
-        cases = np.zeros(record.size, CASE)
-        cases["record"], cases["level"] = record.ravel(), np.array(plan.levels)[place.ravel()]
-        levels = _variable(intensity, ("level",), plan.levels)
-        factors = plan.factors(cases).reshape(shape[1:])
-        scales = _variable(scale, ("record", "level"), factors, "record intensity")
-    else:
-        levels = _variable(intensity, _RUN, filled(runs.cases["level"], np.nan), "arch record")
-        scales = _variable(scale, _RUN, filled(runs.factors, np.nan), _LABELS)
-    levels.attrs["measure"] = measure
-    numbers = _variable(level, ("level",), np.arange(shape[2]))
-    return {"level": numbers, "intensity": levels, "scale_factor": scales}
-
-
-def _facts(dimension: str, facts: Sequence[tuple[Column, Any]]) -> dict[str, xr.Variable]:
-    """One value for each arch or record, nan if there is none."""
-    return {
-        column.name: _variable(
-            column, (dimension,), [np.nan if value is None else value for value in values],
-            dimension,
-        )
-        for column, values in facts
-    }  # fmt: skip
-
-
-def _arch_facts(found: Members) -> dict[str, xr.Variable]:
+def _arch_facts(arches: Members) -> dict[str, xr.Variable]:
     from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
 
-    arches = [entry.build() for entry in found.entries]
-    starts = [onset(arch) for arch in arches]
-    text = "largest steady ground acceleration towards {} that leaves the arch at rest"
-    gravity = "In multiples of standard gravity, 9.80665 m s-2."
+    built = [entry.build() for entry in arches.entries]
+    starts = [onset(arch) for arch in built]
+    values = {
+        "arch": arches.ids,
+        "arch_class": arches.classes,
+        "onset_plus": [start.plus for start in starts],
+        "onset_minus": [start.minus for start in starts],
+        "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],
+        "joint_length": [
+            np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in built
+        ],
+    }
+    facts = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     units = dict.fromkeys(VARIABLE, "m") | _ARCH_UNITS
-    facts = _facts("arch", [
-        (Column("onset_plus", "f8", "1", text.format("+x"), comment=gravity),
-         [start.plus for start in starts]),
-        (Column("onset_minus", "f8", "1", text.format("-x"), comment=gravity),
-         [start.minus for start in starts]),
-        (Column("static_limit", "f8", "rad",
-                "rotation at which the mechanism of onset is in unstable equilibrium", np.nan),
-         [static_limit(arch, start) for arch, start in zip(arches, starts)]),
-        (Column("joint_length", "f8", "m", "mean length of the joints"),
-         [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]),
-        *((Column(f"arch_{name}", "f8", units.get(name, "1"), f"{name} of the arch", np.nan), each)
-          for name, each in found.parameters().items()),
-    ])  # fmt: skip
-    for name, texts in found.attributes().items():
+    for name, numbers in arches.parameters().items():
+        about = Variable(f"arch_{name}", "arch", "f8", units.get(name, "1"), "nan")
+        about = about._replace(long_name=f"{name} of the arch")
+        facts[about.name] = _variable(about, numbers)
+    for name, texts in arches.attributes().items():
         # Names in files have letters, digits and _ only; long_name is as in the table.
         plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
         while plain in facts:
             plain += "_"
-        facts[plain] = _texts("arch", texts, f"{name} of the arch", "arch")
+        about = Variable(plain, "arch", "S", long_name=f"{name} of the arch")
+        facts[plain] = _variable(about, texts)
     return facts
 
 
-def _record_facts(plan: Plan) -> dict[str, xr.Variable]:
+def _record_facts(plan: Plan) -> dict[str, Sequence[Any]]:
     """Facts on records; in a run their measures are these times factor ** exponent."""
     from archfrag.motions.measures import measure_unit, scaling_exponent
 
-    records = plan.records
-
-    def of(name: str) -> list[Any]:
-        return [getattr(record, name) for record in records]
-
-    facts = _facts("record", [
-        (Column("record_dt", "f8", "s", "time between samples of the record"), of("dt")),
-        (Column("record_duration", "f8", "s", "time from the first to the last sample"),
-         of("duration")),
-        (Column("magnitude", "f8", "1", "moment magnitude of the earthquake", np.nan),
-         of("magnitude")),
-        (Column("distance", "f8", "km", "distance from the source to the station", np.nan),
-         of("distance")),
-        (Column("record_vertical", "i1", "", "whether the vertical component moves the arch too",
-                flags=((0, "horizontal_only"), (1, "with_vertical")),
-                comment="Scaled by the factor of the horizontal component."), of("vertical")),
-    ])  # fmt: skip
-    doubt = "what is implausible in the record and was accepted by a key of the study"
-    for name, key, about in (
-        ("event", "event", "earthquake"),
-        ("record_file", "source", "name of the record file"),
-        ("record_sha256", "sha256", "SHA-256 of the record file"),
-        ("accepted", "accepted", doubt),
-    ):
-        facts[name] = _texts("record", of(key), about, "record")
-    names = list(records[0].measures)
-    units = [measure_unit(name) for name in names]
-    facts["measure"] = _texts("measure", names, "intensity measure")
-    facts["measure_unit"] = _texts("measure", units, "unit of the intensity measure", "measure")
-    column = Column("measure_exponent", "i4", "1", "power of the scale factor in the measure")
-    facts |= _facts("measure", [(column, [scaling_exponent(name) for name in names])])
-    about = "intensity of the record as it is, in the unit of each measure"
-    values = [[record.measures[name] for name in names] for record in records]
-    column = Column("record_measure", "f8", "", about)
-    facts[column.name] = _variable(column, ("record", "measure"), values, "record measure")
-    return facts
+    attributes = {
+        "record": "id", "record_dt": "dt", "record_duration": "duration", "event": "event",
+        "magnitude": "magnitude", "distance": "distance", "record_vertical": "vertical",
+        "record_file": "source", "record_sha256": "sha256", "accepted": "accepted",
+    }  # fmt: skip
+    facts: dict[str, Sequence[Any]] = {
+        name: [np.nan if (value := getattr(record, key)) is None else value
+               for record in plan.records]
+        for name, key in attributes.items()
+    }  # fmt: skip
+    names = list(plan.records[0].measures)
+    return facts | {
+        "measure": names,
+        "measure_unit": [measure_unit(name) for name in names],
+        "measure_exponent": [scaling_exponent(name) for name in names],
+        "record_measure": [[record.measures[name] for name in names] for record in plan.records],
+    }

@@ -14,13 +14,14 @@ from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.quoted import shared_events
+from archfrag.study.runs import design_of
 from archfrag.study.runs.design import Design
-from archfrag.study.runs.designs import design_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 POINTS = 120  # of a band
+Worded = Callable[[FitError], str]  # text of an error, with its levels in the unit people read
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Runs:
     name: str
     design: Design
     verdict: NDArray[np.int64]  # (n_record, n_level)
-    level: FloatArray  # (n_level,): [SI]
+    level: FloatArray  # (n_level,) or (n_record, n_level) [SI]
     # (n_record,): what rows have in common: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
     unit: str = "event"  # which of the two
@@ -39,7 +40,7 @@ class Runs:
 
     @property
     def decided(self) -> NDArray[np.bool_]:
-        """Runs that collapsed or stood."""
+        """Runs that collapsed or survived."""
         return (self.verdict == Verdict.COLLAPSED) | (self.verdict == Verdict.STANDING)
 
     @cached_property
@@ -62,12 +63,12 @@ class Answer:
     confidence: float = 0.9
     method: str = ""  # of the band
     assumptions: str = ""  # of the band
-    n_independent: float = 0.0  # records or runs that the data are worth
+    n_independent: float = 0.0  # effective number of records or runs
     n_islands: int = 0  # runs against the capacity of their record
     more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
 
     def probability(self, im: float) -> tuple[float, float, float]:
-        """Probability of collapse at an intensity, and its band; refused without a curve."""
+        """Probability of collapse at an intensity, and its band; InputError without a curve."""
         if isinstance(self.curve, str):
             raise InputError(self.curve)
         low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
@@ -75,10 +76,8 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        plain = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        for name in ("curve", "likelihood"):
-            plain[name] = curve_to_dict(plain[name])
-        return plain
+        curves = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
+        return vars(self) | curves
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
@@ -105,49 +104,38 @@ def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
 def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     """Runs of each arch of a cube."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
-    verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
+    verdicts = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
     group = shared_events(cube["event"].values)
     found = []
-    for i, name in enumerate(cube["arch"].values.astype(str)):
-        one = cube.isel(arch=i)
-        level = one["intensity"].values
-        rows = np.flatnonzero((verdict[i] != Verdict.NOT_SIMULATED).any(axis=1))
-        if level.ndim == 2:
-            level = level[rows]
-        found.append(
-            Runs(str(name), design, verdict[i][rows], level,
-                 None if group is None else group[rows], rows=rows)
-        )  # fmt: skip
+    for i, (name, verdict) in enumerate(zip(cube["arch"].values.astype(str), verdicts)):
+        level = cube["intensity"].values
+        rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
+        level = level[i, rows] if level.ndim == 3 else level
+        own = None if group is None else group[rows]
+        found.append(Runs(str(name), design, verdict[rows], level, own, rows=rows))
     return found
 
 
 def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple[Runs, list[int]]]:
     """Runs of the arches of each class together, and their places; classes of several arches."""
-    names = cube["arch_class"].values.astype(str)
-    record = cube["record"].values.astype(str)
-    found = {}
-    for name in dict.fromkeys(names.tolist()):
-        members = np.flatnonzero(names == name).tolist()
-        if len(members) < 2:
+    record, found = cube["record"].values.astype(str), {}
+    names = list(arch_classes(cube).values())
+    for name in dict.fromkeys(names):
+        places = [i for i, each in enumerate(names) if each == name]
+        if len(places) < 2:
             continue
-        own = [runs[int(i)] for i in members]
-        group = [record[each.rows] for each in own]
+        own = [runs[i] for i in places]
         level = own[0].level
         if level.ndim == 2:
             level = np.concatenate([each.level for each in own])
-        together = Runs(
-            name, own[0].design, np.concatenate([each.verdict for each in own]), level,
-            np.concatenate(group), "record",
-        )  # fmt: skip
-        found[name] = together, members
+        group = np.concatenate([record[each.rows] for each in own])
+        verdict = np.concatenate([each.verdict for each in own])
+        found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
     return found
 
 
-def answer(runs: Runs, confidence: float, worded: Callable[[FitError], str] = str) -> Answer:
-    """Curve of some runs with the band and the intervals that are quoted.
-
-    `worded` gives the text of an error, with its levels in the unit that people read.
-    """
+def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
+    """Curve of some runs with the band and the intervals that are quoted."""
     likelihood = likeliest(runs, worded)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
@@ -163,24 +151,12 @@ def answer(runs: Runs, confidence: float, worded: Callable[[FitError], str] = st
     )  # fmt: skip
 
 
-def arch_classes(cube: "xr.Dataset") -> dict[str, str]:
-    """Class of each arch of a cube; its own name where the cube holds none."""
-    names = [str(name) for name in cube["arch"].values]
-    own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
-    return dict(zip(names, own, strict=True))
-
-
-def quoted(
-    cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
-    members: bool = False,
-) -> dict[str, Answer]:  # fmt: skip
-    """Answers that are handed on: of classes, and of arches that are of none.
-
-    With `members` those of the arches of classes too.
-    """
-    of_class = arch_classes(cube)
-    alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
-    return {**classes, **alone}
+def likeliest(runs: Runs, worded: Worded = str) -> Fragility | str:
+    """Curve by maximum likelihood, or why there is none."""
+    try:
+        return runs.design.likelihood(runs.brackets)
+    except FitError as error:
+        return worded(error)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
@@ -208,9 +184,7 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     return replace(pooled, curve=curve, likelihood="", assumptions=text)
 
 
-def without_verdict(
-    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
-) -> dict[str, Any]:
+def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
     """Curves with all runs that no method decided as collapses, and as survivals.
 
     Empty if there are no such runs; else their number and both curves.
@@ -225,9 +199,21 @@ def without_verdict(
     return found
 
 
-def likeliest(runs: Runs, worded: Callable[[FitError], str] = str) -> Fragility | str:
-    """Curve by maximum likelihood, or why there is none."""
-    try:
-        return runs.design.likelihood(runs.brackets)
-    except FitError as error:
-        return worded(error)
+def arch_classes(cube: "xr.Dataset") -> dict[str, str]:
+    """Class of each arch of a cube; its own name where the cube holds none."""
+    names = [str(name) for name in cube["arch"].values]
+    own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
+    return dict(zip(names, own, strict=True))
+
+
+def quoted(
+    cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
+    members: bool = False,
+) -> dict[str, Answer]:  # fmt: skip
+    """Answers that are handed on: of classes, and of arches that are of none.
+
+    With `members` those of the arches of classes too.
+    """
+    of_class = arch_classes(cube)
+    alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
+    return {**classes, **alone}

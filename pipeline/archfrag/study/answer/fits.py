@@ -1,4 +1,4 @@
-"""From the cube of a study to its fragility curves, and what to know before these are used."""
+"""From the cube of a study to its fragility curves, stored and told."""
 
 import json
 from collections.abc import Callable
@@ -104,21 +104,20 @@ def fit_cube(study: Study) -> Fitted:
 def _store(study: Study, fitted: Fitted) -> None:
     import pandas as pd
 
-    plain, of_classes = (
-        {name: each.to_dict() for name, each in some.items()} for some in fitted[:2]
-    )
+    arches, classes, cube = fitted
+    plain = {name: each.to_dict() for name, each in arches.items()}
     content = {
         "study": study.id, "measure": study.intensity.measure,
-        "unit": fitted.cube["intensity"].attrs["units"],
-        "design": json.loads(fitted.cube.attrs["archfrag_design"]),
+        "unit": cube["intensity"].attrs["units"],
+        "design": json.loads(cube.attrs["archfrag_design"]),
         "fits": {name: each["curve"] for name, each in plain.items()},
-        "arches": plain, "classes": of_classes,
+        "arches": plain, "classes": {name: each.to_dict() for name, each in classes.items()},
     }  # fmt: skip
     text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     head, factor = f"{study.intensity.measure} [{study.intensity.unit}]", study.intensity.factor
     rows = [pd.DataFrame(columns=["arch", head, "probability", "lower", "upper"])]
-    for name, found in quoted(fitted.cube, *fitted[:2]).items():
+    for name, found in quoted(cube, arches, classes).items():
         if not isinstance(found.curve, str):
             im = np.array(found.im)
             rows.append(pd.DataFrame({
@@ -151,22 +150,18 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
     return f"{runs} no verdict: the median is {ends[0]}, {ends[1]}"
 
 
-def _median(study: Study, theta: float) -> str:
-    return f"{theta / study.intensity.factor:.4g} {study.intensity.unit}"
-
-
 def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
-    lost = lost_text(found, partial(_median, study))
+    factor, unit = study.intensity.factor, study.intensity.unit
+    lost = lost_text(found, lambda theta: f"{theta / factor:.4g} {unit}")
     lost = f"; {lost}" if lost else ""
     if isinstance(found.curve, str):
         return f"{name}: no curve: {found.curve}{lost}"
-    factor, percent = study.intensity.factor, f"{100 * found.confidence:g} %"
     theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
-        f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure} "
-        f"({percent}: {low:.4g} to {high:.4g}), dispersion {found.curve.beta:.3g} "
-        f"({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
+        f"{name}: median {theta:.4g} {unit} of {study.intensity.measure} "
+        f"({100 * found.confidence:g} %: {low:.4g} to {high:.4g}), dispersion "
+        f"{found.curve.beta:.3g} ({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
     )
 
 

@@ -25,7 +25,7 @@ from archfrag.study.file.members import Members, check_buildable, expand
 from archfrag.study.file.messages import PathText, Section, first_message, refuse
 from archfrag.study.file.processing import Steps
 from archfrag.study.file.text import parse_value, read_yaml
-from archfrag.study.runs.designs import AnyDesign
+from archfrag.study.runs import AnyDesign
 from archfrag.study.runs.stripes import Stripes
 
 MOST_ARCHES, DEEPEST = 1000, 20

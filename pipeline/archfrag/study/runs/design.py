@@ -5,13 +5,12 @@ returns facts for the report. What it asks for follows from the verdicts alone: 
 for the same runs whatever the workers, and a study that was stopped goes on by asking again.
 """
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
 
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -91,12 +90,38 @@ class Design(Section):
         return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
 
 
-class Precision(Section):
-    """Rounds of runs are made until the median is known this well."""
+def ask(
+    requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
+) -> tuple[Cases, dict[int, dict[str, Any]]]:
+    """Ask the designs of all arches until none requests a run, iteration by iteration.
 
-    theta: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
-    """How far the interval of ln(median) may reach to either side: 0.05 is 5 %."""
-    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9
-    """Of the interval, two-sided."""
-    runs: Annotated[int, Field(ge=10, le=10**6)] = 500
-    """Most runs of an arch; where they do not suffice the report states so."""
+    Parameters
+    ----------
+    requests : mapping of int to generator
+        What `Design.requests` gives for each arch.
+    decide : callable
+        Takes the runs of one iteration and returns their verdicts, in the same order.
+
+    Returns
+    -------
+    (Cases, dict)
+        All runs requested, and what each design returned, by arch.
+    """
+    requested, notes = [NO_CASES], {}
+    answers: list[tuple[int, Verdicts | None]] = [(arch, None) for arch in requests]
+    while True:
+        iteration: dict[int, Cases] = {}
+        for arch, verdicts in answers:
+            try:
+                cases = requests[arch].send(verdicts)  # type: ignore[arg-type]  # None starts it
+                while not len(cases):
+                    cases = requests[arch].send(np.empty(0, np.int8))
+                iteration[arch] = cases
+            except StopIteration as over:
+                notes[arch] = over.value
+        if not iteration:
+            return np.concatenate(requested), notes
+        requested.append(np.concatenate(list(iteration.values())))
+        verdicts = decide(requested[-1])
+        ends = np.cumsum([len(cases) for cases in iteration.values()])
+        answers = list(zip(iteration, np.split(verdicts, ends[:-1])))

@@ -2,34 +2,37 @@
 
 import contextlib
 import multiprocessing
+import multiprocessing.connection
+import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
 from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.study.checks import check_arches
+from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.records import PreparedRecord, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, available_cores, machine
-from archfrag.study.runs.design import NO_CASES, Cases
+from archfrag.study.runs.design import Cases, Verdicts, ask
+from archfrag.study.runs.outcome import tabulate_cases
 from archfrag.study.runs.plan import Plan, make_plan
-from archfrag.study.runs.store import Store
-from archfrag.study.runs.worker import Made, follow_parent, run_chunk
+from archfrag.study.runs.store import Store, write_part
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,6 +46,40 @@ LOSSES_ALLOWED = 3
 PATIENCE = 60.0  # with a scheduler that has no workers [s]
 ANSWER_WITHIN = 10.0  # [s]
 _GO_ON = "finished parts are kept, the same command goes on"
+
+
+class Task(NamedTuple):
+    """Some runs of one arch, with all that a worker needs to make them."""
+
+    work: Path  # folder of the stored motions
+    parts: Path
+    method: dict[str, Any]
+    arch: ArchEntry
+    records: list[PreparedRecord]  # (n_run,)
+    factors: list[float]  # (n_run,)
+    keys: NDArray[np.void]  # (n_run,)
+
+
+class Made(NamedTuple):
+    """What a task made and took."""
+
+    part: Path
+    runs: int
+    kernel_time: float  # [s]
+    cpu_time: float  # of all of it [s]
+
+
+_motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
+
+
+def make_runs(task: Task) -> Made:
+    """Make the runs of a task and write their part."""
+    started = time.process_time()
+    motions = [_motion(task.work, record) for record in task.records]
+    columns = tabulate_cases(task.method, task.arch.build(), motions, task.factors)
+    part = write_part(task.parts, task.keys, columns)
+    kernel_time = float(columns["wall_time"].sum())
+    return Made(part, len(task.keys), kernel_time, time.process_time() - started)
 
 
 @dataclass
@@ -87,57 +124,51 @@ def run_batch(
     WorkerError
         If workers cannot be started or are lost; finished parts are kept.
     """
+    import pandas as pd
+
     started, log = time.perf_counter(), BatchLog(batch)
     plan = plan or make_plan(study)
     make_folder(plan.parts)
-    iterations, store = plan.iterations(batch, study.execution.batches), Store(plan.parts)
+    store = Store(plan.parts)
     count = workers or study.execution.workers or available_cores()
-    asked: list[Cases] = []
     bar = tqdm(
         unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
         mininterval=0.2 if sys.stderr.isatty() else 10.0,
     )  # fmt: skip
-    with bar, _Makers(study, plan, count, bar) as makers:
-        while len(iterations.requested):
-            keys = plan.keys(iterations.requested)
-            missing = np.flatnonzero(store.places(keys) < 0)
-            # Arches that differ in id only have runs in common.
-            missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
-            log.runs += len(keys)
-            log.kept += len(keys) - missing.size
-            _count(bar, log.runs, missing.size, known=not plan.asks.adaptive)
-            for made in makers.make(iterations.requested[missing]) if missing.size else ():
-                if not store.add(made.part):
-                    raise WorkerError(f"{made.part}: cannot be read back; {_GO_ON}")
-                bar.update(made.runs)
-                log.kernel_time += made.kernel_time
-            asked.append(iterations.requested)
-            iterations.answer(store.verdicts(keys))
-    log.iterations, log.workers = iterations.count, makers.used
-    log.wall_time = time.perf_counter() - started
+
+    def verdicts_of(cases: Cases) -> Verdicts:
+        keys = plan.keys(cases)
+        missing = np.flatnonzero(store.places(keys) < 0)
+        # Arches that differ in id only have runs in common.
+        missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
+        log.iterations += 1
+        log.runs += len(keys)
+        log.kept += len(keys) - missing.size
+        if not bar.disable:  # runs that are not missing are shown as done
+            done = log.runs - missing.size
+            bar.initial += done - bar.n
+            bar.total, bar.n = None if study.design.adaptive else log.runs, done
+            bar.refresh()
+        for made in makers.make(cases[missing]) if missing.size else ():
+            if not store.add(made.part):
+                raise WorkerError(f"{made.part}: cannot be read back; {_GO_ON}")
+            bar.update(made.runs)
+            log.kernel_time += made.kernel_time
+        verdicts: Verdicts = store.rows(keys)["verdict"]
+        return verdicts
+
+    with bar, contextlib.closing(_Makers(plan, count, bar)) as makers:
+        cases, _ = ask(plan.requests(batch, study.execution.batches), verdicts_of)
+    log.workers, log.wall_time = makers.used, time.perf_counter() - started
     add_to_log(study.work, {"step": "runs", **asdict(log), **machine()})
-    return log, _table(plan, store, np.concatenate([NO_CASES, *asked]))
-
-
-def _table(plan: Plan, store: Store, cases: Cases) -> "pd.DataFrame":
-    import pandas as pd
-
     rows = store.rows(plan.keys(cases))
-    verdict = np.array([member.name.lower() for member in Verdict], object)
-    return pd.DataFrame({
-        "arch": np.array([arch["id"] for arch in plan.arches], object)[cases["arch"]],
+    names = np.array([member.name.lower() for member in Verdict], object)
+    return log, pd.DataFrame({
+        "arch": np.array(plan.arches.ids, object)[cases["arch"]],
         "record": np.array([record.id for record in plan.records], object)[cases["record"]],
-        "level": cases["level"], "verdict": verdict[rows["verdict"]],
+        "level": cases["level"], "verdict": names[rows["verdict"]],
         "steps": rows["steps"], "wall_time": rows["wall_time"],
     })  # fmt: skip
-
-
-def _count(bar: tqdm, asked: int, missing: int, known: bool) -> None:
-    """Show all runs that are not missing as done; how many there will be if that is known."""
-    if not bar.disable:
-        bar.initial += asked - missing - bar.n
-        bar.total, bar.n = asked if known else None, asked - missing
-        bar.refresh()
 
 
 def chunks(cases: Cases, size: Callable[[], int]) -> Iterator[Cases]:
@@ -153,17 +184,16 @@ def chunks(cases: Cases, size: Callable[[], int]) -> Iterator[Cases]:
 class _Makers:
     """Makes runs: in this process while that is cheaper than to start workers, then on these."""
 
-    def __init__(self, study: Study, plan: Plan, count: int, bar: tqdm) -> None:
+    def __init__(self, plan: Plan, count: int, bar: tqdm) -> None:
         self.used = 0  # processes
-        self._study, self._plan, self._count, self._bar = study, plan, count, bar
+        self._plan, self._count, self._bar = plan, count, bar
+        self._execution = plan.study.execution
         self._runs, self._cpu, self._losses = 0, 0.0, 0
         self._pool: Executor | None = None
         self._client: Any = None
 
-    def __enter__(self) -> "_Makers":
-        return self
-
-    def __exit__(self, *error: object) -> None:
+    def close(self) -> None:
+        """End all workers."""
         if self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
@@ -172,55 +202,15 @@ class _Makers:
             self._client.close()
 
     def make(self, cases: Cases) -> Iterator[Made]:
-        """Run cases, chunk by chunk."""
+        """Make runs, of so many chunks at once that memory stays bounded."""
         if not self.used:
-            self._start()
+            self._prepare()
         work = chunks(cases, self._size)
-        while self._here():
-            chunk = next(work, None)
-            if chunk is None:
-                return
-            yield self._learn(run_chunk(str(self._plan.path), chunk))
-        yield from self._by_workers(work)
-
-    def _start(self) -> None:
-        from archfrag.warmup import every, kernels_are_compiled, warmup
-
-        self._plan.save()
-        bar, self.used = self._bar, 1
-        ticking = contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)
-        with ticking:
-            for name in kernels_needed(self._study, self._plan):
-                if not kernels_are_compiled(name):  # else each worker loads them for itself
-                    warmup(name, progress=bar.set_description)
-            bar.set_description("simulations", refresh=False)
-            check_arches(self._study, len(self._plan.records))
-
-    def _here(self) -> bool:
-        alone = self._count == 1 or self._cpu < IN_PROCESS
-        return alone and self._study.execution.scheduler is None and self._pool is None
-
-    def _size(self) -> int:
-        """Runs of the next chunk, by how long the runs so far took."""
-        if self._study.execution.chunk is not None:
-            return self._study.execution.chunk
-        if not self._runs:
-            return FIRST_CHUNK
-        lanes = CHUNK_TIME * self._runs / max(self._cpu, 1e-9) / LANES
-        return LANES * int(np.clip(lanes, 1, LARGEST_CHUNK // LANES))
-
-    def _learn(self, made: Made) -> Made:
-        self._runs += made.runs
-        self._cpu += made.cpu_time
-        return made
-
-    def _by_workers(self, work: Iterator[Cases]) -> Iterator[Made]:
-        """Results from workers, of so many chunks in flight that memory stays bounded."""
-        waiting: dict[Future, Cases] = {}
+        waiting: dict[Future[Made], Cases] = {}
         again: list[Cases] = []
         idle_since = time.monotonic()
         while True:
-            while len(waiting) < IN_FLIGHT * self._count:
+            while len(waiting) < (1 if self._alone() else IN_FLIGHT * self._count):
                 chunk = again.pop() if again else next(work, None)
                 if chunk is None:
                     break
@@ -235,7 +225,7 @@ class _Makers:
             for future in done:
                 chunk = waiting.pop(future)
                 try:
-                    made = self._learn(future.result())
+                    made = future.result()
                 except BrokenProcessPool:
                     again += [chunk, *waiting.values()]
                     waiting.clear()
@@ -243,20 +233,56 @@ class _Makers:
                     break
                 except CancelledError as error:
                     raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error
+                self._runs += made.runs
+                self._cpu += made.cpu_time
                 yield made
 
-    def _submit(self, chunk: Cases) -> Future:
-        if self._pool is None:
-            self._pool = self._scheduler() or ProcessPoolExecutor(
-                self._count, multiprocessing.get_context("spawn"), follow_parent
-            )
-            self.used = self._count
-        try:
-            found: Future = self._pool.submit(run_chunk, str(self._plan.path), chunk)
-        except BrokenProcessPool:
-            self._lose()
-            return self._submit(chunk)
-        return found
+    def _prepare(self) -> None:
+        """See that the kernels are compiled and that all arches stand."""
+        from archfrag.warmup import every, kernels_are_compiled, warmup
+
+        bar, self.used = self._bar, 1
+        with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
+            for name in kernels_needed(self._plan):
+                if not kernels_are_compiled(name):  # else each worker loads them for itself
+                    warmup(name, progress=bar.set_description)
+            bar.set_description("simulations", refresh=False)
+            check_arches(self._plan.study, len(self._plan.records))
+
+    def _alone(self) -> bool:
+        cheap = self._count == 1 or self._cpu < IN_PROCESS
+        return cheap and self._execution.scheduler is None and self._pool is None
+
+    def _size(self) -> int:
+        """Runs of the next chunk, by how long the runs so far took."""
+        if self._execution.chunk is not None:
+            return self._execution.chunk
+        if not self._runs:
+            return FIRST_CHUNK
+        lanes = CHUNK_TIME * self._runs / max(self._cpu, 1e-9) / LANES
+        return LANES * int(np.clip(lanes, 1, LARGEST_CHUNK // LANES))
+
+    def _submit(self, cases: Cases) -> "Future[Made]":
+        plan = self._plan
+        task = Task(
+            plan.study.work, plan.parts, plan.method, plan.arches[cases["arch"][0]].entry,
+            [plan.records[record] for record in cases["record"]],
+            plan.factors(cases).tolist(), plan.keys(cases),
+        )  # fmt: skip
+        if self._alone():
+            future: Future[Made] = Future()
+            future.set_result(make_runs(task))
+            return future
+        while True:
+            if self._pool is None:
+                self._pool = self._scheduler() or Pool(
+                    self._count, multiprocessing.get_context("spawn"), _follow_parent
+                )
+                self.used = self._count
+            try:
+                return self._pool.submit(make_runs, task)
+            except BrokenProcessPool:
+                self._lose()
 
     def _lose(self) -> None:
         """Start anew after a worker was killed or ran out of memory, a few times."""
@@ -270,7 +296,7 @@ class _Makers:
 
     def _scheduler(self) -> Executor | None:
         """Executor of the study's dask scheduler, if it names one."""
-        address = self._study.execution.scheduler
+        address = self._execution.scheduler
         if address is None:
             return None
         from distributed import Client
@@ -283,11 +309,24 @@ class _Makers:
             what = f"execution.scheduler: {address} cannot be used: {why}"
             raise WorkerError(f"{what}; {_GO_ON}") from error
         self._count = max(1, len(self._client.scheduler_info()["workers"]))
-        found: Executor = self._client.get_executor(pure=False)
-        return found
+        executor: Executor = self._client.get_executor(pure=False)
+        return executor
 
 
-def kernels_needed(study: Study, plan: Plan) -> list[str]:
+def _follow_parent() -> None:
+    """Leave Ctrl-C to the process that started this one, and end when it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def kernels_needed(plan: Plan) -> list[str]:
     """Names of the methods whose kernels a study's method uses: `auto` may go by events."""
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
@@ -297,6 +336,5 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
         return [method["name"]]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
-    entries = study.members(len(plan.records)).entries
-    by_events = {goes_by_events(entry.build().n_voussoir, rtol) for entry in entries}
+    by_events = {goes_by_events(entry.build().n_voussoir, rtol) for entry in plan.arches.entries}
     return [(AUTO, "event_driven")[by] for by in sorted(by_events)]

@@ -1,7 +1,6 @@
 """The design `ida`: a search of each record's border between survival and collapse."""
 
 from collections.abc import Generator
-from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,26 +12,38 @@ from archfrag.errors import FitError
 from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.runs.design import Cases, Design, Grid, Precision, Requests, Verdicts
+from archfrag.study.file.messages import Section
+from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
-# A run that stands goes on to the end of the record and costs five times one that collapses. With
-# that ratio levels would be tried from above, and of a record that stands again above a level at
-# which it collapsed the upper border be found.
-COST_OF_STANDING = 2.0
+# A run that survives goes on to the end of the record and costs five times one that collapses.
+# With that ratio levels would be tried from above, and of a record that survives again above a
+# level at which it collapsed the upper border be found.
+COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
 MOST_AT_ONCE = 2.0  # factor by which records are added at most
 MARGIN = 1.1  # on the records that the present width suggests
-# A design that looks after each round stops too soon where its runs happen to scatter little.
+# A design that looks after each iteration stops too soon where its runs happen to scatter little.
 LEAST_RECORDS = 20
 LOOKS_IN_A_ROW = 2
 BETWEEN_LOOKS = 0.05  # of the records so far are added at least, so that a second look is one
 
 
+class Precision(Section):
+    """Runs are made until the median is known this well."""
+
+    theta: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
+    """How far the interval of ln(median) may reach to either side: 0.05 is 5 %."""
+    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9
+    """Of the interval, two-sided."""
+    runs: Annotated[int, Field(ge=10, le=10**6)] = 500
+    """Most runs of an arch; where they do not suffice the report states so."""
+
+
 class Ida(Design):
-    """The levels bisected for each record: a border between standing and collapse."""
+    """The levels bisected for each record: a border between survival and collapse."""
 
     kind: Literal["ida"]
     seed: Annotated[int, Field(ge=0, le=10**9)] = 1
@@ -48,26 +59,27 @@ class Ida(Design):
     def requests(self, grid: Grid) -> Requests:
         """Search a border of each record, then try cells near it.
 
-        A record that stands again above a level at which it collapsed has several borders. The
+        A record that survives again above a level at which it collapsed has several borders. The
         search finds one of them, not the lowest: which one depends on the levels that it tries.
         The cells near the borders show how far single runs scatter, and the curve includes this.
 
         The first records are searched knowing nothing, the others expecting what their measures
         and the first suggest. If a record has one border, the search finds it whatever it expects.
         """
-        borders, done = Borders(grid), 0
-        used = min(FIRST_RECORDS, grid.records.size)
-        stop = None if self.precision is None else Stop(self.precision)
+        borders, done, narrow = Borders(grid), 0, 0
+        used, facts = min(FIRST_RECORDS, grid.records.size), dict[str, Any]()
         while used > done:
             rows = range(done, used)
             if done > 2:
                 borders.expect(rows, *expected_by_measures(borders, range(done), rows))
             yield from search(borders, rows)
             done = used
-            used = grid.records.size if stop is None else stop.records_to_use(borders, done)
-        found = yield from self._check(borders, done)
-        note = {"runs": borders.runs, "records": done, **found}
-        return note | ({} if stop is None else stop.note)
+            used = grid.records.size
+            if self.precision is not None:
+                more, narrow, facts = look(self.precision, borders, done, narrow)
+                used = done + more
+        checks = yield from self._check(borders, done)
+        return {"runs": borders.runs, "records": done, **checks, **facts}
 
     def _check(self, borders: "Borders", done: int) -> Generator[Cases, Verdicts, dict[str, int]]:
         """Some cells near the borders, any as likely as another: how often do they contradict?"""
@@ -129,31 +141,22 @@ class Borders:
         mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
         self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
 
-    def next_places(self, rows: ArrayLike) -> NDArray[np.int64]:
+    def next_places(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
         The most informative one for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
-        row = np.asarray(rows)
         place = np.arange(self.grid.levels.size)
         low, high = self.low[row, None], self.high[row, None]
         within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        mass = np.where(within, self.expected[row], 0.0)
-        below = np.cumsum(mass, axis=1)
+        below = np.cumsum(np.where(within, self.expected[row], 0.0), axis=1)
         collapse = below[:, :-1] / below[:, -1:]
-        cost = collapse + COST_OF_STANDING * (1.0 - collapse)
+        cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
         free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
         best = np.where(free, gain, -1.0).argmax(axis=1)
         return np.where(free.any(axis=1), best, -1)
-
-    def take(self, rows: NDArray, places: NDArray, verdicts: Verdicts) -> None:
-        """Note verdicts."""
-        self.seen[rows, places] = verdicts
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
-        np.minimum.at(self.high, rows[collapsed], places[collapsed])
-        np.maximum.at(self.low, rows[survived], places[survived])
 
     def middles(self) -> FloatArray:
         """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
@@ -171,7 +174,10 @@ def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None
         left, places = left[places >= 0], places[places >= 0]
         if left.size:
             verdicts = yield borders.grid.cases(left, places)
-            borders.take(left, places, verdicts)
+            borders.seen[left, places] = verdicts
+            collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+            borders.high[left[collapsed]] = places[collapsed]
+            borders.low[left[survived]] = places[survived]
 
 
 def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
@@ -198,62 +204,56 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
     return best
 
 
-@dataclass
-class Stop:
-    """Whether there are records enough: the interval is narrow enough in two rounds in a row."""
+def look(
+    requested: Precision, borders: Borders, done: int, narrow: int
+) -> tuple[int, int, dict[str, Any]]:
+    """Whether `done` records are enough: the interval must be narrow at two looks in a row.
 
-    wanted: Precision
-    met: int = 0
-    note: dict[str, Any] = field(default_factory=dict)
-
-    def look(self, half_width: float, done: int) -> bool:
-        """Note the width of the interval of ln(median) after `done` records."""
-        narrow = half_width <= self.wanted.theta and done >= LEAST_RECORDS
-        self.met = self.met + 1 if narrow else 0
-        reached = self.met >= LOOKS_IN_A_ROW
-        self.note = {"half_width": half_width, "reached": reached}
-        return reached
-
-    def records_to_use(self, borders: Borders, done: int) -> int:
-        """Records to use next; as many as before if there are to be no more."""
-        grid = borders.grid
-        groups = None if grid.groups is None else grid.groups[:done]
-        width = half_width(borders.seen[:done], grid.levels, self.wanted.confidence, groups)
-        if self.look(width, done):
-            return done
-        allowed = int((self.wanted.runs - borders.runs) * done / max(borders.runs, 1))
-        available = grid.records.size - done
-        more = min(more_needed(width, self.wanted.theta, done), allowed, available)
-        if more > 0:
-            return done + more
-        if width <= self.wanted.theta:
-            self.note["reached"] = True
-        elif available <= 0:
-            self.note["why"] = f"there are no more than {done} records"
-        else:
-            self.note["why"] = f"{self.wanted.runs} runs do not suffice"
-        return done
+    Returns
+    -------
+    (int, int, dict)
+        Records to add, looks in a row at which the interval was narrow (`narrow` before this one),
+        and facts for the report.
+    """
+    grid = borders.grid
+    groups = None if grid.groups is None else grid.groups[:done]
+    found = find_brackets(borders.seen[:done], grid.levels)
+    width = half_width(found, requested.confidence, groups)
+    enough = width <= requested.theta
+    narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
+    facts = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
+    available = grid.records.size - done
+    allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
+    more = min(more_needed(width, requested.theta, done), allowed, available)
+    if facts["reached"]:
+        return 0, narrow, facts
+    if more > 0:
+        return more, narrow, facts
+    if enough:
+        facts["reached"] = True
+    elif available <= 0:
+        facts["why"] = f"there are no more than {done} records"
+    else:
+        facts["why"] = f"{requested.runs} runs do not suffice"
+    return 0, narrow, facts
 
 
-def half_width(
-    verdict: ArrayLike, level: ArrayLike, confidence: float, groups: ArrayLike | None = None
-) -> float:
+def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = None) -> float:
     """How far the interval of ln(median) reaches, by the quoted posterior; inf without a curve."""
     from archfrag.fragility.quoted import capacity_posterior
 
     try:
-        known = capacity_posterior(find_brackets(verdict, level), groups)[0]
+        known = capacity_posterior(found, groups)[0]
     except FitError:
         return np.inf
-    middle = float(np.log(known.fragility.theta))
-    low, high = np.log(known.theta_interval(confidence))
-    return float(max(middle - low, high - middle))
+    ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
+    return float(np.abs(ends).max())
 
 
-def more_needed(width: float, wanted: float, done: int) -> int:
+def more_needed(width: float, requested: float, done: int) -> int:
     """Records to add to `done`, for a width that falls with the root of their number."""
     if not np.isfinite(width):
         return done
-    needed = MARGIN * done * (width / wanted) ** 2
+    needed = MARGIN * done * (width / requested) ** 2
     needed = min(max(needed, (1.0 + BETWEEN_LOOKS) * done), MOST_AT_ONCE * done)
     return int(np.ceil(needed)) - done

@@ -10,19 +10,18 @@ import hashlib
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import entries, replacing
+from archfrag.files import replacing
 from archfrag.mechanics.status import Model
-from archfrag.study.runs.design import NO_CASES, Cases
+from archfrag.study.runs.design import Cases, Verdicts, ask
 from archfrag.study.runs.outcome import COLUMNS
-from archfrag.study.runs.plan import KEY, Iterations, Plan
+from archfrag.study.runs.plan import KEY, Plan
 
 Table = NDArray[np.void]
 # A row: its key, all columns, the time simulated in each model, and how long it took.
@@ -30,25 +29,17 @@ ROW = np.dtype([
     ("key", f"V{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
     ("model_time", "f8", (len(Model),)), ("wall_time", "f8"),
 ])  # fmt: skip
-_SUFFIX = ".npy"
-_OWN = re.compile(r"[0-9a-f]{32}\.npy|plan-[0-9a-f]{12}\.json")
 
 
-def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
-    """Rows of runs from their keys and all other columns."""
+def write_part(folder: Path, keys: NDArray[np.void], columns: dict[str, NDArray]) -> Path:
+    """Write runs, from their keys and all other columns, under the name of their content."""
     table = np.zeros(len(keys), ROW)
-    table["key"] = keys
-    for name, values in columns.items():
+    for name, values in {"key": keys, **columns}.items():
         table[name] = values
-    return table
-
-
-def write_part(folder: Path, table: Table) -> Path:
-    """Write a part under the name of its content."""
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
     digest = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
-    path = folder / f"{digest}{_SUFFIX}"
+    path = folder / f"{digest}.npy"
     # Not made lasting: what a power cut tears, `read_part` takes for missing.
     with replacing(path, lasting=False) as temporary:
         temporary.write_bytes(content.getbuffer())
@@ -71,112 +62,95 @@ class Store:
     """All runs of which the parts of a folder hold the results, about 300 bytes each."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
         self._tables: list[Table] = [np.zeros(0, ROW)]
         self._order: NDArray[np.int64] | None = None
-        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+        for path in sorted(folder.glob("*.npy")):
             self.add(path)
 
     def add(self, path: Path) -> bool:
         """Take in a part; False if it is damaged."""
         table = read_part(path)
-        if table is None:
-            return False
-        self._tables.append(table)
-        self._order = None
-        return True
+        if table is not None:
+            self._tables.append(table)
+            self._order = None
+        return table is not None
 
     def places(self, keys: NDArray[np.void]) -> NDArray[np.int64]:
         """Row of each key among all rows, -1 where there is no result, (n,)."""
         if self._order is None:
             self._tables = [np.concatenate(self._tables)]
-            self._order = np.argsort(self._keys(), kind="stable")
-        known = self._keys()[self._order]
+            self._order = np.argsort(_sortable(self._tables[0]["key"]), kind="stable")
+        known = _sortable(self._tables[0]["key"])[self._order]
         if not len(known):
             return np.full(len(keys), -1)
-        wanted = np.ascontiguousarray(keys).view(f"S{KEY}")
-        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-        return np.where(known[at] == wanted, self._order[at], -1)
-
-    def _keys(self) -> NDArray[np.bytes_]:
-        return np.ascontiguousarray(self._tables[0]["key"]).view(f"S{KEY}")
+        requested = _sortable(keys)
+        at = np.minimum(np.searchsorted(known, requested), len(known) - 1)
+        return np.where(known[at] == requested, self._order[at], -1)
 
     def rows(self, keys: NDArray[np.void]) -> Table:
         """Results by keys that are all there, (n,)."""
-        return self._tables[0][self.places(keys)]
-
-    def verdicts(self, keys: NDArray[np.void]) -> NDArray[np.int8]:
-        """Verdict of each key, -1 where there is no result, (n,)."""
-        place = self.places(keys)
-        found = np.full(len(place), -1, np.int8)
-        found[place >= 0] = self._tables[0]["verdict"][place[place >= 0]]
-        return found
+        places = self.places(keys)
+        return self._tables[0][places]
 
 
-@dataclass(frozen=True)
-class Gathered:
+def _sortable(keys: NDArray[np.void]) -> NDArray[np.bytes_]:
+    return np.ascontiguousarray(keys).view(f"S{KEY}")
+
+
+class Gathered(NamedTuple):
     """All runs that a design requests, with their results."""
 
     cases: Cases  # (n_run,): sorted by arch, record and place
-    factors: NDArray[np.float64]  # (n_run,)
     table: Table  # (n_run,)
     notes: dict[int, dict[str, Any]]  # of the design, by arch
 
 
-def replay(plan: Plan, store: Store) -> tuple[Cases, Iterations]:
-    """All runs that the design of a plan requests, sorted, and its iterations at their end.
+def gather(plan: Plan) -> Gathered:
+    """Results of all runs that the design of a plan requests.
 
     Raises
     ------
     InputError
         If the results of some are missing.
     """
-    iterations, asked = plan.iterations(), [NO_CASES]
-    while len(iterations.requested):
-        verdicts = store.verdicts(plan.keys(iterations.requested))
-        missing = int((verdicts < 0).sum())
+    store, iteration = Store(plan.parts), 0
+
+    def known(cases: Cases) -> Verdicts:
+        nonlocal iteration
+        iteration += 1
+        keys = plan.keys(cases)
+        missing = int((store.places(keys) < 0).sum())
         if missing:
-            runs = f"{missing} of {len(verdicts)} runs of iteration {iterations.count + 1}"
-            how = f"`archfrag run` with the file of study {plan.study!r} makes them"
+            runs = f"{missing} of {len(keys)} runs of iteration {iteration}"
+            how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
             raise InputError(f"{plan.parts.parent}: {runs} are missing or damaged; {how}")
-        asked.append(iterations.requested)
-        iterations.answer(verdicts)
-    cases = np.concatenate(asked)
-    order = np.lexsort([cases[name] for name in ("place", "record", "arch")])
-    return cases[order], iterations
+        verdicts: Verdicts = store.rows(keys)["verdict"]
+        return verdicts
 
-
-def gather(plan: Plan, store: Store | None = None) -> Gathered:
-    """Results of all runs that the design of a plan requests; errors are those of `replay`."""
-    store = Store(plan.parts) if store is None else store
-    cases, iterations = replay(plan, store)
-    return Gathered(cases, plan.factors(cases), store.rows(plan.keys(cases)), iterations.notes)
+    cases, notes = ask(plan.requests(), known)
+    cases = cases[np.lexsort([cases[name] for name in ("place", "record", "arch")])]
+    return Gathered(cases, store.rows(plan.keys(cases)), notes)
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
-    """Files of parts that are of no use to a study, by why; none that archfrag did not name."""
-    found: dict[str, list[Path]] = {
-        "of other kernels or another version": [],
-        "damaged": [],
-        "that the study does not ask for": [],
-    }
-    other, damaged, unasked = found.values()
-    try:
-        asked = np.sort(plan.keys(replay(plan, Store(plan.parts))[0]).view(f"S{KEY}"))
-    except InputError:
-        asked = None  # what it will ask for follows from runs to be made
-    for path in (Path(entry.path) for entry in entries(plan.parts.parent)):
-        if not _OWN.fullmatch(path.name) or path == plan.path:
-            continue
+    """Parts that are of no use to a study, by why; no file that archfrag did not name."""
+    found: dict[str, list[Path]] = {}
+    requested = None
+    with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made
+        requested = _sortable(plan.keys(gather(plan).cases))
+    for path in sorted(plan.parts.parent.glob("*/*.npy")):
+        table = read_part(path)
         if path.parent != plan.parts:
-            other.append(path)
-        elif path.suffix != _SUFFIX:
-            unasked.append(path)
-        elif (table := read_part(path)) is None:
-            damaged.append(path)
-        elif asked is not None and not np.isin(table["key"].view(f"S{KEY}"), asked).any():
-            unasked.append(path)
-    return {why: paths for why, paths in found.items() if paths}
+            why = "of other kernels or another version"
+        elif table is None:
+            why = "damaged"
+        elif requested is None or np.isin(_sortable(table["key"]), requested).any():
+            continue
+        else:
+            why = "that the study does not ask for"
+        if re.fullmatch(r"[0-9a-f]{32}", path.stem):
+            found.setdefault(why, []).append(path)
+    return found
 
 
 def count_runs(paths: Sequence[Path]) -> int:
@@ -184,8 +158,7 @@ def count_runs(paths: Sequence[Path]) -> int:
     count = 0
     for path in paths:
         with contextlib.suppress(OSError, ValueError, EOFError):
-            if path.suffix == _SUFFIX:
-                count += len(np.load(path, mmap_mode="r", allow_pickle=False))
+            count += len(np.load(path, mmap_mode="r", allow_pickle=False))
     return count
 
 

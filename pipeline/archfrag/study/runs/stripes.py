@@ -16,8 +16,7 @@ class Stripes(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         n_record, n_level = grid.records.size, grid.levels.size
-        rows, places = np.divmod(np.arange(n_record * n_level), n_level)
-        verdicts = yield grid.cases(rows, places)
+        verdicts = yield grid.cases(*np.divmod(np.arange(n_record * n_level), n_level))
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
