@@ -1,6 +1,5 @@
 """The arches that a study amounts to: its entries, what is drawn for them and rows of tables."""
 
-import difflib
 import hashlib
 import re
 import zlib
@@ -13,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.files import counted, read_text
 from archfrag.study.file.arches import COLUMNS, NUMBERS, ArchEntry
-from archfrag.study.file.messages import first_message
+from archfrag.study.file.messages import first_message, meant, parse_value, read_csv
 from archfrag.study.file.samples import draw, listed
-from archfrag.study.file.text import parse_value, read_cells
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
@@ -81,12 +80,13 @@ class Members(tuple[Member, ...]):
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
-        columns = _columns([member.values for member in self], np.nan)
-        return {name: np.array(values) for name, values in columns.items()}
+        table = pd.DataFrame([member.values for member in self])
+        return {str(name): column.to_numpy(float) for name, column in table.items()}
 
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
-        return _columns([member.attributes for member in self], "")
+        table = pd.DataFrame([member.attributes for member in self], dtype=object).fillna("")
+        return {str(name): column.tolist() for name, column in table.items()}
 
     def checked(self) -> "Members":
         """All arches, or of very many some at equal distances."""
@@ -102,7 +102,7 @@ class Members(tuple[Member, ...]):
         found = []
         for name, alike in groupby(self, attrgetter("arch_class")):
             own = Members(alike)
-            if not any(member.number or member.id != name for member in own):
+            if all(member.number == 0 and member.id == name for member in own):
                 continue
             parts = [f"{name}: {counted(len(own), 'arch')}"]
             for key, values in own.parameters().items():
@@ -111,12 +111,6 @@ class Members(tuple[Member, ...]):
             parts += [f"{len(set(texts))} of {key}" for key, texts in own.attributes().items()]
             found.append(", ".join(parts))
         return tuple(found)
-
-
-def _columns(rows: Sequence[dict[str, Any]], missing: Any) -> dict[str, list[Any]]:
-    """Values of all rows by name."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: [row.get(name, missing) for row in rows] for name in names}
 
 
 def shown(theta: Sequence[float]) -> list[int]:
@@ -175,12 +169,11 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
         new = [member for base in bases for member in _drawn(base, n_record, entry)]
         found += new
         if len(found) > MOST_MEMBERS:
-            most = f"{MOST_MEMBERS} arches with those before it"
-            raise StudyError(f"{where}: makes more than {most}; a study must have no more")
+            most = f"makes {len(found)} arches with those before it"
+            raise StudyError(f"{where}: {most}; a study must have at most {MOST_MEMBERS}")
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
-                whose = f"which belongs to {seen[name]}"
-                raise StudyError(f"{where}: an arch has the id {name!r}, {whose}")
+                raise StudyError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
     return Members(found)
 
@@ -217,21 +210,21 @@ def read_table(entry: ArchEntry) -> list[Member]:
     Raises
     ------
     StudyError
-        With file, line and column.
+        With file, arch and column.
     """
     path = Path(entry.table or "")
+    try:
+        table = read_csv(read_text(path, LARGEST_TABLE, StudyError, "the table"))
+    except InputError as error:
+        raise error if isinstance(error, StudyError) else StudyError(f"{path}: {error}") from None
+    _check_columns(table, path)
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
-    found, seen = [], dict[str, int]()
-    for line, cells in _rows(path):
-        place = f"{path}, line {line}"
-        name = cells["id"]
-        if name in seen:
-            twice = f"{name!r} is the id of line {seen[name]} too; each arch needs its own"
-            raise StudyError(f"{place}, column id: {twice}")
-        seen[name] = line
+    found = []
+    for cells in table.to_dict("records"):
+        place = f"{path}, arch {cells['id']}"
         own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
                if key in COLUMNS and key != "id" and text}  # fmt: skip
-        given = {**defaults, **own, "id": name}
+        given = {**defaults, **own, "id": cells["id"]}
         try:
             arch = ArchEntry.model_validate(given)
         except ValidationError as error:
@@ -246,32 +239,20 @@ def read_table(entry: ArchEntry) -> list[Member]:
     return found
 
 
-def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    """Cells of a table by column, each row with the number of its line."""
-    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
-    try:
-        (_, heads), *rows = read_cells(text) or [(1, [])]
-    except InputError as error:
-        raise StudyError(f"{path}: {error}") from None
-    for wrong, reason in (
-        ("id" not in heads, "a column id is missing; commas must be between columns"),
-        ("" in heads, "each column must have a name"),
-        (len(set(heads)) < len(heads), "a column is there twice"),
-        (bool({"vary", "recess"} & set(heads)), "vary and recess must be given in the study file"),
-    ):
-        if wrong:
-            raise StudyError(f"{path}, line 1: {reason}")
-    for name in heads:
-        close = difflib.get_close_matches(name.lower(), COLUMNS, n=1, cutoff=_ALIKE)
-        if close and name not in COLUMNS:
-            hint = f"did you mean {close[0]}? (an attribute must have a name less like it)"
-            raise StudyError(f"{path}, line 1: column {name} is no key of an arch; {hint}")
-    if not 1 <= len(rows) <= MOST_ROWS:
-        raise StudyError(f"{path}: has {len(rows)} arches; it must have 1 to {MOST_ROWS}")
-    for line, row in rows:
-        if len(row) != len(heads):
-            raise StudyError(f"{path}, line {line}: must have {len(heads)} cells")
-    return [(line, dict(zip(heads, row))) for line, row in rows]
+def _check_columns(table: pd.DataFrame, path: Path) -> None:
+    """See that a table has ids that differ, and no column that is nearly a key."""
+    if "id" not in table:
+        raise StudyError(f"{path}: a column id is missing; commas must be between columns")
+    if not 1 <= len(table) <= MOST_ROWS:
+        raise StudyError(f"{path}: has {len(table)} arches; it must have 1 to {MOST_ROWS}")
+    if twice := table.loc[table["id"].duplicated(), "id"].tolist():
+        raise StudyError(f"{path}: two arches have the id {twice[0]!r}")
+    for name in table:
+        if name in ("vary", "recess"):
+            raise StudyError(f"{path}: give {name} in the study file, not in a column")
+        if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
+            rule = "give an attribute a name less like it"
+            raise StudyError(f"{path}: column {name} is not a key of an arch; {hint} ({rule})")
 
 
 def _value(text: str, place: str) -> Any:
@@ -280,17 +261,12 @@ def _value(text: str, place: str) -> Any:
         number = float(text)
     except ValueError:
         return parse_value(text, place) if text[0] in "[tTfF" else text
-    # A spreadsheet may write 7 as 7.0, where an integer is wanted.
+    # A spreadsheet may write 7 as 7.0, where an integer is needed.
     return int(number) if abs(number) < 1e15 and number == int(number) else number
 
 
 def check_buildable(given: Members) -> None:
-    """See that all arches can exist.
-
-    Raises
-    ------
-    StudyError
-    """
+    """See that all arches can exist; `StudyError` with the first that cannot, and how many."""
     wrong: list[tuple[Member, GeometryError]] = []
     for member in given:
         try:
@@ -299,9 +275,9 @@ def check_buildable(given: Members) -> None:
             wrong.append((member, error))
     if wrong:
         first, why = wrong[0]
-        some = [member for member, _ in wrong]
-        which = f"cannot exist: {_samples(given, some)}: " if first.number else ""
-        raise StudyError(f"{first.place}: {which}{why}") from why
+        which = _samples(given, [member for member, _ in wrong])
+        where = f"{first.place}: cannot exist: {which}" if first.number else first.place
+        raise StudyError(f"{where}: {why}") from why
 
 
 def check_standing(given: Members) -> None:

@@ -23,7 +23,7 @@ from tqdm import tqdm
 from archfrag.errors import WorkerError
 from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
-from archfrag.study.checks import check_arches
+from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.runs.design import NO_CASES, Cases
@@ -195,7 +195,7 @@ class _Makers:
                 if not kernels_are_compiled(name):  # else each worker loads them for itself
                     warmup(name, progress=bar.set_description)
             bar.set_description("simulations", refresh=False)
-            check_arches(self._study, len(self._plan.records))
+            check_standing(self._study.members(len(self._plan.records)))
 
     def _here(self) -> bool:
         alone = self._count == 1 or self._cpu < IN_PROCESS
