@@ -128,7 +128,7 @@ class TestPairs:
     def test_directions_at_right_angles_are_and_validate_names_them(self, tmp_path, names):
         one, other = (f"{name}.AT2" for name in names)
         study = self.study(tmp_path, names)
-        found = check_study(study).partners
+        found = check_study(study)["partners"]
         assert sorted(found) == sorted([f"{one} with {other}", f"{other} with {one}"])
         logs = {name: motion.log for name, motion in stored(study).items()}
         assert any(f"from {other}" in line for line in logs[names[0]])
@@ -182,7 +182,7 @@ class TestProcessing:
             study = study_with(tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}')
             text = geonet_text({"S16W": samples, "Up": samples})
             (tmp_path / "raw.V1A").write_text(text)
-            before, found = uncorrected(study), check_study(study).cautions
+            before, found = uncorrected(study), check_study(study)["cautions"]
             prepare_motions(study)
             return before, uncorrected(study), found
 
@@ -195,8 +195,8 @@ class TestProcessing:
     @pytest.mark.parametrize(
         ("steps", "message"),
         [
-            ("[bandpas]", r"processing\[0\]\.bandpas is no known step; did you mean bandpass"),
-            ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is no known key; did you"),
+            ("[bandpas]", r"processing\[0\]\.bandpas is not a known step; did you mean ban"),
+            ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is not a known key"),
             ("[bandpass]", r"must have lowest, highest or both of bandpass \[Hz\], such as"),
             ("[{trim: {}}]", r"must have one of arias, threshold_g and times of trim, not 0"),
             ("[{trim: {arias: [0.9, 0.1]}}]", r"must have arias increase"),

@@ -102,8 +102,8 @@ def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
     with pytest.raises(StudyError) as caught:
         prepare_motions(study)
     assert str(caught.value) == (
-        f"motions.files[1]: {tmp_path / 'records' / 'wave1.AT2'} is matched by an entry before it "
-        "too, with another unit, inventory, columns or accept"
+        f"motions.files[1]: an entry before it matches {tmp_path / 'records' / 'wave1.AT2'} with "
+        "another unit, inventory, columns or accept"
     )
 
 
@@ -123,7 +123,7 @@ def test_patterns_match_in_any_case(tmp_path, pattern):
 def test_two_records_of_one_id_are_refused(tmp_path):
     name = "syn-m55-r010"
     made(tmp_path / "records" / f"{name}.AT2")
-    with pytest.raises(RecordError, match=rf"{name}\.AT2: the record id '{name}' is that of"):
+    with pytest.raises(RecordError, match=rf"\.AT2: the record id '{name}' already belongs to"):
         prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))
 
 

@@ -1,7 +1,9 @@
 """The command: quick to answer, one message and an exit code for what is wrong."""
 
+import inspect
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -10,8 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import archfrag as af
 from archfrag.cli import main
-from archfrag.study.file.schema import load_study
+from archfrag.errors import STATUS_MESSAGE
+from archfrag.simulation.checks import method_names
+from archfrag.study.file.schema import Method, load_study
 from tests.study.small import TEXT, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
@@ -84,7 +89,7 @@ class TestOnset:
         path = small_study(tmp_path)
         text = call("onset", "--study", path, "--arch", "slab").output
         assert "moves from 0.2000 g: joint 0" in text
-        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is none")):
+        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is no such arch")):
             message = f"{path}: --arch {wrong}; the study has ring, slab"
             assert refused("onset", "--study", path, *more) == (2, message)
 
@@ -102,12 +107,14 @@ class TestSimulate:
         return write_at2(tmp_path / "wave.AT2", 0.3 * np.sin(8.0 * time), 0.01)
 
     def test_scaled_to_a_peak(self, record):
-        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json")
+        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json", "--mechanism")
         facts = json.loads(result.output)
         assert facts["status"] == "standing"
         assert facts["scale"] == pytest.approx(0.2 / 0.3, rel=1e-3)
         assert facts["collapse_time"] is None
         assert facts["peak_displacement"] == 0.0
+        first = facts["mechanism"][0]
+        assert set(first) == {"time", "until", "cause", "joint", "model", "joints"}
         text = call("simulate", *ARCH, record, "--pga", "0.2").output
         assert text.startswith("standing: the arch came to rest")
 
@@ -121,6 +128,14 @@ class TestSimulate:
             code, message = refused("simulate", *given)
             assert code == wanted
             assert part in message
+
+
+    def test_what_a_status_advises_can_be_given(self):
+        """Options of the command, keys of a study, arguments of the function, or methods."""
+        known = {option.name for option in main.commands["simulate"].params}
+        known &= {"method", *Method.model_fields} & set(inspect.signature(af.simulate).parameters)
+        advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_MESSAGE.values())))
+        assert {"dt", "follow"} <= advised <= known | set(method_names())
 
 
 class TestValidate:

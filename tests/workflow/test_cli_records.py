@@ -250,7 +250,7 @@ class TestMake:
             (["--vertical"], "--events, --magnitude, --distance-km are missing"),
             (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
-             "--distance-km 5,400: must be from 0 to 300"),
+             "--distance-km 5,400: must be numbers from 0 to 300"),
         ],
     )  # fmt: skip
     def test_what_is_refused(self, tmp_path, options, start):

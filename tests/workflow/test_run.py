@@ -294,8 +294,8 @@ def test_a_stopped_run_takes_its_workers_with_it(tmp_path, number, whom):
     assert time.monotonic() - stopped < 5.0
     assert process.returncode == 128 + number
     assert stderr.endswith(
-        f"archfrag: stopped by {number.name}; what is finished is kept, `archfrag run {path} "
-        "--resume` goes on\n"
+        f"archfrag: stopped by {number.name}; what is finished is kept; continue with `archfrag "
+        f"run {path} --resume`\n"
     )
 
 

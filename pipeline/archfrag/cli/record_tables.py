@@ -21,7 +21,6 @@ from archfrag.study.provenance import available_cores, finite
 if TYPE_CHECKING:
     import pandas as pd
 
-    from archfrag.motions.motion import Motion
     from archfrag.motions.selection import Selection, Target
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"

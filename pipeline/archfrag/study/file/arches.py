@@ -188,7 +188,7 @@ class ArchEntry(Section):
     def _can_vary(self, vary: Vary) -> None:
         needs, may = PROFILES[self.profile] if self.profile else ((), _DRAWING)
         own = (*_COMMON, *needs, *may)
-        what = f"of the profile {self.profile}" if self.profile else "of a drawing"
+        what = f"for profile {self.profile}" if self.profile else "for a drawing"
         for key, distribution in vary.of.items():
             if key not in own or key not in VARIABLE:
                 names = ", ".join(name for name in VARIABLE if name in own)

@@ -212,5 +212,5 @@ def read_csv(text: str) -> pd.DataFrame:
         if not isinstance(table.index, pd.RangeIndex):
             raise pd.errors.ParserError("its rows have more cells than its first line")
     except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
-        raise InputError(f"is not a table in CSV ({error})") from None
+        raise InputError(f"is not a table in CSV ({' '.join(str(error).split())})") from None
     return table.fillna("").rename(columns=str.strip).apply(lambda column: column.str.strip())
