@@ -119,16 +119,10 @@ class TestSimulate:
         assert text.startswith("standing: the arch came to rest")
 
     def test_unusable_input(self, record, tmp_path):
-        lost = tmp_path / "lost.AT2"
-        thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
-        for given, wanted, part in (
-            ([*ARCH, lost], 2, str(lost)),
-            ([*thin, record], 3, "does not stand under its own weight"),
-        ):
-            code, message = refused("simulate", *given)
-            assert code == wanted
-            assert part in message
-
+        lost, thin = tmp_path / "lost.AT2", [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
+        code, message = refused("simulate", *ARCH, lost)
+        assert (code, str(lost) in message) == (2, True)
+        assert refused("simulate", *thin, record)[0] == 3
 
     def test_what_a_status_advises_can_be_given(self):
         """Options of the command, keys of a study, arguments of the function, or methods."""
@@ -200,8 +194,7 @@ class TestSteps:
 
     def a_damaged_cube_is_refused_and_made_again(self, path, out):
         full = (out / "cube.nc").read_bytes()
-        middle = len(full) // 2
-        for damaged in (b"", full[:middle], full[:100]):
+        for damaged in (b"", full[: len(full) // 2], full[:100]):
             (out / "cube.nc").write_bytes(damaged)
             code, message = refused("fit", path)
             assert code == 2
@@ -214,20 +207,18 @@ class TestSteps:
         assert call("cube", path).exit_code == 0
 
     def what_is_not_of_the_study_goes(self, path, out):
+        """But no run: the study may go back."""
         (out / "curve-mine.svg").write_text("drawn by hand")
         parts = set(out.glob(".archfrag/parts/*/*.npy"))
-        path.write_text(path.read_text().replace("id: slab", "id: plate"))
-        path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
+        text = path.read_text().replace("id: slab", "id: plate")
+        path.write_text(text.replace("height: 2.0", "height: 2.5"))
         make_runs(load_study(path))
-        assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
-        # The study may go back: nothing of it is removed unasked.
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
-        assert len(list(out.glob(".archfrag/parts/*/plan-*.json"))) == 2
 
     @pytest.mark.parametrize(
         ("error", "message"),

@@ -212,10 +212,7 @@ class ArchEntry(Section):
     def read(self) -> "ArchEntry":
         """The same arch with what its drawing holds in place of the file; itself if it has none.
 
-        Raises
-        ------
-        GeometryError
-            If the drawing cannot be read or is not an arch.
+        GeometryError if the drawing cannot be read or is not an arch.
         """
         if self.drawing is None:
             return self
@@ -232,12 +229,7 @@ class ArchEntry(Section):
     def build(self) -> "Arch":
         """The arch; of one that varies, that of its own values.
 
-        Raises
-        ------
-        GeometryError
-            If it cannot exist.
-        StudyError
-            For a table, which has several arches.
+        GeometryError if it cannot exist; StudyError for a table, which has several arches.
         """
         from archfrag import arch
 

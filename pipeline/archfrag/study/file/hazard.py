@@ -77,27 +77,13 @@ def load_hazard(
     unit: str | None = None,
     site: Sequence[float] | None = None,
 ) -> Hazard:
-    """Read the hazard curves of a site.
+    """Read the hazard curves of a site, of the study's intensity measure.
 
     Three kinds of file are known by what is in them: CSV with a header as `archfrag risk --help`
     states, the CSV that OpenQuake exports (one file for the mean and each quantile), and NRML's
-    ``hazardCurves``.
-
-    Parameters
-    ----------
-    paths : Path or sequence of Path
-        One file, or several of the same site: mean and quantiles.
-    measure : str
-        The study's intensity measure; a file must have it.
-    unit : str, optional
-        Of intensities, where the file does not state it: g, m/s2, cm/s2, gal, m/s, cm/s, m, cm.
-    site : (float, float), optional
-        Longitude and latitude [degrees]; needed if a file holds several sites.
-
-    Raises
-    ------
-    InputError
-        Naming the file, what is wrong there, and what is allowed.
+    ``hazardCurves``. `unit` is that of the intensities, where the file does not state it; `site`
+    is longitude and latitude [degrees], for files with several sites. InputError names the file,
+    what is wrong there, and what is allowed.
     """
     files = [paths] if isinstance(paths, Path) else list(paths)
     found: dict[str, HazardCurve] = {}

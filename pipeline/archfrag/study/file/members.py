@@ -114,14 +114,10 @@ class Members(tuple[Member, ...]):
 
 
 def shown(theta: Sequence[float]) -> list[int]:
-    """Places of the arches that a report shows one by one.
+    """Places of the arches that a report shows one by one, by their median capacities.
 
-    All of up to `SHOWN`; of many the weakest, the middle and the strongest.
-
-    Parameters
-    ----------
-    theta : sequence of float
-        Median capacity of each arch; nan where there is no curve.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest. A capacity is nan
+    where there is no curve.
 
     Examples
     --------
@@ -144,16 +140,8 @@ def needs_records(entries: Sequence[ArchEntry]) -> bool:
 def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
     """Make the list of all arches that entries of a study file amount to.
 
-    Parameters
-    ----------
-    entries : sequence of ArchEntry
-    n_record : int, optional
-        Records of the study; needed where a class has `crossed: false`.
-
-    Raises
-    ------
-    StudyError
-        If a table or drawing cannot be used, two arches have the same id, or there are too many.
+    The number of records is needed where a class has `crossed: false`. StudyError if a table or
+    drawing cannot be used, two arches have the same id, or there are too many.
     """
     found: list[Member] = []
     seen: dict[str, str] = {}
@@ -205,18 +193,13 @@ def _drawn(base: Member, n_record: int | None, entry: ArchEntry) -> Iterator[Mem
 
 
 def read_table(entry: ArchEntry) -> list[Member]:
-    """Read the arches of a table; other keys of the entry hold for rows that do not give them.
-
-    Raises
-    ------
-    StudyError
-        With file, arch and column.
-    """
+    """Read the arches of a table; other keys of the entry hold for rows that do not give them."""
     path = Path(entry.table or "")
+    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
     try:
-        table = read_csv(read_text(path, LARGEST_TABLE, StudyError, "the table"))
+        table = read_csv(text)
     except InputError as error:
-        raise error if isinstance(error, StudyError) else StudyError(f"{path}: {error}") from None
+        raise StudyError(f"{path}: {error}") from None
     _check_columns(table, path)
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
     found = []
@@ -281,12 +264,7 @@ def check_buildable(given: Members) -> None:
 
 
 def check_standing(given: Members) -> None:
-    """See that all arches can exist and stand under their own weight.
-
-    Raises
-    ------
-    StudyError, StabilityError
-    """
+    """See that all arches can exist (or StudyError) and stand (or StabilityError)."""
     from archfrag.simulate import onset
 
     check_buildable(given)

@@ -116,13 +116,7 @@ def first_message(
 ) -> str:
     """Message about the first thing that is wrong: key, value and rule; all keys that are missing.
 
-    Parameters
-    ----------
-    error : ValidationError
-    given : object
-        What was validated.
-    written : callable, optional
-        How a list of keys and numbers is written.
+    `given` is what was validated; `written` tells how a list of keys and numbers is written.
     """
     found = [(_place(problem["loc"], given), problem) for problem in error.errors()]
     place, first = found[0]

@@ -62,12 +62,7 @@ class PreparedRecord:
 
 
 def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other, processed as it asks.
-
-    Raises
-    ------
-    StudyError, RecordError
-    """
+    """Read the motions of a study one after the other, processed as it asks."""
     taken: dict[str, Path] = {}
     select = study.motions.select
     for path, motion in _motions(study):
@@ -222,10 +217,6 @@ def prepare_motions(
     """Store the motions of a study, one file each, with a manifest.
 
     New motions count when the manifest is written, which is last; until then the old ones do.
-
-    Raises
-    ------
-    StudyError, RecordError, OutputError
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
@@ -303,13 +294,10 @@ def read_manifest(study: Study) -> dict[str, Any]:
 
 
 def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored, each as it was stored.
+    """Records that `prepare_motions` stored.
 
-    Raises
-    ------
-    InputError
-        If there are none yet, they are of other records or another measure, or a stored motion
-        is not the one that was prepared.
+    InputError if there are none yet, they are of other records or another measure, or a stored
+    motion is not the one that was prepared.
     """
     manifest, path = read_manifest(study), study.work / MANIFEST
     if manifest["key"] != motions_key(study):

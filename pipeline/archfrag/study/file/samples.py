@@ -19,30 +19,13 @@ _DIGITS = 4
 def draw(
     entry: ArchEntry, count: int, stream: tuple[int, ...] = ()
 ) -> list[tuple[ArchEntry, dict[str, float]]]:
-    """Draw arches for an entry with `vary`.
+    """Draw arches for an entry with `vary`: each arch, and the values of its keys that were drawn.
 
     Keys are drawn by the scheme of `vary` (`archfrag.arch.uncertain.sample`). What differs from
     joint to joint is drawn by plain random numbers, which are the same for the n-th sample of a
     seed whatever the number of samples: no design of a few points is even in as many coordinates
-    as there are joints, and an arch averages over its joints.
-
-    Parameters
-    ----------
-    entry : ArchEntry
-        Neither a drawing nor a table.
-    count : int
-    stream : tuple of int
-        Integers that distinguish its random numbers from those of other entries.
-
-    Returns
-    -------
-    list of (ArchEntry, dict)
-        Each arch, and the values of its keys that were drawn.
-
-    Raises
-    ------
-    InputError
-        If the id is too long, or a value is beyond what its key allows.
+    as there are joints, and an arch averages over its joints. `stream` distinguishes the numbers
+    of an entry from those of others. InputError if a value is beyond what its key allows.
     """
     from archfrag.arch.uncertain import sample
 

@@ -46,10 +46,8 @@ def needs_pairs(study: Study) -> bool:
 def find_sources(study: Study) -> list[Source]:
     """Find the record files of a study, in the order of its results.
 
-    Raises
-    ------
-    StudyError, RecordError
-        If a file or an id is missing, or a file is found twice with different settings.
+    StudyError or RecordError if a file or an id is missing, or a file is found twice with
+    different settings.
     """
     asked = study.motions
     rows = [] if asked.index is None else load_index(asked.index)
