@@ -65,7 +65,7 @@ class TestRows:
     [
         ("12,1.8", "12,1.8m", ", arch wide, column thickness = '1.8m' must be"),
         ("8.0,1.25", "8.0,", ", arch late, column thickness is missing"),
-        ("late,8.0", "old,8.0", ": two arches have the id 'old'"),
+        ("late,8.0", "old,8.0", ": 2 arches have the id 'old'"),
         ("late,8.0", "l te,8.0", ", arch l te, column id = l te must begin with"),
         (",south,1901", ",south,1901,x", ": is not a table in CSV (Error tokenizing data"),
         ("region", "vary", ": give vary in the study file, not in a column"),

@@ -81,7 +81,7 @@ class TestPlain:
             ("", "is not a table in CSV (No columns"),
             ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
             ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
-            ("strength,rate\n1,1\n", "has the columns 'strength, rate'; the header is `im [g]`"),
+            ("strength,rate\n1,1\n", "has 'strength' as its first of 2 columns; the header is `im [g]`"),
             ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
             ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "has a column 'rate.1'"),
             ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),

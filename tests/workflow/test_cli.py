@@ -16,6 +16,7 @@ import archfrag as af
 from archfrag.cli import main
 from archfrag.errors import STATUS_MESSAGE
 from archfrag.simulation.checks import method_names
+from archfrag.study.file import schema
 from archfrag.study.file.schema import Method, load_study
 from tests.study.small import TEXT, make_runs, small_study, write_at2
 
@@ -168,6 +169,15 @@ class TestValidate:
         code, message = refused("validate", path)
         assert code == 2
         assert message.startswith(f"{tmp_path}/records/\\xff.AT2: the name of the file is not in ")
+
+
+def test_a_study_file_is_parsed_once_a_command(tmp_path, monkeypatch):
+    path, parsed, parse = small_study(tmp_path), [], schema.parse_value
+    monkeypatch.setattr(schema, "parse_value", lambda *of: parsed.append(of[1]) or parse(*of))
+    for command in ("validate", "run", "report"):
+        assert call(command, path).exit_code == 0
+        assert parsed == [str(path)]
+        parsed.clear()
 
 
 class TestSteps:

@@ -330,12 +330,6 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished):
     moved.rename(path)
 
 
-def test_a_profile_of_snakemake_is_for_snakemake(tmp_path):
-    code, _, stderr = run(small_study(tmp_path), "--profile", tmp_path)
-    assert code == 2
-    assert f"--profile {tmp_path} --config study=" in stderr
-
-
 def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
     """The command of configs/own_records.yaml, from another folder."""
     folder = tmp_path / "a {b}\n'c'"

@@ -50,28 +50,20 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     click.option("--resume", is_flag=True,
                  help="Continue a stopped run; the command also does so without it."),
     cores_option,
-    click.option("--profile", type=PATH, hidden=True),
     click.option("--quiet", is_flag=True, help="Print errors only."),
 )  # fmt: skip
 def run(
-    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None,
-    profile: Path | None,
-) -> None:  # fmt: skip
+    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None
+) -> None:
     """Run a study, or continue it, from records to report.
 
     The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
     disk the same command continues.
     """
-    from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import Stopped, stoppable
-    from archfrag.study.starter import snakefile
     from archfrag.study.steps import Options, run_study
 
-    if profile is not None:
-        command = ["snakemake", "--snakefile", str(snakefile()), "--profile", str(profile)]
-        how = shlex.join([*command, "--config", f"study={study_file}"])
-        raise InputError(f"--profile is an option of Snakemake: {how}")
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
         with stoppable() as stop:

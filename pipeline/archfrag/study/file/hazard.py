@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.files import read_text
@@ -26,7 +25,7 @@ _EARTH = 6371.0  # [km]
 _LARGEST = 100_000_000  # [bytes] of a file
 _MEASURE_AND_UNIT = re.compile(r"([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?")
 _KIND = re.compile(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?")
-_HEADER_RULE = (
+_RULE = (
     "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then "
     "`rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), "
     "further ones as `rate_NAME` or `poe_50_NAME`"
@@ -209,35 +208,33 @@ def _number(text: str, place: str) -> float:
     raise InputError(f"{place} is {text[:40]!r}; it must be a finite number")
 
 
-def _table(text: str) -> pd.DataFrame:
-    """A table of numbers."""
-    texts = read_csv(text)
-    numbers = texts.apply(pd.to_numeric, errors="coerce").astype(float)
-    for row, column in np.argwhere(~np.isfinite(numbers.to_numpy()))[:1]:
-        where = f"row {row + 1} of column {texts.columns[column]!r}"
-        raise InputError(f"{where} is {texts.iat[row, column][:40]!r}; it must be a finite number")
-    return numbers
+def _columns(text: str) -> dict[str, list[float]]:
+    """Numbers of a table in CSV by column."""
+    rows = read_csv(text)
+    return {
+        name: [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
+        for name in (rows[0] if rows else ())
+    }
 
 
 def _plain(text: str) -> Iterator[_Stated]:
     """Columns intensity and rates or probabilities."""
-    table = _table(text)
-    first, *others = table.columns
+    (first, im), *others = _columns(text).items() or [("", [])]
     stated = _MEASURE_AND_UNIT.fullmatch(first)
     name = stated[1] if stated else ""
     known = name == "im"
     with contextlib.suppress(InputError):
         known = known or bool(parse_measure(name))
     if stated is None or not known or not others:
-        raise InputError(f"has the columns {', '.join(table.columns)[:60]!r}; {_HEADER_RULE}")
-    for head in others:
+        raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
+    for head, values in others:
         kind = _KIND.fullmatch(head)
         if kind is None:
-            raise InputError(f"has a column {head[:60]!r}; {_HEADER_RULE}")
+            raise InputError(f"has a column {head[:60]!r}; {_RULE}")
         years = _number(kind[2], f"the years of column {head!r}") if kind[2] else None
-        site = {f"column {head!r}": (np.nan, np.nan, table[head].tolist())}
+        site = {f"column {head!r}": (np.nan, np.nan, values)}
         measure = None if name == "im" else name
-        yield _Stated(kind[3] or "mean", measure, stated[2], years, table[first].tolist(), site)
+        yield _Stated(kind[3] or "mean", measure, stated[2], years, im, site)
 
 
 def _openquake_csv(text: str) -> Iterator[_Stated]:
@@ -247,12 +244,13 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
     if not about.startswith("#") or not {"imt", "investigation_time"} <= stated.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    table = _table(text)
-    levels = [head for head in table if head.startswith("poe-")]
-    if not {"lon", "lat"} <= set(table) or len(levels) < 2:
+    columns = _columns(text)
+    levels = [head for head in columns if head.startswith("poe-")]
+    if not {"lon", "lat"} <= columns.keys() or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
     im = [_number(head[4:], f"the level of column {head!r}") for head in levels]
-    rows = zip(table["lon"], table["lat"], table[levels].to_numpy().tolist())
+    values = zip(*(columns[head] for head in levels))
+    rows = zip(columns["lon"], columns["lat"], map(list, values))
     sites = {f"row {number}": row for number, row in enumerate(rows, start=1)}
     years = _number(stated["investigation_time"], "investigation_time")
     yield _engine(stated.get("kind", "one branch"), stated["imt"], years, im, sites)

@@ -3,6 +3,7 @@
 import hashlib
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -197,13 +198,13 @@ def read_table(entry: ArchEntry) -> list[Member]:
     path = Path(entry.table or "")
     text = read_text(path, LARGEST_TABLE, StudyError, "the table")
     try:
-        table = read_csv(text)
+        rows = read_csv(text)
     except InputError as error:
         raise StudyError(f"{path}: {error}") from None
-    _check_columns(table, path)
+    _check_table(rows, path)
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
     found = []
-    for cells in table.to_dict("records"):
+    for cells in rows:
         place = f"{path}, arch {cells['id']}"
         own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
                if key in COLUMNS and key != "id" and text}  # fmt: skip
@@ -222,20 +223,21 @@ def read_table(entry: ArchEntry) -> list[Member]:
     return found
 
 
-def _check_columns(table: pd.DataFrame, path: Path) -> None:
-    """See that a table has ids that differ, and no column that is nearly a key."""
-    if "id" not in table:
-        raise StudyError(f"{path}: a column id is missing; commas must be between columns")
-    if not 1 <= len(table) <= MOST_ROWS:
-        raise StudyError(f"{path}: has {len(table)} arches; it must have 1 to {MOST_ROWS}")
-    if twice := table.loc[table["id"].duplicated(), "id"].tolist():
-        raise StudyError(f"{path}: two arches have the id {twice[0]!r}")
-    for name in table:
+def _check_table(rows: list[dict[str, str]], path: Path) -> None:
+    """See that the arches of a table have ids that differ, and no column is nearly a key."""
+    if not 1 <= len(rows) <= MOST_ROWS:
+        raise StudyError(f"{path}: has {len(rows)} arches; it must have 1 to {MOST_ROWS}")
+    for name in rows[0]:
         if name in ("vary", "recess"):
             raise StudyError(f"{path}: give {name} in the study file, not in a column")
         if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
             rule = "give an attribute a name less like it"
             raise StudyError(f"{path}: column {name} is not a key of an arch; {hint} ({rule})")
+    if "id" not in rows[0]:
+        raise StudyError(f"{path}: a column id is missing; commas must be between columns")
+    name, count = Counter(row["id"] for row in rows).most_common(1)[0]
+    if count > 1:
+        raise StudyError(f"{path}: {count} arches have the id {name!r}")
 
 
 def _value(text: str, place: str) -> Any:

@@ -195,8 +195,8 @@ def parse_value(text: str, place: str) -> Any:
         raise StudyError(f"{place}: is not valid YAML ({why})") from error
 
 
-def read_csv(text: str) -> pd.DataFrame:
-    """A table in CSV, all cells as text; lines that begin with # are comments.
+def read_csv(text: str) -> list[dict[str, str]]:
+    """Rows of a table in CSV by column; lines that begin with # are comments.
 
     `InputError` if it is none.
     """
@@ -207,4 +207,5 @@ def read_csv(text: str) -> pd.DataFrame:
             raise pd.errors.ParserError("its rows have more cells than its first line")
     except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
         raise InputError(f"is not a table in CSV ({' '.join(str(error).split())})") from None
-    return table.fillna("").rename(columns=str.strip).apply(lambda column: column.str.strip())
+    rows = table.fillna("").to_dict("records")
+    return [{str(key).strip(): cell.strip() for key, cell in row.items()} for row in rows]

@@ -157,7 +157,6 @@ def described(steps: Sequence[Step]) -> list[dict[str, Any]]:
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
     """Do one step to a motion."""
     from archfrag.motions import process
-    from archfrag.motions.calibrate import remove_response
 
     settings = step.settings
     if step.name == "choose":
@@ -166,6 +165,8 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
     if step.name == "trim":
         changed = _trimmed(motion, **settings)
     elif step.name == "response":
+        from archfrag.motions.calibrate import remove_response
+
         changed = remove_response(motion, record, inventory, **settings)
     else:
         changed = getattr(process, step.name)(motion, **settings)

@@ -179,7 +179,8 @@ def _with_partners(
                 files[kind] = row.path
             elif wanted and source.path.name in names:
                 files[kind] = source.path.with_name(names[source.path.name])
-        found.append(replace(source, **files))
+        pair = files.get("transverse"), files.get("vertical")
+        found.append(replace(source, transverse=pair[0], vertical=pair[1]))
     return found
 
 
