@@ -21,15 +21,15 @@ MANY = "".join(
 BAD = [
     (old, f"{key}: {value}", key)
     for key, old in (("radius", RING), ("dt", "dt: 2.0e-3"))
-    for value in ("abc", ".nan", ".inf", "-1", "1e300", "[1]", "{a: 1}", "'1'", "9" * 5000, "1:30")
+    for value in ("abc", ".nan", ".inf", "-1", "1e300", "[1]", "{a: 1}", "'1'", "'1:30'")
 ]
 BAD += [
     # YAML.
-    ("title: A small study", "title: !!int abc", "is no YAML"),
+    ("title: A small study", "title: !!int abc", "is not valid YAML"),
     ("title: A small study", "title: !!python/object/apply:os.system [ls]", "line 2: could not"),
     ("title: A small study", r'title: "a\0b"', "line 2: text must hold no control characters"),
     ("title: A small study", "title: a\0b", "special characters are not allowed"),
-    ("title: A small study", "title:\n" + "- " * 2000 + "a", "is no YAML"),
+    ("title: A small study", "title:\n" + "- " * 2000 + "a", "is not valid YAML"),
     ("title: A small study", "title: &a [*a]", "title = "),
     ("title: A small study", "id: other", "line 2: the key id is given twice"),
     (None, "? [a, b]\n: 3\n", "line 1: found unhashable key"),
@@ -38,11 +38,11 @@ BAD += [
     (None, "# long\n" * 72_000, "bytes; at most 500000 are allowed"),
     # Names and keys.
     ("title: A small study", "title: ''", "title = "),
-    ("dt: 2.0e-3", "colour: 1", "method.colour is no known key; allowed are name, dt, rtol"),
-    ("dt: 2.0e-3", "folow: 1", "method.folow is no known key; did you mean follow?"),
+    ("dt: 2.0e-3", "colour: 1", "method.colour is not a known key; allowed are name, dt, rtol"),
+    ("dt: 2.0e-3", "folow: 1", "method.folow is not a known key; did you mean follow?"),
     ("id: small", "id: a/b", "id = a/b must begin with a letter or a digit"),
-    ("id: slab", "id: ring", "arches[1] (ring): an arch has the id 'ring', which"),
-    ("output: out", "output: ~nosuchuser/x", "of a user that there is not"),
+    ("id: slab", "id: ring", "arches[1] (ring): the id 'ring' already belongs to"),
+    ("output: out", "output: ~nosuchuser/x", "of a user who does not exist"),
     ("output: out", "output: small.yaml/out", "small.yaml/out: "),
     # Arches.
     ("  - {id: slab", "  - []\n  - {id: slab", "arches[1] = [] must be a mapping"),
@@ -50,7 +50,7 @@ BAD += [
     ("profile: block", "profile: blok", "arches[1].profile = blok must be 'circular', 'segm"),
     ("profile: block, ", "", "arches[1].profile is missing"),
     (f"{RING}, thickness: 1.5, ", "", "arches[0].radius, arches[0].thickness are missing"),
-    (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is no known key; allowed are id, profile"),
+    (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are id, profile"),
     ("voussoirs: 7", "voussoirs: 1000000000", "an integer from 2 to 2000"),
     ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be a valid integer"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
@@ -59,19 +59,19 @@ BAD += [
     (BLOCK, "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
      "intrados[0] = [0, 1, 2] must have at most 2"),
     # Motions.
-    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic is gone; make the motions"),
+    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic no longer exists; make"),
     (FILES, "[]", "must have a key index or files"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     (f"files: {FILES}", f"files: {FILES}\n  processing: [response]", "has no StationXML"),
-    (f"files: {FILES}", f"files: {FILES}\n  processing: [smooth]", "smooth is no known step"),
+    (f"files: {FILES}", f"files: {FILES}\n  processing: [smooth]", "smooth is not a known step"),
     # Intensity.
     ("unit: g", "unit: cm/s", "intensity.unit = cm/s must be one of g, m/s2"),
     ("measure: PGA", "measure: Sa(1e9)", "must have periods from 0.01 to 20 s"),
     ("measure: PGA", "measure: AvgSA(2.0,0.5)", "needs its shorter period first"),
     ("measure: PGA", "measure: pga", "did you mean PGA?"),
-    ("measure: PGA", "measure: D5_95", "to which no motion can be scaled"),
+    ("measure: PGA", "measure: D5_95", "no motion can be scaled to it"),
     ("[0.1, 0.6, 1.2]", "[.nan]", "intensity.levels[0] = nan must be a finite number"),
     ("[0.1, 0.6, 1.2]", "[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
     ("[0.1, 0.6, 1.2]", "[1, 1]", "must increase, but 1 follows 1"),
@@ -112,11 +112,10 @@ def test_bad_study_is_refused_by_a_line_that_names_the_fault(folder, number):
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("title: A small study", f"title: {t}") for t in ("2020-13-45", "yes", "1:30", "1_000")]
-    + [("friction: 0.7", f"friction: {f}") for f in ("inf", "[1, inf, 1, 1, 1, 1, 1, .inf]")]
-    + [(RING, "radius: 1.e+1")],
+    [("friction: 0.7", f"friction: {f}") for f in ("inf", "[1, inf, 1, 1, 1, 1, 1, .inf]")]
+    + [(RING, f"radius: {radius}") for radius in ("1e1", "1.e+1", ".1e2")],
 )
-def test_what_yaml_1_1_would_have_converted_is_text_and_inf_is_a_number(folder, old, new):
+def test_numbers_as_people_write_them(folder, old, new):
     assert check(folder, TEXT.replace(old, new).encode())[0] == 0
 
 
@@ -198,8 +197,8 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, kind):
         ("a." * 3000 + "a=1", "must be key=value"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),
-        (f"title={'[' * 3000}", "--set title: is no YAML"),
-        ("output=~nosuchuser/x", "of a user that there is not"),
+        (f"title={'[' * 3000}", "--set title: is not valid YAML"),
+        ("output=~nosuchuser/x", "of a user who does not exist"),
     ],
 )
 def test_bad_override_is_refused(folder, override, part):

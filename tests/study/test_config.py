@@ -99,8 +99,6 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path):
     ],
 )
 def test_what_a_mistaken_unit_gives_is_a_caution(tmp_path, old, new, part):
-    assert not check_study(load_study(small_study(tmp_path))).cautions
-    cautions = check_study(load_study(small_study(tmp_path, TEXT.replace(old, new)))).cautions
-    assert any(text.startswith("ring: ") and part in text for text in cautions)
-
-
+    assert not check_study(load_study(small_study(tmp_path)))["cautions"]
+    found = check_study(load_study(small_study(tmp_path, TEXT.replace(old, new))))
+    assert any(text.startswith("ring: ") and part in text for text in found["cautions"])

@@ -1,4 +1,4 @@
-"""Tables of arches: rows become arches, mistakes one message with file, line and column."""
+"""Tables of arches: rows become arches, mistakes one message with file, arch and column."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ DEFAULTS = {
     "id": "fleet", "profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7,
 }  # fmt: skip
 TABLE = """\
+# From a survey.
 id,radius,thickness,friction,region,built
 old,10.0,1.5,0.6,north,1880
 wide,12,1.8,,south,1901
@@ -22,20 +23,22 @@ late,8.0,1.25,inf,north,
 def fleet(folder, text=TABLE, **changed):
     path = folder / "fleet.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    given = {**DEFAULTS, "table": str(path), **changed}
-    given = {key: value for key, value in given.items() if value is not None}
-    return ArchEntry.model_validate(given)
+    return ArchEntry.model_validate({**DEFAULTS, "table": str(path), **changed})
 
 
 class TestRows:
     def test_cells_are_keys_and_the_entry_fills_the_others(self, tmp_path):
-        found = expand([fleet(tmp_path)])
+        entry = fleet(tmp_path)
+        found = expand([entry])
         assert found.ids == ["old", "wide", "late"]
         assert found.classes == ["fleet"] * 3
         assert [arch.friction for arch in found.entries] == [0.6, 0.7, np.inf]
         assert [arch.radius for arch in found.entries] == [10.0, 12.0, 8.0]
         assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
+        assert found.attributes()["built"] == ["1880", "1901", ""]
         assert found.meets(2).all()
+        fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))  # which is read again
+        assert expand([entry]).entries[0].radius == 10.25
 
     def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
@@ -43,11 +46,8 @@ class TestRows:
         assert (arch.voussoirs, arch.friction) == (2, [0.5, 0.6, 0.7])
 
     def test_rows_may_vary_each_on_its_own(self, tmp_path):
-        vary = {
-            "samples": 4,
-            "of": {"thickness": {"distribution": "normal", "mean": 1.0, "cov": 0.05,
-                                 "relative": True}},
-        }  # fmt: skip
+        normal = {"distribution": "normal", "mean": 1.0, "cov": 0.05, "relative": True}
+        vary = {"samples": 4, "of": {"thickness": normal}}
         found = expand([fleet(tmp_path, vary=vary)])
         assert len(found) == 12
         assert found.ids[:2] == ["old-0001", "old-0002"]
@@ -55,34 +55,24 @@ class TestRows:
         np.testing.assert_array_equal(thickness, found.parameters()["thickness"])
         factors = thickness.reshape(3, 4) / [[1.5], [1.8], [1.25]]
         assert np.abs(factors[0] - factors[1]).min() > 1e-6
-        # Whatever other rows there are.
-        alone = expand([fleet(tmp_path, "".join(TABLE.splitlines(True)[i] for i in (0, 2)),
-                              vary=vary)])  # fmt: skip
-        assert [a.thickness for a in alone.entries] == thickness[4:8].tolist()
-
-    def test_an_edited_table_is_read_again(self, tmp_path):
-        entry = fleet(tmp_path)
-        assert expand([entry]).entries[0].radius == 10.0
-        fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))
-        assert expand([entry]).entries[0].radius == 10.25
+        alone = "".join(TABLE.splitlines(True)[i] for i in (1, 3))  # whatever other rows there are
+        found = expand([fleet(tmp_path, alone, vary=vary)])
+        assert [arch.thickness for arch in found.entries] == thickness[4:8].tolist()
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("12,1.8", "12,1.8m", ", line 3, column thickness = '1.8m' must be"),
-        ("8.0,1.25", "8.0,", ", line 5, column thickness is missing"),
-        ("late,8.0", "old,8.0", ", line 5, column id: 'old' is the id of line 2 too"),
-        ("late,8.0", "l te,8.0", ", line 5, column id = l te must begin with"),
-        (",south,1901", ",south", ", line 3: must have 6 cells"),
-        ("built", "region", ", line 1: a column is there twice"),
-        ("region", "", ", line 1: each column must have a name"),
-        ("region", "vary", ", line 1: vary and recess must be given in the study file"),
-        ("region", "Thicknes", ", line 1: column Thicknes is no key of an arch; did you mean"),
-        ("id,", "name,", ", line 1: a column id is missing"),
-        (TABLE, TABLE.replace(",", ";"), ", line 1: a column id is missing; commas"),
-        ("0.6,north", '"[0.6, x]",north', ", line 2, column friction[1] = 'x' must be"),
-        ("id,radius", "id,span", ", line 2, column span is no known key; allowed are "),
+        ("12,1.8", "12,1.8m", ", arch wide, column thickness = '1.8m' must be"),
+        ("8.0,1.25", "8.0,", ", arch late, column thickness is missing"),
+        ("late,8.0", "old,8.0", ": 2 arches have the id 'old'"),
+        ("late,8.0", "l te,8.0", ", arch l te, column id = l te must begin with"),
+        (",south,1901", ",south,1901,x", ": is not a table in CSV (Error tokenizing data"),
+        ("region", "vary", ": give vary in the study file, not in a column"),
+        ("region", "Thicknes", ": column Thicknes is not a key of an arch; did you mean"),
+        (TABLE, TABLE.replace(",", ";"), ": a column id is missing; commas"),
+        ("0.6,north", '"[0.6, x]",north', ", arch old, column friction[1] = 'x' must be"),
+        ("id,radius", "id,span", ", arch old, column span is not a known key; allowed are "),
         (TABLE, "id,radius\n", ": has 0 arches"),
     ],
 )

@@ -78,15 +78,15 @@ class TestPlain:
     @pytest.mark.parametrize(
         ("text", "part"),
         [
-            ("", "is empty"),
+            ("", "is not a table in CSV (No columns"),
             ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
             ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
-            ("strength,rate\n1,1\n", "has 'strength' as its first column"),
+            ("strength,rate\n1,1\n", "has 'strength' as its first of 2 columns; the header is `im [g]`"),
             ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
-            ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "the curve 'mean', which was there"),
+            ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "has a column 'rate.1'"),
             ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),
-            ("PGA [g],rate\n0.1,much\n", "line 2, column 'rate' is 'much'"),
-            ("PGA [g],rate\n0.1\n", "line 2 has 1 columns, the header 2"),
+            ("PGA [g],rate\n0.1,much\n", "row 1 of column 'rate' is 'much'"),
+            ("PGA [g],rate\n0.1\n", "row 1 of column 'rate' is ''"),
             ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", "rises from 0.001 to 0.01 at im = 0.2"),
         ],
     )
@@ -106,6 +106,7 @@ class TestOpenQuakeCsv:
 
     def test_mean_comes_first_and_quantiles_follow(self, write):
         files = [write(openquake("quantile-0.84", p="2.000000E-01"), "q"), write(openquake(), "m")]
+        assert "'mean', and so has a file before it" in refusal(2 * files[1:], site=(13.4, 42.3))
         found = load_hazard(files, "PGA", site=(13.4, 42.3))
         assert list(found.curves) == ["mean", "quantile-0.84"]
         assert found.curves["quantile-0.84"].rate[1] > found.main.rate[1]
@@ -122,8 +123,8 @@ class TestOpenQuakeCsv:
             ({}, {"site": (42.3, 113.4)}, "longitude comes first"),
             ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),
             ({"imt": "SA(0.3)"}, {"site": (13.4, 42.3)}, "hazard of Sa(0.3), but the study's"),
-            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "line 3 (lon 13.4, lat 42.3): the hazard"),
-            ({"p": "x"}, {"site": (13.4, 42.3)}, "a probability of line 3 is 'x'"),
+            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "row 1 (lon 13.4, lat 42.3): the hazard"),
+            ({"p": "x"}, {"site": (13.4, 42.3)}, "row 1 of column 'poe-0.1000000' is 'x'"),
         ],
     )
     def test_refusals(self, write, changes, options, part):
@@ -143,7 +144,7 @@ class TestNrml:
     @pytest.mark.parametrize(
         ("text", "part"),
         [
-            ("<nrml><hazardCurves", "is no XML"),
+            ("<nrml><hazardCurves", "is not XML"),
             ("<nrml><other/></nrml>", "no element hazardCurves"),
             ('<!DOCTYPE a [<!ENTITY b "c">]><nrml/>', "declares a document type"),
             ('<nrml><hazardCurves IMT="PGA"/></nrml>', "investigationTime is ''"),

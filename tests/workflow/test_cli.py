@@ -1,7 +1,9 @@
 """The command: quick to answer, one message and an exit code for what is wrong."""
 
+import inspect
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -10,8 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import archfrag as af
 from archfrag.cli import main
-from archfrag.study.file.schema import load_study
+from archfrag.errors import STATUS_MESSAGE
+from archfrag.simulation.checks import method_names
+from archfrag.study.file import schema
+from archfrag.study.file.schema import Method, load_study
 from tests.study.small import TEXT, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
@@ -84,7 +90,7 @@ class TestOnset:
         path = small_study(tmp_path)
         text = call("onset", "--study", path, "--arch", "slab").output
         assert "moves from 0.2000 g: joint 0" in text
-        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is none")):
+        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is no such arch")):
             message = f"{path}: --arch {wrong}; the study has ring, slab"
             assert refused("onset", "--study", path, *more) == (2, message)
 
@@ -102,25 +108,29 @@ class TestSimulate:
         return write_at2(tmp_path / "wave.AT2", 0.3 * np.sin(8.0 * time), 0.01)
 
     def test_scaled_to_a_peak(self, record):
-        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json")
+        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json", "--mechanism")
         facts = json.loads(result.output)
         assert facts["status"] == "standing"
         assert facts["scale"] == pytest.approx(0.2 / 0.3, rel=1e-3)
         assert facts["collapse_time"] is None
         assert facts["peak_displacement"] == 0.0
+        first = facts["mechanism"][0]
+        assert set(first) == {"time", "until", "cause", "joint", "model", "joints"}
         text = call("simulate", *ARCH, record, "--pga", "0.2").output
         assert text.startswith("standing: the arch came to rest")
 
     def test_unusable_input(self, record, tmp_path):
-        lost = tmp_path / "lost.AT2"
-        thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
-        for given, wanted, part in (
-            ([*ARCH, lost], 2, str(lost)),
-            ([*thin, record], 3, "does not stand under its own weight"),
-        ):
-            code, message = refused("simulate", *given)
-            assert code == wanted
-            assert part in message
+        lost, thin = tmp_path / "lost.AT2", [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
+        code, message = refused("simulate", *ARCH, lost)
+        assert (code, str(lost) in message) == (2, True)
+        assert refused("simulate", *thin, record)[0] == 3
+
+    def test_what_a_status_advises_can_be_given(self):
+        """Options of the command, keys of a study, arguments of the function, or methods."""
+        known = {option.name for option in main.commands["simulate"].params}
+        known &= {"method", *Method.model_fields} & set(inspect.signature(af.simulate).parameters)
+        advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_MESSAGE.values())))
+        assert {"dt", "follow"} <= advised <= known | set(method_names())
 
 
 class TestValidate:
@@ -161,6 +171,15 @@ class TestValidate:
         assert message.startswith(f"{tmp_path}/records/\\xff.AT2: the name of the file is not in ")
 
 
+def test_a_study_file_is_parsed_once_a_command(tmp_path, monkeypatch):
+    path, parsed, parse = small_study(tmp_path), [], schema.parse_value
+    monkeypatch.setattr(schema, "parse_value", lambda *of: parsed.append(of[1]) or parse(*of))
+    for command in ("validate", "run", "report"):
+        assert call(command, path).exit_code == 0
+        assert parsed == [str(path)]
+        parsed.clear()
+
+
 class TestSteps:
     def test_steps_by_hand_in_order(self, tmp_path):
         path, out = small_study(tmp_path), tmp_path / "out"
@@ -185,8 +204,7 @@ class TestSteps:
 
     def a_damaged_cube_is_refused_and_made_again(self, path, out):
         full = (out / "cube.nc").read_bytes()
-        middle = len(full) // 2
-        for damaged in (b"", full[:middle], full[:100]):
+        for damaged in (b"", full[: len(full) // 2], full[:100]):
             (out / "cube.nc").write_bytes(damaged)
             code, message = refused("fit", path)
             assert code == 2
@@ -199,20 +217,18 @@ class TestSteps:
         assert call("cube", path).exit_code == 0
 
     def what_is_not_of_the_study_goes(self, path, out):
+        """But no run: the study may go back."""
         (out / "curve-mine.svg").write_text("drawn by hand")
         parts = set(out.glob(".archfrag/parts/*/*.npy"))
-        path.write_text(path.read_text().replace("id: slab", "id: plate"))
-        path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
+        text = path.read_text().replace("id: slab", "id: plate")
+        path.write_text(text.replace("height: 2.0", "height: 2.5"))
         make_runs(load_study(path))
-        assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
-        # The study may go back: nothing of it is removed unasked.
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
-        assert len(list(out.glob(".archfrag/parts/*/plan-*.json"))) == 2
 
     @pytest.mark.parametrize(
         ("error", "message"),

@@ -9,7 +9,6 @@ from click.testing import CliRunner
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.cli import main
-from archfrag.errors import RecordError
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
 from tests.motions.fdsn_server import EVENT, data_centre
@@ -101,11 +100,6 @@ class TestInspect:
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
         lost, odd = tmp_path / "lost.AT2", tmp_path / "odd.bin"
-        complete = at2.read_text().rstrip()
-        (tmp_path / "cut.AT2").write_text(f"{complete[:-20]} .3001400E")
-        assert refused("convert", tmp_path / "cut.AT2", "--out", tmp_path).endswith(
-            "seems to be cut off there"
-        )
         odd.write_bytes(b"\1\2\3")
         result = call("inspect", lost, at2, odd)
         assert result.exit_code == 2
@@ -113,8 +107,8 @@ class TestInspect:
         first, second = result.stderr.splitlines()
         assert first == f"archfrag: error: {lost}: there is no such file"
         assert second.startswith(f"archfrag: error: {odd}: the format is not recognised")
-        result = call("inspect", lost, at2, "--json")
-        assert [sorted(entry)[0] for entry in json.loads(result.stdout)] == ["error", "channels"]
+        found = json.loads(call("inspect", lost, at2, "--json").stdout)
+        assert ["error" in entry for entry in found] == [True, False]
 
     def test_figure(self, at2, three, tmp_path):
         figure = tmp_path / "figure.svg"
@@ -140,20 +134,15 @@ class TestConvert:
             assert np.allclose(new.vertical, old.vertical, rtol=3e-16, atol=0.0)
             assert new.metadata["start_time"] == old.metadata["start_time"]
 
-    def test_at2_holds_the_digits_of_its_columns(self, three, at2, tmp_path):
-        out, again = tmp_path / "o", tmp_path / "again"
+    def test_at2_holds_the_digits_of_its_columns_and_an_index_lists_what_was_done(
+        self, three, at2, tmp_path
+    ):
+        out = tmp_path / "o"
         done("convert", three, "--unit", "m/s2", "--to", "at2", "--in", "g", "--out", out)
-        assert sorted(path.name for path in out.iterdir()) == [
-            "index.csv", "three.HNE.AT2", "three.HNN.AT2", "three.HNZ.AT2"
-        ]  # fmt: skip
-        path = out / "three.HNN.AT2"
-        old, new = read_motions(three, unit="m/s2")[1], read_motion(path)
+        done("convert", at2, "--out", out)
+        old, new = read_motions(three, unit="m/s2")[1], read_motion(out / "three.HNN.AT2")
         assert np.allclose(new.acceleration, old.acceleration, rtol=5.1e-8, atol=0.0)
         assert (new.dt, new.metadata["component"]) == (0.005, "HNN")
-        done("convert", path, "--to", "at2", "--in", "g", "--out", again)
-        samples = [file.read_text().splitlines()[2:] for file in (path, again / "three.HNN.AT2")]
-        assert samples[0] == samples[1]
-        done("convert", at2, "--out", out)
         entries = {entry.id: entry for entry in load_index(out)}
         assert sorted(entries) == ["record", "three.HNE", "three.HNN"]
         assert entries["record"].metadata["source"] == "record.AT2"
@@ -227,17 +216,13 @@ class TestMake:
             2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        entries = load_index(tmp_path / "a")
         made = [recipe.make() for recipe in plan_motions(wanted)]
-        for entry, motion in zip(entries, made, strict=True):
+        for entry, motion in zip(load_index(tmp_path / "a"), made, strict=True):
             read = load_motion(entry)
             assert np.array_equal(read.acceleration, motion.acceleration)
             assert np.array_equal(read.vertical, motion.vertical)
-            seeds = ("seed", "event_seed", "site_seed")
-            assert [entry.metadata[s] for s in seeds] == [motion.metadata[s] for s in seeds]
-        pulses = ["pulse_period_s" in motion.metadata for motion in made]
-        assert [entry.metadata["pulse"] for entry in entries] == [str(each) for each in pulses]
-        assert len(set(pulses)) == 2
+            for key in ("seed", "event_seed", "site_seed"):
+                assert entry.metadata[key] == motion.metadata[key]
 
     def test_the_shipped_ones(self, tmp_path):
         text = done("make", "--out", tmp_path).stdout
@@ -250,7 +235,7 @@ class TestMake:
             (["--vertical"], "--events, --magnitude, --distance-km are missing"),
             (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
-             "--distance-km 5,400: must be from 0 to 300"),
+             "--distance-km 5,400: must be numbers from 0 to 300"),
         ],
     )  # fmt: skip
     def test_what_is_refused(self, tmp_path, options, start):
@@ -293,16 +278,13 @@ class TestColumns:
         out, target = tmp_path / "flat.csv", tmp_path / "target.csv"
         row, other = facts("measure", text, at2, *self.KNOWN, "--out", out)
         assert (row["columns"], other["columns"]) == ("acceleration=2 time=1 skip=1", None)
-        (row,) = facts("measure", text, *self.KNOWN, "--out", out)
         target.write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
         found = tmp_path / "selected.csv"
-        done("select", out, "--target", target, "--count", "1", "--max-scale", "100",
-             "--out", found)  # fmt: skip
-        motion = load_motion(load_index(found)[0])
-        assert np.abs(motion.acceleration).max() == pytest.approx(row["PGA_g"] * G, rel=1e-4)
-        found.write_text(found.read_text().replace("time=1", "tim=1"))
-        with pytest.raises(RecordError, match=r"line 2: columns .*'tim=1' is not known"):
-            load_index(found)
+        asked = ("--target", target, "--count", "2", "--max-scale", "100", "--out", found)
+        done("select", out, *asked)
+        motions = {entry.id: load_motion(entry) for entry in load_index(found)}
+        peak = np.abs(motions["plain"].acceleration).max()
+        assert peak == pytest.approx(row["PGA_g"] * G, rel=1e-4)
 
 
 class TestMeasure:

@@ -90,12 +90,7 @@ class Folder:
         path.write_bytes(content.getvalue())
 
     def hidden_files(self):
-        for name in (
-            ".s.yaml.swp",
-            ".notes.csv.bak",
-            ".results.json.orig",
-            "sub/.thesis.html.old",
-        ):
+        for name in (".s.yaml.swp", ".notes.csv.bak", "sub/.thesis.html.old"):
             (self.out / name).parent.mkdir(exist_ok=True)
             (self.out / name).write_bytes(PRECIOUS)
 
@@ -103,19 +98,15 @@ class Folder:
         for step in ("motions", "cube", "fit", "report"):
             self.json(f"steps/{step}.json", files={name: "0" * 64})
 
-    def motions(self):
+    def motions(self, elsewhere=False):
         manifest = json.loads((self.work / MANIFEST).read_text())
         for record in manifest["records"]:
-            stored = self.work / record["file"]
-            self.pickled(stored)
+            stored = self.precious if elsewhere else self.work / record["file"]
+            if elsewhere:
+                record["file"] = os.path.relpath(stored, self.work)
+            else:
+                self.pickled(stored)
             record["prepared"] = sha256_of(stored)
-        self.json(MANIFEST, **manifest)
-
-    def elsewhere(self):
-        manifest = json.loads((self.work / MANIFEST).read_text())
-        for record in manifest["records"]:
-            record["file"] = os.path.relpath(self.precious, self.work)
-            record["prepared"] = sha256_of(self.precious)
         self.json(MANIFEST, **manifest)
 
     def parts(self):
@@ -137,11 +128,8 @@ ATTACKS = {
     "lock is a link": lambda f: f.link(".archfrag/lock"),
     "lock is a hard link": lambda f: f.link(".archfrag/lock", hard=True),
     "lock is a pipe": lambda f: f.pipe(".archfrag/lock"),
-    "lock is a folder": lambda f: f.folder(".archfrag/lock"),
     "hidden folder is a link": lambda f: f.link(".archfrag", f.user),
-    "logs is a link": lambda f: f.link(".archfrag/logs", f.user),
     "motions is a link": lambda f: f.link(".archfrag/motions", f.user / "motions"),
-    "parts is a link": lambda f: f.link(".archfrag/parts", f.user / "parts"),
     "parts of others is a link": lambda f: f.link(".archfrag/parts/0123456789ab",
                                                   f.user / "parts/0123456789ab"),
     "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
@@ -153,9 +141,8 @@ ATTACKS = {
     "run log no list": lambda f: f.text(".archfrag/run_log.json", '{"a": 1}'),
     "run log is a hard link": lambda f: f.link(".archfrag/run_log.json", hard=True),
     "owner is a pipe": lambda f: f.pipe(".archfrag/study.json"),
-    "owner too deep": lambda f: f.text(".archfrag/study.json", "[" * 100_000),
     "table of runs is a link": lambda f: f.link(".archfrag/runs/batch-0of1.csv"),
-    "manifest elsewhere": Folder.elsewhere,
+    "manifest elsewhere": lambda f: f.motions(elsewhere=True),
     "manifest too deep": lambda f: f.text(".archfrag/motions.json", "[" * 100_000),
     "motions with pickles": Folder.motions,
     "parts with pickles": Folder.parts,

@@ -1,32 +1,44 @@
 """The commands for one arch: `onset`, `draw` and `simulate`."""
 
 import functools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_record
 
+if TYPE_CHECKING:
+    from archfrag.arch import Arch
+    from archfrag.simulate import Onset, Response
+
+_SHOWN = 40  # entries of a log that fit a screen
+_NAMES = 12  # of arches, in a message
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 _TEXTS = {
-    "drawing": "take the blocks from a DXF file: closed polylines, and lines on the ground",
-    "layer": "of the drawing; the only one with polylines if not given",
-    "drawing_unit": "m, dm, cm, mm, in or ft; what the drawing states if not given",
+    "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
+    "layer": "Layer of the drawing; the only one with polylines if not given.",
+    "unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
 }
 _NUMBERS = {
-    "radius": "mid-thickness radius of a circular arch [m]",
-    "embrace": "angle between the springings [degrees]",
-    "span": "of the centre line [m]",
-    "rise": "of the centre line [m]",
-    "thickness": "of the ring [m]",
-    "width": "of a block [m]",
-    "height": "of a block [m]",
-    "density": "of the masonry [kg/m3]",
-    "depth": "across the plane [m]",
-    "thickness_factor": "of a drawing: its joints are longer by it",
+    "radius": "Mid-thickness radius of a circular arch [m].",
+    "embrace": "Angle between the springings [degrees].",
+    "span": "Span of the centre line [m].",
+    "rise": "Rise of the centre line [m].",
+    "thickness": "Thickness of the ring [m].",
+    "width": "Width of a block [m].",
+    "height": "Height of a block [m].",
+    "density": "Density of the masonry [kg/m3].",
+    "depth": "Width across the plane [m].",
+    "thickness_factor": "Factor on the ring thickness of the drawing.",
 }
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
 
 
 def _takes_arch(command: Callable) -> Callable:
@@ -34,25 +46,63 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ("profile", "voussoirs", "friction", "straight", *_TEXTS, *_NUMBERS)
+        names = ("profile", "voussoirs", "friction", "sector", *_NUMBERS)
         given = {name: options.pop(name) for name in names}
-        from archfrag.cli.facts import arch_by_numbers, arch_of_study
-
-        command(
-            arch_by_numbers(given) if study is None else arch_of_study(study, arch_id), **options
-        )
+        given |= {name: options.pop(f"drawn_{name}") for name in _TEXTS}
+        arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
+        command(arch, **options)
 
     return takes(
-        click.option("--study", type=PATH, metavar="STUDY", help="take the arch of a study file"),
-        click.option("--arch", "arch_id", metavar="ID", help="id of the arch in the study"),
+        click.option("--study", type=PATH, metavar="STUDY", help="Study file with the arch."),
+        click.option("--arch", "arch_id", metavar="ID", help="Id of the arch in the study."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
-        click.option("--voussoirs", type=int, help="number of voussoirs"),
-        click.option("--friction", type=float, help="Coulomb coefficient; inf allowed"),
-        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
-        *(click.option(f"--{name.replace('_', '-')}", type=kind, help=text)
-          for kind, texts in ((str, _TEXTS), (float, _NUMBERS)) for name, text in texts.items()),
+        click.option("--voussoirs", type=int, help="Number of voussoirs."),
+        click.option("--friction", type=float, help="Coulomb coefficient; inf is allowed."),
+        click.option("--straight", "sector", flag_value=False, default=None, type=bool,
+                     help="Use straight-sided voussoirs."),
+        *(click.option("--drawing-unit" if name == "unit" else _option(name), f"drawn_{name}",
+                       help=text) for name, text in _TEXTS.items()),
+        *(click.option(_option(name), type=float, help=text) for name, text in _NUMBERS.items()),
     )(wrapped)  # fmt: skip
+
+
+def _of_study(path: Path, name: str | None) -> "Arch":
+    """An arch of a study file; its only one if `name` is None."""
+    from archfrag.errors import StudyError
+    from archfrag.study.file.schema import load_study
+
+    # Of arches that each record has of its own, those of the first.
+    entries = {entry.id: entry for entry in load_study(path).members(n_record=1).entries}
+    if name is None and len(entries) == 1:
+        return next(iter(entries.values())).build()
+    if name not in entries:
+        wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
+        some, left = ", ".join(list(entries)[:_NAMES]), len(entries) - _NAMES
+        more = f" and {left} more" if left > 0 else ""
+        raise StudyError(f"{path}: {wrong}; the study has {some}{more}")
+    return entries[name].build()
+
+
+def _by_numbers(options: dict[str, Any]) -> "Arch":
+    """An arch from the options of the command line, None where not given."""
+    from pydantic import ValidationError
+
+    from archfrag.errors import InputError
+    from archfrag.study.file.arches import ArchEntry
+    from archfrag.study.file.messages import first_message
+
+    given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
+    what = f"--profile {given['profile']}"
+    if "drawing" in given:
+        del given["profile"]
+        what = "--drawing"
+    try:
+        return ArchEntry.model_validate(given).build()
+    except ValidationError as error:
+        how = "or take an arch of a study by --study STUDY --arch ID"
+        message = first_message(error, given, lambda parts: _option(str(parts[0])))
+        raise InputError(f"{what}: {message}; {how}") from error
 
 
 @click.command()
@@ -61,23 +111,24 @@ def _takes_arch(command: Callable) -> Callable:
 def onset(arch: Any, as_json: bool) -> None:
     """Find the ground acceleration that starts to move an arch.
 
-    A steady acceleration, with the mechanism in which the arch begins to move.
+    The acceleration is steady. The mechanism in which the arch begins to move is shown too.
     """
-    from archfrag.cli.facts import onset_facts, onset_text
     from archfrag.simulate import onset as find_onset
+    from archfrag.study.provenance import finite
 
     start = find_onset(arch)
-    show(onset_facts(start), onset_text(start), as_json)
+    names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
+    show(finite({name: getattr(start, name) for name in names}), onset_text(start), as_json)
 
 
 @click.command()
 @_takes_arch
 @click.option("--output", type=PATH, required=True, metavar="FILE", help="DXF file to write.")
-@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft")
+@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft.")
 def draw(arch: Any, output: Path, output_unit: str) -> None:
     """Draw an arch as DXF.
 
-    Blocks are closed polylines, what they stand on are lines.
+    Blocks are closed polylines; the ground is drawn as lines.
     """
     arch.to_dxf(output, output_unit)
     echo(f"drawing: {output}")
@@ -88,16 +139,16 @@ def draw(arch: Any, output: Path, output_unit: str) -> None:
 @click.argument("record", type=PATH)
 @takes_record
 @takes(
-    click.option("--component", help="horizontal component to take, e.g. E"),
+    click.option("--component", help="Horizontal component to use, e.g. E."),
     click.option("--scale", type=float, default=1.0, show_default=True,
-                 help="factor on the record"),
-    click.option("--pga", type=float, help="peak to scale the record to [g], instead of --scale"),
+                 help="Factor on the record."),
+    click.option("--pga", type=float, help="Peak to scale the record to [g], instead of --scale."),
     click.option("--method", default="auto", show_default=True),
-    click.option("--dt", type=float, help="time step [s]; the method's default if not given"),
-    click.option("--rtol", type=float, help="relative error; the method's default if not given"),
+    click.option("--dt", type=float, help="Time step [s]; the method's default if not given."),
+    click.option("--rtol", type=float, help="Relative error; the method's default if not given."),
     click.option("--follow", type=float, default=20.0, show_default=True,
-                 help="longest time to simulate after the record while the arch moves [s]"),
-    click.option("--mechanism", "history", is_flag=True, help="show how the mechanism changed"),
+                 help="Longest time to simulate after the record while the arch moves [s]."),
+    click.option("--mechanism", "history", is_flag=True, help="Show how the mechanism changed."),
     json_option,
 )  # fmt: skip
 def simulate(
@@ -105,7 +156,6 @@ def simulate(
 ) -> None:
     """Simulate one arch under one record, until it rests or collapses."""
     from archfrag.arch import STANDARD_GRAVITY
-    from archfrag.cli.facts import response_facts, response_text
     from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
     from archfrag.simulate import simulate as run_simulation
@@ -117,3 +167,72 @@ def simulate(
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
     show(response_facts(response, scale), response_text(response, scale), as_json)
+
+
+def onset_text(start: "Onset") -> str:
+    """Rest range and mechanisms in short lines."""
+    if not start.stands:
+        return "does not stand under its own weight"
+    lines = []
+    for sense, value, hinges, sliding in (
+        ("+x", start.plus, start.hinges, start.sliding),
+        ("-x", start.minus, start.hinges_minus, start.sliding_minus),
+    ):
+        parts = [f"joint {joint} {side}" for joint, side in hinges]
+        parts += [f"joint {joint} slides" for joint in sliding]
+        how = f": {', '.join(parts)}" if parts else ""
+        moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
+        lines.append(f"ground towards {sense}: {moves}{how}")
+    return "\n".join(lines)
+
+
+def response_facts(response: "Response", scale: float) -> dict[str, Any]:
+    """What one run did, ready for JSON."""
+    from archfrag.study.provenance import finite
+
+    names = (
+        "collapsed", "collapse_time", "collapse_joint", "collapse_mode", "peak_rotation",
+        "peak_displacement", "events", "model_time", "energy_error", "energy", "end_time",
+        "work", "steps", "fallbacks", "residual", "method", "wall_time",
+    )  # fmt: skip
+    facts = {name: getattr(response, name) for name in names}
+    if response.mechanism is not None:
+        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+    return finite({"status": response.status.name.lower(), "scale": scale, **facts}, None)
+
+
+def response_text(response: "Response", scale: float) -> str:
+    """What one run did in short lines."""
+    from archfrag.errors import STATUS_MESSAGE
+    from archfrag.simulation.response import summary
+
+    lines = [f"{response.status.name.lower()}: {STATUS_MESSAGE[response.status]}"]
+    if response.collapsed:
+        lines.append(
+            f"collapse at {response.collapse_time:.3f} s by {response.collapse_mode} at joint "
+            f"{response.collapse_joint}"
+        )
+    lines += [
+        f"scale {scale:.6g}, end at {response.end_time:.3f} s",
+        f"peak rotation {response.peak_rotation:.4g} rad, peak displacement "
+        f"{response.peak_displacement:.4g} m",
+        f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
+        f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
+        f"simulated time: {_listed(response.model_time, ' {:.3f} s')}",
+        f"events: {_listed(response.events)}",
+        f"work: {_listed(response.work)}",
+    ]
+    if response.mechanism is not None:
+        left = len(response.mechanism) - _SHOWN
+        lines += [summary(response.mechanism)]
+        lines += [f"  {change}" for change in response.mechanism[:_SHOWN]]
+        lines += [f"  ... and {left} more entries"] if left > 0 else []
+    return "\n".join(lines)
+
+
+def _listed(values: Mapping[str, float], form: str = " {}") -> str:
+    """Values that are not zero."""
+    shown = [
+        name.replace("_", " ") + form.format(value) for name, value in values.items() if value
+    ]
+    return ", ".join(shown) or "none"

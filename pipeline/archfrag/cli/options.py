@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 PATH = click.Path(path_type=Path)
-FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
 
 
 def takes(*options: Callable) -> Callable:
@@ -46,13 +45,13 @@ takes_study = takes(
                  "paths are relative to the current folder. Repeatable."),
 )  # fmt: skip
 takes_format = takes(
-    click.option("--unit", help="unit of the samples if the file does not state it"),
+    click.option("--unit", help="Unit of the samples if the file does not state it."),
     click.option("--inventory", type=PATH,
-                 help="StationXML of a record in counts, if not NAME.xml in its folder"),
+                 help="StationXML of a record in counts, if it is not NAME.xml in its folder."),
     click.option("--columns", callback=_columns, metavar="KEY=N,...",
-                 help="columns of plain text files: time=1,acceleration=2, or "
+                 help="Columns of plain text files: time=1,acceleration=2, or "
                  "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
-                 "vertical=COLUMN and skip=LINES"),
+                 "vertical=COLUMN and skip=LINES."),
 )  # fmt: skip
 takes_record = takes(
     takes_format,

@@ -21,7 +21,6 @@ from archfrag.study.provenance import available_cores, finite
 if TYPE_CHECKING:
     import pandas as pd
 
-    from archfrag.motions.motion import Motion
     from archfrag.motions.selection import Selection, Target
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"
@@ -56,16 +55,6 @@ def inspection_text(found: dict[str, Any]) -> str:
     return "\n".join([*lines, *(f"  ! {fault}" for fault in found["faults"])])
 
 
-def inspection_motions(found: Sequence[dict[str, Any]]) -> list[tuple[str, "Motion"]]:
-    """Label and motion of each channel whose unit is known."""
-    return [
-        (f"{Path(file['file']).name} {channel['code']}".strip(), channel["motion"])
-        for file in found
-        for channel in file["channels"]
-        if channel["motion"] is not None
-    ]
-
-
 def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
     """What to know of a file: columns are for plain text, not for formats that name themselves."""
     from archfrag.motions.formats import TEXT, recognise
@@ -94,7 +83,7 @@ def measure_files(
     workers = available_cores() if len(wanted) >= _MANY else 1
     if workers == 1:
         return pd.concat(map(measured, wanted), ignore_index=True)
-    # Interrupted is the command, not each of its processes.
+    # Ctrl-C stops the command, not each of its processes.
     ignore = (signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=ignore) as pool:
         tables = pool.map(measured, wanted, chunksize=8)
@@ -183,14 +172,8 @@ def selection_text(selection: "Selection", out: Path) -> str:
     """How many records were selected from how many, and how near to the target they are."""
     median, sd = (np.nanmax(np.abs(error), initial=0.0) for error in selection.errors)
     count = counted(len(selection.table), "record")
-    return (
-        f"{count} selected of {selection.candidates}: median within "
-        f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}"
-    )
-
-
-# Least and greatest values that motions can be made for; distances in km.
-_MADE = {"magnitude": (3.0, 8.0), "distance_km": (0.0, 300.0)}
+    near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
+    return f"{count} selected of {selection.candidates}: {near}: {out}"
 
 
 def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
@@ -205,27 +188,10 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
     given = {key: value for key, value in wanted.items() if value is not None}
     if not given:
         return make_suite(out)
-    drawn = {}
-    for key, (low, high) in _MADE.items():
-        text = given.get(key, "")
-        drawn[key] = ":" in text
-        try:
-            given[key] = [float(part) for part in text.split(":" if drawn[key] else ",") if text]
-        except ValueError:
-            needed = "a list such as 6,6.5,7 or two ends such as 6:7 are needed"
-            raise InputError(f"{_option(key)} {text}: {needed}") from None
-        if not all(low <= number <= high for number in given[key]):
-            raise InputError(f"{_option(key)} {text}: must be from {low:g} to {high:g}")
-        if drawn[key] and not (len(given[key]) == 2 and given[key][0] < given[key][1]):
-            raise InputError(f"{_option(key)} {text}: must be two rising ends")
-    missing = [_option(key) for key in ("events", *_MADE) if not given.get(key)]
+    missing = [f"--{key.replace('_', '-')}" for key in ("events", "magnitude", "distance_km")
+               if key not in given]  # fmt: skip
     if missing:
         raise InputError(f"{', '.join(missing)} {'are' if missing[1:] else 'is'} missing")
-    given["distance"] = given.pop("distance_km")
-    given = {"records_per_event": 1} | given
-    plan = Plan(**given, drawn_magnitude=drawn["magnitude"], drawn_distance=drawn["distance_km"])
-    return make_suite(out, plan_motions(plan))
-
-
-def _option(key: str) -> str:
-    return f"--{key.replace('_', '-')}"
+    given["magnitude"], given["drawn_magnitude"] = given["magnitude"]
+    given["distance"], given["drawn_distance"] = given.pop("distance_km")
+    return make_suite(out, plan_motions(Plan(**{"records_per_event": 1, **given})))

@@ -12,6 +12,29 @@ _files = click.argument("files", nargs=-1, required=True, type=PATH)
 _out = click.option("--out", type=PATH, required=True, help="Folder to write to.")
 
 
+def _list_or_ends(low: float, high: float) -> Any:
+    """A callback for numbers within limits: the numbers, and whether they are two ends."""
+
+    def numbers(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+        from archfrag.errors import InputError
+
+        if text is None:
+            return None
+        ends = ":" in text
+        try:
+            given = [float(part) for part in text.split(":" if ends else ",")]
+        except ValueError:
+            given = []
+        increasing = len(given) == 2 and given[0] < given[-1]
+        if not given or (ends and not increasing) or not low <= min(given) <= max(given) <= high:
+            forms = "a list such as 6,6.5,7, or two increasing ends such as 6:7"
+            rule = f"must be numbers from {low:g} to {high:g}: {forms}"
+            raise InputError(f"{parameter.opts[0]} {text}: {rule}")
+        return given, ends
+
+    return numbers
+
+
 def _figure_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
     """Refuse what is not an SVG file before anything is done."""
     from archfrag.errors import InputError
@@ -23,6 +46,14 @@ def _figure_file(context: click.Context, parameter: click.Parameter, path: Path 
 
 _figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_figure_file,
                        help="Draw a figure.")  # fmt: skip
+
+
+def _draw(path: Path, kind: str, shown: Any) -> None:
+    """Write a figure of records."""
+    from archfrag.report import motions
+    from archfrag.study.files import write_text
+
+    write_text(path, getattr(motions, kind)(shown).file)
 
 
 @click.group()
@@ -42,9 +73,8 @@ def inspect(
 ) -> None:  # fmt: skip
     """List the content of record FILES and their errors.
 
-    Each channel of each file is shown with its faults. Nothing but an unreadable file is
-    refused; the others are shown nevertheless, and the exit code is 2. The figure has
-    acceleration, velocity and response spectra.
+    Each channel of each file is shown with its faults. If a file cannot be read, the others are
+    shown and the exit code is 2. The figure shows acceleration, velocity and response spectra.
 
     \b
     Example:
@@ -66,10 +96,10 @@ def inspect(
             unreadable.append(str(error))
             facts.append({"file": str(file), "error": str(error)})
     if figure is not None and found:
-        from archfrag.report.motions import channels
-        from archfrag.study.files import write_text
-
-        write_text(figure, channels(commands.inspection_motions(found)).file)
+        _draw(figure, "channels", [
+            (f"{Path(file['file']).name} {channel['code']}".strip(), channel["motion"])
+            for file in found for channel in file["channels"] if channel["motion"] is not None
+        ])  # fmt: skip
     if found or as_json:
         show(facts, "\n".join(map(commands.inspection_text, found)), as_json)
     for message in unreadable:
@@ -91,8 +121,8 @@ def measure(
 ) -> None:  # fmt: skip
     """Measure record FILES and write a flatfile.
 
-    Every horizontal component has a row; files of verticals beside theirs are left out. Columns
-    are named as in the NGA flatfiles; the figure has the response spectra.
+    Each horizontal component has a row; files with the vertical component of another file are
+    left out. Columns are named as in the NGA flatfiles. The figure shows the response spectra.
 
     \b
     Example:
@@ -105,10 +135,7 @@ def measure(
     table = measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
-        from archfrag.report.motions import measured_spectra
-        from archfrag.study.files import write_text
-
-        write_text(figure, measured_spectra(table_spectra(table)).file)
+        _draw(figure, "measured_spectra", table_spectra(table))
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
@@ -137,9 +164,9 @@ def measure(
 def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
     """Select records of a FLATFILE for a target.
 
-    Their scaled spectra are distributed as the target's, in mean and scatter. The target is a
-    file, or a conditional spectrum of an earthquake and a site. The same seed selects the same
-    records. The figure has target and selected spectra.
+    The scaled spectra of the records have the mean and the scatter of the target. The target is
+    a file, or a conditional spectrum of an earthquake and a site. The same seed selects the same
+    records. The figure shows target and selected spectra.
 
     \b
     Example:
@@ -151,10 +178,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
     selection = select_from(flatfile, options)
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
-        from archfrag.report.motions import selected_spectra
-        from archfrag.study.files import write_text
-
-        write_text(figure, selected_spectra(selection).file)
+        _draw(figure, "selected_spectra", selection)
     for caution in selection.cautions:
         warn(f"caution: {caution}")
     show(selection.facts(), selection_text(selection, out), as_json)
@@ -176,7 +200,7 @@ def convert(
 ) -> None:
     """Write record FILES in another format.
 
-    The index beside them states where they come from and what was done to them.
+    An index in the same folder states where they come from and what was done to them.
 
     \b
     Example:
@@ -221,9 +245,9 @@ def fetch(
 ) -> None:
     """Fetch records of events from data centres.
 
-    They come by FDSN web services as miniSEED with StationXML and an index. What is in the
-    folder already is kept: the same command goes on where it was stopped. The exit code is 7
-    if a service failed that may answer later, and 2 if there is no record at all.
+    FDSN web services send them as miniSEED with StationXML; archfrag adds an index. Files that
+    are in the folder are kept, so the same command continues where it stopped. The exit code is
+    7 if a service failed that may answer later, and 2 if there is no record at all.
 
     \b
     Example:
@@ -247,7 +271,7 @@ def fetch(
     show({"folder": str(out), **came, "failures": failures}, text, as_json)
     if passing := [failure for failure in failures if failure["kind"] in PASSING]:
         count = counted(len(passing), "request")
-        raise ServiceError(f"{count} failed; try again later: the same command goes on")
+        raise ServiceError(f"{count} failed; try again later: the same command continues")
     if not new and not kept:
         raise InputError("no record was fetched, for the reasons stated above")
 
@@ -258,10 +282,10 @@ def fetch(
     click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
     click.option("--records-per-event", type=click.IntRange(1, 100_000),
                  help="Records of each; 1 if not given."),
-    click.option("--magnitude", metavar="M,...|M:M",
+    click.option("--magnitude", metavar="M,...|M:M", callback=_list_or_ends(3.0, 8.0),
                  help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
                  "between which they are drawn."),
-    click.option("--distance-km", metavar="D,...|D:D",
+    click.option("--distance-km", metavar="D,...|D:D", callback=_list_or_ends(0.0, 300.0),
                  help="Distances to the rupture [km]: a list that the records take in turn, or "
                  "two ends."),
     click.option("--sites", type=click.IntRange(1),

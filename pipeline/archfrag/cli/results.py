@@ -35,26 +35,16 @@ def export(
     """Export a finished study in the formats of other programs.
 
     \b
-    nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation;
-                     PGA, Sa, AvgSA in g, PGV in cm/s, PGD in cm. The
-                     ids of the functions are the arches and classes: use them
-                     as taxonomies.
-    nrml-discrete    OpenQuake: probabilities at levels, units as above.
-    pelicun          damage database: CSV of medians and dispersions, and JSON that
-                     describes it; PGA and Sa in g, PGV in cm/s (cmps).
-    in-core          IN-CORE: a DFR3 set in JSON for each arch; PGA and Sa in g,
-                     PGV in cm/s, PGD in m. The severest limit state is repeated
-                     up to the four that IN-CORE takes for bridges.
-    csv              curves (with bands) and their parameters in the unit of the
-                     study and in SI; runs, records and arches in SI; and JSON
-                     that describes the columns.
+    nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation
+    nrml-discrete    OpenQuake: probabilities at levels
+    pelicun          damage database: CSV of medians and dispersions, and JSON
+    in-core          IN-CORE: a DFR3 set in JSON for each arch
+    csv              curves, parameters, runs, records and arches; JSON on columns
     parquet          the same tables: pip install 'archfrag[parquet]'
 
-    A class of arches has one curve, the mean of those of its arches; formats of a median and a
-    dispersion hold the lognormal curve with its mean and standard deviation of ln capacity.
-
-    An arch without a curve is left out of all but the tables of runs, records and arches; a
-    message states why.
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
+    has one curve, the mean of those of its arches. An arch without a curve is in the tables of
+    runs, records and arches only, and a message states why.
     """
     from archfrag.export.command import export_study
     from archfrag.study.file.schema import load_study
@@ -75,7 +65,7 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
         return lon, lat
     except ValueError:
         raise click.BadParameter(
-            f"{text!r} is no longitude and latitude, such as 13.35,42.35"
+            f"{text!r} must be longitude and latitude, such as 13.35,42.35"
         ) from None
 
 
@@ -101,10 +91,10 @@ def risk(
 
     A class of arches has one rate, the mean of those of its arches.
 
-    FILE is a CSV with the header `im [g]` or the measure's name, as in `PGA [g]`, then `rate`
-    (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), and as
-    many `rate_NAME` or `poe_50_NAME` as there are quantiles; or a CSV or XML (NRML) of OpenQuake's
-    hazard curves, known by their content. Its measure must be the study's.
+    FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
+    `rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years),
+    and a column `rate_NAME` or `poe_50_NAME` for each quantile. Files of OpenQuake's hazard curves
+    (CSV or NRML) work too. The measure must be that of the study.
 
     \b
     Example:
@@ -135,4 +125,4 @@ def risk(
         write_text(out, json.dumps(facts, allow_nan=False) + "\n")
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
-        raise FitError("there is no rate, since no arch has a curve")
+        raise FitError("no arch has a curve, so there is no rate")

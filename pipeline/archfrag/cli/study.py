@@ -3,7 +3,6 @@
 import contextlib
 import shlex
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +26,22 @@ from archfrag.cli.options import (
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check a study file and all files that it names.
 
-    Arches, records, hazard and output folder are checked; nothing is run. Of very many arches some
-    are checked, and all of them when they are run.
+    Arches, records, hazard and output folder are checked; nothing is run. If there are very many
+    arches, only some of them are checked here, and all of them at the start of a run.
     """
+    from archfrag.files import counted
     from archfrag.study.checks import check_study
     from archfrag.study.file.schema import load_study
 
     found = check_study(load_study(study_file, overrides))
-    show(asdict(found), f"{study_file}: in order; {found}", as_json)
-    for listed in () if as_json else (*found.classes, *found.partners):
+    nouns = {"arches": "arch", "records": "record", "levels": "level"}
+    parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
+    runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
+    design = "" if found["design"] == "stripes" else f" by design {found['design']}"
+    show(found, f"{study_file}: in order; {parts}, {runs}{design}", as_json)
+    for listed in () if as_json else (*found["classes"], *found["partners"]):
         echo(f"  {listed}")
-    for caution in () if as_json else found.cautions:
+    for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
 
 
@@ -45,30 +49,22 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
 @takes_study
 @takes(
     click.option("--resume", is_flag=True,
-                 help="Go on where a run was stopped, as the command does without it too."),
+                 help="Continue a stopped run; the command also does so without it."),
     cores_option,
-    click.option("--profile", type=PATH, hidden=True),
     click.option("--quiet", is_flag=True, help="Print errors only."),
 )  # fmt: skip
 def run(
-    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None,
-    profile: Path | None,
-) -> None:  # fmt: skip
+    study_file: Path, overrides: tuple[str, ...], quiet: bool, resume: bool, cores: int | None
+) -> None:
     """Run a study, or continue it, from records to report.
 
-    That is motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full disk the
-    same command goes on.
+    The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
+    disk the same command continues.
     """
-    from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import Stopped, stoppable, without_dask
-    from archfrag.study.starter import snakefile
     from archfrag.study.steps import Options, run_study
 
-    if profile is not None:
-        command = ["snakemake", "--snakefile", str(snakefile()), "--profile", str(profile)]
-        how = shlex.join([*command, "--config", f"study={study_file}"])
-        raise InputError(f"--profile is of Snakemake: {how}")
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
         with stoppable() as stop, contextlib.ExitStack() as stack:
@@ -77,7 +73,7 @@ def run(
                 stack.enter_context(without_dask())
             anything = run_study(study, study_file, Options(_report, cores, quiet), stop)
     except Stopped as stopped:
-        warn(f"{stopped}; what is finished is kept, `{typed} --resume` goes on")
+        warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
         click.get_current_context().exit(128 + stopped.number)
     if not quiet:
         if not anything:
@@ -100,7 +96,7 @@ def _name_old_exports(folder: Path) -> None:
     made = max((folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
     if old := [path for path in exported if path.stat().st_mtime < made]:
         what = f"{counted(len(old), 'file')} older than the results"
-        warn(f"{folder / 'export'}: {what}; make it again: archfrag export")
+        warn(f"{folder / 'export'}: {what}; run archfrag export again")
 
 
 @click.command()
@@ -125,7 +121,7 @@ def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
             runs, files = counted(count_runs(paths), "run"), counted(len(paths), "file")
             echo(f"{runs} {why}: {files}, {size:.3g} MB")
         if not found:
-            echo("nothing to remove: all stored runs are of use to this study")
+            echo("nothing to remove: this study uses all stored runs")
         elif yes or click.confirm("Remove them?", abort=True):
             remove([path for paths in found.values() for path in paths])
 

@@ -4,20 +4,15 @@ import contextlib
 import errno
 import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
 from archfrag.files import cannot_write, counted
-from archfrag.study.file.members import (
-    Members,
-    check_buildable,
-    check_standing,
-    needs_records,
-)
+from archfrag.study.file.members import Members, check_standing, needs_records
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources, study_inputs
 from archfrag.study.file.schema import Study
 from archfrag.study.files import read_owner, refuse_foreign_cube
@@ -28,37 +23,22 @@ MOST_ASKED = 12  # arches, records
 CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
 
-def check_arches(study: Study, n_record: int = 1) -> Members:
-    """See that all arches of a study can exist and stand under their own weight."""
-    found = study.members(n_record)
-    check_buildable(found)
-    check_standing(found)
-    return found
-
-
-def _check_some(found: Members) -> int:
-    """Check arches as `check_arches`, of very many only some; how many."""
-    some = found.checked()
-    check_standing(some)
-    return len(some)
-
-
 def uncorrected(study: Study) -> tuple[str, ...]:
     """Message on prepared records that are raw and not corrected by the study either."""
     with contextlib.suppress(InputError):
-        records = read_manifest(study)["records"]
-        raw = [record["id"] for record in records if record.get("raw")]
-        return _uncorrected(study, raw, len(records))
+        raw = {record["id"]: record.get("raw") for record in read_manifest(study)["records"]}
+        return _uncorrected(study, raw)
     return ()
 
 
-def _uncorrected(study: Study, raw: list[str], total: int) -> tuple[str, ...]:
+def _uncorrected(study: Study, is_raw: dict[str, bool]) -> tuple[str, ...]:
+    raw = [name for name in is_raw if is_raw[name]]
     if not raw or CORRECTING & {step.name for step in study.motions.processing}:
         return ()
     more = f" and {len(raw) - MOST_ASKED} more" if len(raw) > MOST_ASKED else ""
     return (
-        f"{len(raw)} of {counted(total, 'record')} raw, as recorded ("
-        f"{', '.join(raw[:MOST_ASKED])}{more}): their drift is taken for motion; correct them by "
+        f"{len(raw)} of {counted(len(is_raw), 'record')} raw, as recorded ("
+        f"{', '.join(raw[:MOST_ASKED])}{more}): their drift counts as motion; correct them by "
         "motions.processing, such as [detrend, {bandpass: {lowest: 0.1, highest: 25}}]",
     )
 
@@ -77,8 +57,8 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
         start = onset(arch)
         least = min(start.plus, start.minus)
         for wrong, text in (
-            (friction > MOST_FRICTION, f"friction {friction:.3g} is a coefficient beyond that of "
-             "any masonry; was an angle meant?"),
+            (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
+             "than that of any masonry; was an angle meant?"),
             (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
             (onset_counts and levels.max() <= least, "no level is above the onset of motion "
              f"({least:.3g} g); is their unit right?"),
@@ -90,16 +70,14 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 
 def check_start(study: Study) -> None:
-    """See that the last step will have what it needs: a hazard, and a folder to write to."""
+    """See that the last step will have what it needs: a hazard, and a folder to write to.
+
+    Nothing is created.
+    """
     if (risk := study.risk) is not None:
         from archfrag.study.file.hazard import load_hazard
 
         load_hazard(Path(risk.hazard), study.intensity.measure, risk.unit, risk.site)
-    check_output(study)
-
-
-def check_output(study: Study) -> None:
-    """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
     refuse_foreign_results(study)
 
@@ -127,37 +105,20 @@ def _check_writable(folder: Path) -> None:
         raise cannot_write(folder, OSError(code, os.strerror(code)))
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What a study amounts to."""
+def check_study(study: Study) -> dict[str, Any]:
+    """Check all of a study without running it: arches stand, records are read and scaled.
 
-    study: str
-    arches: int
-    records: int
-    levels: int
-    design: str  # its kind
-    runs: int  # by the study's own method
-    extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
-    classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
-    cautions: tuple[str, ...] = ()  # what is possible but doubtful
-    partners: tuple[str, ...] = ()  # files of records that are put together from several
-
-    def __str__(self) -> str:
-        """All but the name in one line."""
-        runs = f"{self.extent} {counted(self.runs, 'run')}".removeprefix("exactly ")
-        parts = ((self.arches, "arch"), (self.records, "record"), (self.levels, "level"))
-        text = ", ".join([counted(*part) for part in parts] + [runs])
-        if self.design != "stripes":
-            text += f" by design {self.design}"
-        return text
-
-
-def check_study(study: Study) -> Summary:
-    """Check all of a study without running it: arches stand, records are read and scaled."""
+    Returns
+    -------
+    dict
+        What the study amounts to: numbers of ``arches``, ``records``, ``levels`` and ``runs``,
+        which are meant exactly, about or at most (``extent``); ``cautions``, ``classes`` of
+        arches that were drawn or come from a table, and records put together from ``partners``.
+    """
     check_start(study)
     # Arches that each record has of its own are known once the records are.
     if not needs_records(study.arches):
-        _check_some(study.members())
+        check_standing(study.members().checked())
     study_inputs(study)
     raw, partners = {}, []
     for motion in read_sources(study):
@@ -166,21 +127,19 @@ def check_study(study: Study) -> Summary:
         others = [about.get("file_transverse"), about.get("vertical_file")]
         used = " and ".join(name for name in others if name and name != about["file"])
         partners += [f"{about['file']} with {used}"] if used else []
-    records = len(raw)
-    if not records:
+    if not raw:
         raise StudyError("motions: the study has no record")
-    found = study.members(records)
-    unchecked = len(found) - _check_some(found)
+    found = study.members(len(raw))
+    checked = found.checked()
+    check_standing(checked)
     design, levels = study.design, len(study.intensity.si)
-    met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
-    each = [design.size(int(count), levels) for count in met]
-    runs = sum(size * n for (size, _), n in zip(each, arches.tolist()))
-    cautions = unit_warnings(study, found)
-    cautions += _uncorrected(study, [name for name in raw if raw[name]], records)
-    if unchecked:
+    sizes = [design.size(int(records), levels) for records in found.meets(len(raw)).sum(axis=1)]
+    cautions = unit_warnings(study, found) + _uncorrected(study, raw)
+    if unchecked := len(found) - len(checked):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)
-    return Summary(
-        study.id, len(found), records, levels, design.kind, runs, each[0][1],
-        found.summaries(), cautions, tuple(partners),
-    )  # fmt: skip
+    return {
+        "study": study.id, "arches": len(found), "records": len(raw), "levels": levels,
+        "design": design.kind, "runs": sum(size for size, _ in sizes), "extent": sizes[0][1],
+        "classes": found.summaries(), "cautions": cautions, "partners": tuple(partners),
+    }  # fmt: skip

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import tempfile
 from pathlib import Path
 
 from archfrag.errors import OutputError
@@ -10,9 +9,7 @@ from archfrag.files import cannot_write, make_folder
 from archfrag.study.file.schema import study_schema
 from archfrag.study.files import PACKAGE
 
-SCHEMA = "study.schema.json"
-RECORDS = "records"
-STUDY_FILE = "study.yaml"
+STARTER = ("records", "study.schema.json", "study.yaml")
 
 
 def shipped_folder() -> Path:
@@ -30,24 +27,18 @@ def snakefile() -> Path:
 
 def write_starter(folder: Path) -> Path:
     """Write a commented study file, its schema and the shipped motions; all of it or nothing."""
-    folder = make_folder(folder)
-    for name in (RECORDS, SCHEMA, STUDY_FILE):
-        if os.path.lexists(folder / name):
-            raise OutputError(f"{folder / name}: is there already; allowed is a folder without it")
-    placed = []
+    records, schema, study = (make_folder(folder) / name for name in STARTER)
+    for path in (records, schema, study):
+        if os.path.lexists(path):
+            raise OutputError(f"{path}: exists already; choose a folder without it")
     try:
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".init") as temporary:
-            made = Path(temporary)
-            unwanted = shutil.ignore_patterns("*.svg", "*.py")
-            shutil.copytree(shipped_folder() / RECORDS, made / RECORDS, ignore=unwanted)
-            (made / SCHEMA).write_text(study_schema())
-            shutil.copyfile(PACKAGE / "study" / "templates" / STUDY_FILE, made / STUDY_FILE)
-            for name in (RECORDS, SCHEMA, STUDY_FILE):
-                os.rename(made / name, folder / name)
-                placed.append(folder / name)
+        unwanted = shutil.ignore_patterns("*.svg", "*.py")
+        shutil.copytree(shipped_folder() / records.name, records, ignore=unwanted)
+        schema.write_text(study_schema())
+        shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
     except OSError as error:
-        for path in placed:
-            shutil.rmtree(path, ignore_errors=True)
+        shutil.rmtree(records, ignore_errors=True)
+        for path in (schema, study):
             path.unlink(missing_ok=True)
         raise cannot_write(folder, error) from error
-    return folder / STUDY_FILE
+    return study

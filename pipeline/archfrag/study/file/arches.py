@@ -2,10 +2,17 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
 from archfrag.errors import StudyError
@@ -29,16 +36,14 @@ PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("radius", "thickness", "embrace", "voussoirs"), ("sector", "joints", "dead_load"),
     ),
     "segmental": (_SPANNED, ("sector", "joints", "dead_load")),
-    "pointed": (_SPANNED, ("joints", "dead_load")),
-    "elliptic": (_SPANNED, ("joints", "dead_load")),
-    "catenary": (_SPANNED, ("joints", "dead_load")),
+    **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", "dead_load"))),
     "from_joints": (("intrados", "extrados"), ("free_end", "dead_load")),
     "block": (("width", "height"), ()),
     "polygons": (("outlines",), ("ground", *_DRAWN)),
 }  # fmt: skip
-_DRAWING = ("drawing", "layer", "unit", *_DRAWN)
 _MATERIAL = ("friction", "density", "depth")
 _COMMON = ("id", "profile", *_MATERIAL, "recess", "vary")
+_DRAWING = ("id", *_MATERIAL, "recess", "vary", "drawing", "layer", "unit", *_DRAWN)
 # Columns of a table that are keys of its arches, and those of them that are one number each.
 COLUMNS = tuple(dict.fromkeys(
     (*_COMMON, *(key for name, (needs, may) in PROFILES.items() if name != "polygons"
@@ -64,6 +69,10 @@ Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VO
 Density = Annotated[float, Field(le=MOST_DENSITY, json_schema_extra={"exclusiveMinimum": 0})]
 _T = TypeVar("_T")
 List = Annotated[list[_T], Field(max_length=MOST_VOUSSOIRS + 1)]
+OneOrList = Annotated[
+    Annotated[_T, Tag("one")] | Annotated[List[_T], Tag("list")],
+    Discriminator(lambda given: "list" if isinstance(given, list) else "one"),
+]
 Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Friction = Annotated[
@@ -74,6 +83,7 @@ Friction = Annotated[
     WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
 ]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+Line = Annotated[list[Point], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
 
@@ -81,9 +91,9 @@ Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_
 class Recess(Section):
     """Joints that transmit nothing near their ends: mortar lost, edges spalled."""
 
-    intrados: Depth | List[Depth] = 0.0
+    intrados: OneOrList[Depth] = 0.0
     """Depth from the intrados along the joint, one for all joints or one for each [m]."""
-    extrados: Depth | List[Depth] = 0.0
+    extrados: OneOrList[Depth] = 0.0
     """Depth from the extrados along the joint, one for all joints or one for each [m]."""
 
 
@@ -132,16 +142,15 @@ class ArchEntry(Section):
     """Of a block [m]."""
     outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
-    ground: Annotated[list[Annotated[list[Point], Field(min_length=2, max_length=2)]],
-                      Field(max_length=2)] | None = None  # fmt: skip
+    ground: Annotated[list[Line], Field(max_length=2)] | None = None
     """Lines on which ends stand; if none, the sides opposite to the joints of both ends."""
     thickness_factor: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
     """Factor on the length of the joints of drawn blocks; the sides between joints follow."""
     tolerance: Length | None = None
     """Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default."""
-    dead_load: Load | List[Load] | None = None
+    dead_load: OneOrList[Load] | None = None
     """Weight on the back of all voussoirs, or a list with one for each [N]."""
-    friction: Friction | List[Friction] | None = None
+    friction: OneOrList[Friction] | None = None
     """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction."""
     density: Density = 2000.0
     """Density of the masonry [kg/m3]."""
@@ -158,47 +167,42 @@ class ArchEntry(Section):
         if "table" in given:
             return ("table", *COLUMNS)
         if "drawing" in given:
-            return (*(key for key in _COMMON if key != "profile"), *_DRAWING)
+            return _DRAWING
         needs, may = PROFILES.get(str(given.get("profile")), ((), tuple(cls.model_fields)))
         return dict.fromkeys((*_COMMON, *needs, *may))
 
     @model_validator(mode="after")
     def _is_complete(self) -> Self:
+        if self.table is not None:
+            return self
         needs: tuple[str, ...] = ("friction",)
         if self.drawing is None:
-            profile = () if self.profile is None else PROFILES[self.profile][0]
-            needs = ("profile", *profile, *needs)
-        missing = [key for key in needs if getattr(self, key) is None]
-        if missing and self.table is None:
+            own = () if self.profile is None else PROFILES[self.profile][0]
+            needs = ("profile", *own, *needs)
+        if missing := [key for key in needs if getattr(self, key) is None]:
             raise refuse_missing(missing)
-        if self.vary is not None and self.table is None:
+        if self.vary is not None:
             self._can_vary(self.vary)
         return self
 
     def _can_vary(self, vary: Vary) -> None:
-        own = list(self.allowed_keys(self.model_dump(include={"profile", "drawing"},
-                                                     exclude_none=True)))  # fmt: skip
-        what = self.profile or "drawing"
+        needs, may = PROFILES[self.profile] if self.profile else ((), _DRAWING)
+        own = (*_COMMON, *needs, *may)
+        what = f"for profile {self.profile}" if self.profile else "for a drawing"
         for key, distribution in vary.of.items():
             if key not in own or key not in VARIABLE:
                 names = ", ".join(name for name in VARIABLE if name in own)
-                text = f"is nothing that varies of the profile {what}; allowed are {names}"
-                raise refuse_key(f"vary.of.{key}", text)
+                raise refuse_key(f"vary.of.{key}", f"cannot vary {what}; allowed are {names}")
             if distribution.relative and not _is_finite(getattr(self, key)):
-                text = f"must have a finite {key} of the arch to multiply"
+                text = f"needs a finite {key} of the arch, which it multiplies"
                 raise refuse_key(f"vary.of.{key}.relative", text)
         if vary.joints is None:
             return
         if vary.joints.position is not None and "joints" not in own:
-            raise refuse_key("vary.joints.position", f"has no place in the profile {what}")
+            raise refuse_key("vary.joints.position", f"cannot vary {what}")
         if vary.joints.friction is not None and not _is_finite(self.friction):
-            raise refuse_key("vary.joints.friction", "must have a finite friction to multiply")
-
-    @property
-    def file(self) -> Path | None:
-        """Table or drawing from which the arches follow."""
-        name = self.table or self.drawing
-        return None if name is None else Path(name)
+            text = "needs a finite friction of the arch, which it multiplies"
+            raise refuse_key("vary.joints.friction", text)
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -208,10 +212,7 @@ class ArchEntry(Section):
     def read(self) -> "ArchEntry":
         """The same arch with what its drawing holds in place of the file; itself if it has none.
 
-        Raises
-        ------
-        GeometryError
-            If the drawing cannot be read or is no arch.
+        GeometryError if the drawing cannot be read or is not an arch.
         """
         if self.drawing is None:
             return self
@@ -220,36 +221,28 @@ class ArchEntry(Section):
 
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
-        blocks = {"outlines": drawn.outlines, "ground": drawn.ground}
-        listed = {name: [each.tolist() for each in value] for name, value in blocks.items()}
-        given = self.parameters
-        for key in ("drawing", "layer", "unit"):
-            given.pop(key, None)
-        return ArchEntry.model_validate({**given, **listed, "profile": "polygons"})
+        given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
+        given |= {name: [each.tolist() for each in getattr(drawn, name)]
+                  for name in ("outlines", "ground")}  # fmt: skip
+        return ArchEntry.model_validate({**given, "profile": "polygons"})
 
     def build(self) -> "Arch":
         """The arch; of one that varies, that of its own values.
 
-        Raises
-        ------
-        GeometryError
-            If it cannot exist.
-        StudyError
-            For a table, which has no one arch.
+        GeometryError if it cannot exist; StudyError for a table, which has several arches.
         """
         from archfrag import arch
 
         if self.table is not None:
-            raise StudyError(f"{self.id}: is a table of arches, of which one must be chosen")
+            raise StudyError(f"{self.id}: is a table of arches; name one of its arches")
         if self.drawing is not None:
             return self.read().build()
         assert self.profile is not None
         needs, may = PROFILES[self.profile]
         values = {key: getattr(self, key) for key in (*needs, *may, *_MATERIAL)}
-        given = {key: value for key, value in values.items() if value is not None}
         makers: dict[str, Any] = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
         make = makers.get(self.profile) or getattr(arch.Arch, self.profile)
-        built: Arch = make(**given)
+        built: Arch = make(**{key: value for key, value in values.items() if value is not None})
         if self.recess is None:
             return built
         return built.recessed(self.recess.intrados, self.recess.extrados)
@@ -259,5 +252,3 @@ def _is_finite(given: Any) -> bool:
     """Whether a key has a value, and no value of it is infinite."""
     values = given if isinstance(given, list) else [given]
     return None not in values and all(map(math.isfinite, values))
-
-

@@ -1,9 +1,9 @@
 """Blocks of a study file: intensity, method, limit states, report, risk and execution."""
 
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
@@ -20,7 +20,7 @@ MOST_LEVELS = 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
-def _rising(levels: list[float]) -> list[float]:
+def _increasing(levels: list[float]) -> list[float]:
     for before, level in pairwise(levels):
         if level <= before:
             raise refuse(f"must increase, but {level:g} follows {before:g}")
@@ -38,16 +38,25 @@ class LevelRange(Section):
     """Number of levels, both ends included."""
 
     @model_validator(mode="after")
-    def _rise(self) -> Self:
+    def _increases(self) -> Self:
         if self.stop <= self.start:
             raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
-        _rising(self.values())
+        _increasing(self.values())
         return self
 
     def values(self) -> list[float]:
         """The levels, to twelve digits: what a person would have typed."""
         step = (self.stop - self.start) / (self.count - 1)
         return [float(f"{self.start + i * step:.12g}") for i in range(self.count)]
+
+
+LevelList = Annotated[
+    list[Level], Field(min_length=1, max_length=MOST_LEVELS), AfterValidator(_increasing)
+]
+
+
+def _list_or_range(given: Any) -> str:
+    return "range" if isinstance(given, dict | LevelRange) else "list"
 
 
 class Intensity(Section):
@@ -59,12 +68,10 @@ class Intensity(Section):
     unit: str
     """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities, m
     or cm for lengths."""
-    levels: (
-        Annotated[
-            list[Level], Field(min_length=1, max_length=MOST_LEVELS), AfterValidator(_rising)
-        ]
-        | LevelRange
-    )
+    levels: Annotated[
+        Annotated[LevelList, Tag("list")] | Annotated[LevelRange, Tag("range")],
+        Discriminator(_list_or_range),
+    ]
     """Increasing list, or start, stop and count."""
 
     @model_validator(mode="after")
@@ -74,17 +81,16 @@ class Intensity(Section):
         try:
             periods = parse_measure(self.measure).periods
         except InputError as error:
-            raise refuse_key("measure", f"is not possible: {error}") from None
-        for period in periods:
-            if not PERIODS[0] <= period <= PERIODS[1]:
-                text = f"must have periods from {PERIODS[0]:g} to {PERIODS[1]:g} s"
-                raise refuse_key("measure", f"= {self.measure} {text}")
-        allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
-        if not scaling_exponent(self.measure):
-            text = f"= {self.measure} is a measure to which no motion can be scaled"
+            raise refuse_key("measure", f"= {self.measure}: {error}") from None
+        low, high = PERIODS
+        if not all(low <= period <= high for period in periods):
+            text = f"= {self.measure} must have periods from {low:g} to {high:g} s"
             raise refuse_key("measure", text)
+        if not scaling_exponent(self.measure):
+            raise refuse_key("measure", f"= {self.measure}: no motion can be scaled to it")
+        allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if self.unit not in allowed:
-            text = f"must be one of {', '.join(allowed)}, in which {self.measure} can be given"
+            text = f"must be one of {', '.join(allowed)}, the units of {self.measure}"
             raise refuse_key("unit", f"= {self.unit} {text}")
         return self
 
@@ -106,18 +112,10 @@ class Intensity(Section):
         return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
 
 
-def _known_method(name: str) -> str:
-    from archfrag.simulation.checks import method_names
-
-    if name not in method_names():
-        raise refuse(f"must be one of {', '.join(method_names())}")
-    return name
-
-
 class Method(Section):
     """How the equations of motion are integrated."""
 
-    name: Annotated[str, AfterValidator(_known_method)] = "auto"
+    name: str = "auto"
     """Method; with auto archfrag chooses one."""
     dt: Annotated[float, Field(ge=1e-6, le=0.1)] | None = None
     """Fixed time step [s]; if not given, steps follow rtol."""
@@ -131,13 +129,16 @@ class Method(Section):
     """Parameters of this method that differ from their defaults, by name."""
 
     @model_validator(mode="after")
-    def _own_settings(self) -> Self:
-        from archfrag.simulation.checks import check_method, check_settings, check_taken
+    def _known_with_its_settings(self) -> Self:
+        from archfrag.simulation import checks
 
+        names = checks.method_names()
+        if self.name not in names:
+            raise refuse_key("name", f"= {self.name} must be one of {', '.join(names)}")
         try:
-            method = check_method(self.name)
-            check_taken(method, dt=self.dt, rtol=self.rtol)
-            check_settings(method, self.settings)
+            method = checks.check_method(self.name)
+            checks.check_taken(method, dt=self.dt, rtol=self.rtol)
+            checks.check_settings(method, self.settings)
         except InputError as error:
             raise refuse(str(error)) from error
         return self

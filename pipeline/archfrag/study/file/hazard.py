@@ -18,14 +18,14 @@ from archfrag.files import read_text
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import measure_unit, parse_measure
 from archfrag.study.file.blocks import LEVEL_UNITS
-from archfrag.study.file.text import read_cells
+from archfrag.study.file.messages import read_csv
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 _EARTH = 6371.0  # [km]
 _LARGEST = 100_000_000  # [bytes] of a file
 _MEASURE_AND_UNIT = re.compile(r"([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?")
 _KIND = re.compile(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?")
-_HEADER_RULE = (
+_RULE = (
     "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then "
     "`rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), "
     "further ones as `rate_NAME` or `poe_50_NAME`"
@@ -66,7 +66,7 @@ class _Stated(NamedTuple):
     unit: str | None
     years: float | None  # of probabilities of exceedance; None: annual rates
     im: list[float]
-    sites: list[tuple[float, float, list[float], str]]  # lon, lat [degrees], values, place
+    sites: dict[str, tuple[float, float, list[float]]]  # place: lon, lat [degrees], values
     component: bool = True  # whether the measure's name would give its component
 
 
@@ -76,96 +76,93 @@ def load_hazard(
     unit: str | None = None,
     site: Sequence[float] | None = None,
 ) -> Hazard:
-    """Read the hazard curves of a site.
+    """Read the hazard curves of a site, of the study's intensity measure.
 
     Three kinds of file are known by what is in them: CSV with a header as `archfrag risk --help`
     states, the CSV that OpenQuake exports (one file for the mean and each quantile), and NRML's
-    ``hazardCurves``.
-
-    Parameters
-    ----------
-    paths : Path or sequence of Path
-        One file, or several of the same site: mean and quantiles.
-    measure : str
-        The study's intensity measure; another one is refused.
-    unit : str, optional
-        Of intensities, where the file does not state it: g, m/s2, cm/s2, gal, m/s, cm/s, m, cm.
-    site : (float, float), optional
-        Longitude and latitude [degrees]; needed if a file holds several sites.
-
-    Raises
-    ------
-    InputError
-        Naming the file, what is wrong there, and what is allowed.
+    ``hazardCurves``. `unit` is that of the intensities, where the file does not state it; `site`
+    is longitude and latitude [degrees], for files with several sites. InputError names the file,
+    what is wrong there, and what is allowed.
     """
     files = [paths] if isinstance(paths, Path) else list(paths)
     found: dict[str, HazardCurve] = {}
     notes: dict[str, None] = {}
     for path in files:
         text = read_text(path, _LARGEST, InputError, "the hazard curve")
-        refused = None
-        own: dict[str, HazardCurve] = {}
         try:
-            for stated in _read(text):
-                try:
-                    factor, note = _factor(stated, measure, unit)
-                except InputError as error:  # a file may hold other measures too
-                    refused = refused or error
-                    continue
-                if stated.name in own or stated.name in found:
-                    raise InputError(f"has the curve {stated.name!r}, which was there before")
-                own[stated.name] = _curve(stated, site, factor)
-                notes |= {f"{path}: {note}": None} if note else {}
-            if refused and not own:
-                raise refused
+            curves, own_notes = _curves(text, measure, unit, site)
+            for name in curves.keys() & found.keys():
+                raise InputError(f"has the curve {name!r}, and so has a file before it")
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        found |= own
+        found |= curves
+        notes |= dict.fromkeys(f"{path}: {note}" for note in own_notes)
     order = sorted(found, key=lambda name: name != "mean")
     source = ", ".join(map(str, files))
     return Hazard(measure, source, {name: found[name] for name in order}, tuple(notes))
 
 
-def _read(text: str) -> Iterator[_Stated]:
-    """The curves of a file of any kind."""
+def _curves(
+    text: str, measure: str, unit: str | None, site: Sequence[float] | None
+) -> tuple[dict[str, HazardCurve], list[str]]:
+    """The curves of one file that are of the measure, and notes on what was assumed."""
     if text.lstrip().startswith("<"):
-        return _nrml(text)
-    if re.search(r"^(\w+,)?lon,lat,", text, re.MULTILINE):
-        return _openquake_csv(text)
-    return _plain(text)
-
-
-def _factor(stated: _Stated, measure: str, unit: str | None) -> tuple[float, str]:
-    """SI unit in multiples of the file's, and a note on what was assumed."""
-    note = ""
-    if stated.measure is None:
-        note = f"does not name its measure, which is taken to be {measure}"
+        read = _nrml
     else:
-        wanted, given = parse_measure(measure), None
-        with contextlib.suppress(InputError):
-            given = parse_measure(stated.measure)
-        if given != wanted:
-            if stated.component or given != wanted._replace(rotated=""):
-                text = f"is a hazard of {stated.measure}, but the study's levels are of {measure}"
-                raise InputError(text)
-            note = f"the file states {stated.measure} and no component, taken to be {measure}'s"
+        read = _openquake_csv if re.search(r"^(\w+,)?lon,lat,", text, re.MULTILINE) else _plain
+    curves: dict[str, HazardCurve] = {}
+    notes, other = [], None
+    for stated in read(text):
+        try:
+            note = _assumed(stated, measure)
+            factor = _factor(stated, measure, unit)
+        except InputError as error:  # a file may hold other measures too
+            other = other or error
+            continue
+        if stated.name in curves:
+            raise InputError(f"has the curve {stated.name!r} twice")
+        curves[stated.name] = _curve(stated, site, factor)
+        notes += [note] if note else []
+    if other and not curves:
+        raise other
+    return curves, notes
+
+
+def _assumed(stated: _Stated, measure: str) -> str:
+    """What has to be assumed for a curve to be of the study's measure; empty if nothing."""
+    if stated.measure is None:
+        return f"does not name its measure, which is taken to be {measure}"
+    wanted, given = parse_measure(measure), None
+    with contextlib.suppress(InputError):
+        given = parse_measure(stated.measure)
+    if given == wanted:
+        return ""
+    if stated.component or given != wanted._replace(rotated=""):
+        text = f"is a hazard of {stated.measure}, but the study's levels are of {measure}"
+        raise InputError(text)
+    return f"the file states {stated.measure} and no component, taken to be {measure}'s"
+
+
+def _factor(stated: _Stated, measure: str, unit: str | None) -> float:
+    """SI unit in multiples of the file's."""
     if stated.unit is not None and unit not in (None, stated.unit):
         raise InputError(f"gives {measure} in {stated.unit}, not in {unit}")
     own = stated.unit or unit
     allowed = LEVEL_UNITS.get(measure_unit(measure), {})
     if own not in allowed:
-        text = "no unit is stated" if own is None else f"unit {own!r} is not one of {measure}"
+        text = "no unit is stated" if own is None else f"{own!r} is not a unit of {measure}"
         raise InputError(f"{text}; give one of {', '.join(allowed)}")
-    return allowed[own], note
+    return allowed[own]
 
 
 def _curve(stated: _Stated, site: Sequence[float] | None, factor: float) -> HazardCurve:
-    lon, lat, values, place = _choose(stated.sites, site)
+    place = _choose(stated.sites, site)
+    lon, lat, values = stated.sites[place]
     if len(values) != len(stated.im):
         raise InputError(f"{place} has {len(values)} probabilities for {len(stated.im)} levels")
     try:
         if stated.years is None:
-            curve = HazardCurve(np.array(stated.im), values)
+            curve = HazardCurve(np.array(stated.im), np.array(values))
         else:
             curve = HazardCurve.from_exceedance(stated.im, values, stated.years)
     except InputError as error:
@@ -174,81 +171,70 @@ def _curve(stated: _Stated, site: Sequence[float] | None, factor: float) -> Haza
     return replace(curve, im=curve.im * factor)
 
 
-def _choose(sites: list[Any], wanted: Sequence[float] | None) -> Any:
-    """The only site, or the nearest to the one asked for."""
+def _choose(sites: dict[str, Any], wanted: Sequence[float] | None) -> str:
+    """Place of the only site, or of the nearest to the one asked for."""
     if not sites:
         raise InputError("has no site")
-    if np.isnan(sites[0][0]):  # of a file without places
-        return sites[0]
+    places = list(sites)
+    positions = np.array([sites[place][:2] for place in places])
+    if np.isnan(positions[0, 0]) or (wanted is None and len(places) == 1):
+        return places[0]
     if wanted is None:
-        if len(sites) == 1:
-            return sites[0]
-        some = "; ".join(f"{lon:g},{lat:g}" for lon, lat, *_ in sites[:3])
+        some = "; ".join(f"{lon:g},{lat:g}" for lon, lat in positions[:3])
         how = f"choose one by longitude and latitude, such as {some}"
-        raise InputError(f"has {len(sites)} sites; {how}")
+        raise InputError(f"has {len(places)} sites; {how}")
     if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
-        place = f"site {wanted[0]:g},{wanted[1]:g}"
-        raise InputError(f"{place} is none: longitude comes first, latitude from -90 to 90")
-    lon, lat = np.radians([site[:2] for site in sites]).T
+        rule = "longitude comes first, then latitude from -90 to 90"
+        raise InputError(f"site {wanted[0]:g},{wanted[1]:g} is not on the earth: {rule}")
+    lon, lat = np.radians(positions).T
     lon0, lat0 = np.radians(wanted)
     # Great-circle distances by the haversine formula.
     h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
     away = 2.0 * _EARTH * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
-    nearest = sites[int(np.argmin(away))]
-    if away.min() > FARTHEST:
+    nearest = int(np.argmin(away))
+    if away[nearest] > FARTHEST:
+        lon, lat = positions[nearest]
         raise InputError(
             f"has no site within {FARTHEST:g} km of {wanted[0]:g},{wanted[1]:g}; the nearest is "
-            f"{nearest[0]:g},{nearest[1]:g}, {away.min():.0f} km away"
+            f"{lon:g},{lat:g}, {away[nearest]:.0f} km away"
         )
-    return nearest
+    return places[nearest]
 
 
 def _number(text: str, place: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"{place} is {text[:40]!r}; a finite number is needed")
-    return value
+    with contextlib.suppress(ValueError):
+        if np.isfinite(value := float(text)):
+            return value
+    raise InputError(f"{place} is {text[:40]!r}; it must be a finite number")
 
 
-def _cells(text: str) -> list[tuple[int, list[str]]]:
-    """Rows of a table that are as long as its first."""
-    rows = read_cells(text)
-    if not rows:
-        raise InputError("is empty; a hazard curve in CSV or NRML is needed")
-    heads = rows[0][1]
-    for line, row in rows:
-        if len(row) != len(heads):
-            raise InputError(f"line {line} has {len(row)} columns, the header {len(heads)}")
-    return rows
+def _columns(text: str) -> dict[str, list[float]]:
+    """Numbers of a table in CSV by column."""
+    rows = read_csv(text)
+    return {
+        name: [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
+        for name in (rows[0] if rows else ())
+    }
 
 
 def _plain(text: str) -> Iterator[_Stated]:
-    """Columns intensity and rates or probabilities; lines from # on are comments."""
-    (_, heads), *rows = _cells(text)
-    stated = _MEASURE_AND_UNIT.fullmatch(heads[0])
-    measure = stated[1] if stated else ""
-    known = measure == "im"
+    """Columns intensity and rates or probabilities."""
+    (first, im), *others = _columns(text).items() or [("", [])]
+    stated = _MEASURE_AND_UNIT.fullmatch(first)
+    name = stated[1] if stated else ""
+    known = name == "im"
     with contextlib.suppress(InputError):
-        known = known or bool(parse_measure(measure))
-    if stated is None or not known:
-        raise InputError(f"has {heads[0][:60]!r} as its first column; {_HEADER_RULE}")
-    if len(heads) == 1:
-        raise InputError(f"has one column; {_HEADER_RULE}")
-    columns = [
-        [_number(row[i], f"line {line}, column {head!r}") for line, row in rows]
-        for i, head in enumerate(heads)
-    ]
-    for head, values in zip(heads[1:], columns[1:]):
+        known = known or bool(parse_measure(name))
+    if stated is None or not known or not others:
+        raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
+    for head, values in others:
         kind = _KIND.fullmatch(head)
         if kind is None:
-            raise InputError(f"has a column {head[:60]!r}; {_HEADER_RULE}")
+            raise InputError(f"has a column {head[:60]!r}; {_RULE}")
         years = _number(kind[2], f"the years of column {head!r}") if kind[2] else None
-        name = None if measure == "im" else measure
-        site = (np.nan, np.nan, values, f"column {head!r}")
-        yield _Stated(kind[3] or "mean", name, stated[2], years, columns[0], [site])
+        site = {f"column {head!r}": (np.nan, np.nan, values)}
+        measure = None if name == "im" else name
+        yield _Stated(kind[3] or "mean", measure, stated[2], years, im, site)
 
 
 def _openquake_csv(text: str) -> Iterator[_Stated]:
@@ -258,22 +244,19 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
     if not about.startswith("#") or not {"imt", "investigation_time"} <= stated.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    (_, heads), *rows = _cells(text)
-    levels = [i for i, head in enumerate(heads) if head.startswith("poe-")]
-    if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
+    columns = _columns(text)
+    levels = [head for head in columns if head.startswith("poe-")]
+    if not {"lon", "lat"} <= columns.keys() or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
-    im = [_number(heads[i][4:], f"the level of column {heads[i]!r}") for i in levels]
-    sites = []
-    for line, row in rows:
-        place = f"line {line}"
-        lon, lat = (_number(row[heads.index(k)], f"{k} of {place}") for k in ("lon", "lat"))
-        values = [_number(row[i], f"a probability of {place}") for i in levels]
-        sites.append((lon, lat, values, place))
+    im = [_number(head[4:], f"the level of column {head!r}") for head in levels]
+    values = zip(*(columns[head] for head in levels))
+    rows = zip(columns["lon"], columns["lat"], map(list, values))
+    sites = {f"row {number}": row for number, row in enumerate(rows, start=1)}
     years = _number(stated["investigation_time"], "investigation_time")
     yield _engine(stated.get("kind", "one branch"), stated["imt"], years, im, sites)
 
 
-def _engine(name: str, imt: str, years: float, im: list[float], sites: list[Any]) -> _Stated:
+def _engine(name: str, imt: str, years: float, im: list[float], sites: dict[str, Any]) -> _Stated:
     kind = imt.split("(")[0]
     measure = imt.replace(kind, _NAMES.get(kind, kind), 1)
     return _Stated(name, measure, _UNITS.get(kind), years, im, sites, component=False)
@@ -286,10 +269,8 @@ def _nrml(text: str) -> Iterator[_Stated]:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise InputError(f"is no XML ({error})") from None
-    for element in root.iter():
-        element.tag = element.tag.rsplit("}", 1)[-1]
-    groups = list(root.iter("hazardCurves"))
+        raise InputError(f"is not XML ({error})") from None
+    groups = list(root.iterfind(".//{*}hazardCurves"))
     if not groups:
         raise InputError(f"has no element hazardCurves, but {root.tag}")
     for group in groups:
@@ -302,16 +283,16 @@ def _nrml(text: str) -> Iterator[_Stated]:
         imt = group.get("IMT", "not stated")
         imt += f"({period})" if (period := group.get("saPeriod")) else ""
         years = _number(group.get("investigationTime", ""), "investigationTime")
-        sites = []
-        for number, curve in enumerate(group.findall("hazardCurve"), start=1):
+        sites = {}
+        for number, curve in enumerate(group.iterfind("{*}hazardCurve"), start=1):
             place = f"hazardCurve {number}"
-            position = [*_numbers(curve, "pos", place), np.nan, np.nan]
-            sites.append((*position[:2], _numbers(curve, "poEs", place), place))
+            lon, lat = [*_numbers(curve, "pos", place), np.nan, np.nan][:2]
+            sites[place] = lon, lat, _numbers(curve, "poEs", place)
         yield _engine(name, imt, years, _numbers(group, "IMLs", "hazardCurves"), sites)
 
 
 def _numbers(element: ElementTree.Element, tag: str, place: str) -> list[float]:
-    text = element.findtext(f".//{tag}")
+    text = element.findtext(f".//{{*}}{tag}")
     if text is None:
         raise InputError(f"its element {place} has no {tag}")
     return [_number(cell, f"{tag} of {place}") for cell in text.split()]

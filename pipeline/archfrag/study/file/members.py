@@ -1,9 +1,9 @@
 """The arches that a study amounts to: its entries, what is drawn for them and rows of tables."""
 
-import difflib
 import hashlib
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.files import counted, read_text
 from archfrag.study.file.arches import COLUMNS, NUMBERS, ArchEntry
-from archfrag.study.file.messages import first_message
+from archfrag.study.file.messages import first_message, meant, parse_value, read_csv
 from archfrag.study.file.samples import draw, listed
-from archfrag.study.file.text import parse_value, read_cells
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
@@ -81,12 +81,13 @@ class Members(tuple[Member, ...]):
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
-        columns = _columns([member.values for member in self], np.nan)
-        return {name: np.array(values) for name, values in columns.items()}
+        table = pd.DataFrame([member.values for member in self])
+        return {str(name): column.to_numpy(float) for name, column in table.items()}
 
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
-        return _columns([member.attributes for member in self], "")
+        table = pd.DataFrame([member.attributes for member in self], dtype=object).fillna("")
+        return {str(name): column.tolist() for name, column in table.items()}
 
     def checked(self) -> "Members":
         """All arches, or of very many some at equal distances."""
@@ -102,7 +103,7 @@ class Members(tuple[Member, ...]):
         found = []
         for name, alike in groupby(self, attrgetter("arch_class")):
             own = Members(alike)
-            if not any(member.number or member.id != name for member in own):
+            if all(member.number == 0 and member.id == name for member in own):
                 continue
             parts = [f"{name}: {counted(len(own), 'arch')}"]
             for key, values in own.parameters().items():
@@ -113,21 +114,11 @@ class Members(tuple[Member, ...]):
         return tuple(found)
 
 
-def _columns(rows: Sequence[dict[str, Any]], missing: Any) -> dict[str, list[Any]]:
-    """Values of all rows by name."""
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: [row.get(name, missing) for row in rows] for name in names}
-
-
 def shown(theta: Sequence[float]) -> list[int]:
-    """Places of the arches that a report shows one by one.
+    """Places of the arches that a report shows one by one, by their median capacities.
 
-    All of up to `SHOWN`; of many the weakest, the middle and the strongest.
-
-    Parameters
-    ----------
-    theta : sequence of float
-        Median capacity of each arch; nan where there is no curve.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest. A capacity is nan
+    where there is no curve.
 
     Examples
     --------
@@ -150,16 +141,8 @@ def needs_records(entries: Sequence[ArchEntry]) -> bool:
 def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
     """Make the list of all arches that entries of a study file amount to.
 
-    Parameters
-    ----------
-    entries : sequence of ArchEntry
-    n_record : int, optional
-        Records of the study; needed where a class has `crossed: false`.
-
-    Raises
-    ------
-    StudyError
-        If a table or drawing cannot be used, two arches have the same id, or there are too many.
+    The number of records is needed where a class has `crossed: false`. StudyError if a table or
+    drawing cannot be used, two arches have the same id, or there are too many.
     """
     found: list[Member] = []
     seen: dict[str, str] = {}
@@ -175,12 +158,11 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
         new = [member for base in bases for member in _drawn(base, n_record, entry)]
         found += new
         if len(found) > MOST_MEMBERS:
-            most = f"{MOST_MEMBERS} arches with those before it"
-            raise StudyError(f"{where}: makes more than {most}; a study must have no more")
+            most = f"makes {len(found)} arches with those before it"
+            raise StudyError(f"{where}: {most}; a study must have at most {MOST_MEMBERS}")
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
-                whose = f"which belongs to {seen[name]}"
-                raise StudyError(f"{where}: an arch has the id {name!r}, {whose}")
+                raise StudyError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
     return Members(found)
 
@@ -212,26 +194,21 @@ def _drawn(base: Member, n_record: int | None, entry: ArchEntry) -> Iterator[Mem
 
 
 def read_table(entry: ArchEntry) -> list[Member]:
-    """Read the arches of a table; other keys of the entry hold for rows that do not give them.
-
-    Raises
-    ------
-    StudyError
-        With file, line and column.
-    """
+    """Read the arches of a table; other keys of the entry hold for rows that do not give them."""
     path = Path(entry.table or "")
+    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
+    try:
+        rows = read_csv(text)
+    except InputError as error:
+        raise StudyError(f"{path}: {error}") from None
+    _check_table(rows, path)
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
-    found, seen = [], dict[str, int]()
-    for line, cells in _rows(path):
-        place = f"{path}, line {line}"
-        name = cells["id"]
-        if name in seen:
-            twice = f"{name!r} is the id of line {seen[name]} too; each arch needs its own"
-            raise StudyError(f"{place}, column id: {twice}")
-        seen[name] = line
+    found = []
+    for cells in rows:
+        place = f"{path}, arch {cells['id']}"
         own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
                if key in COLUMNS and key != "id" and text}  # fmt: skip
-        given = {**defaults, **own, "id": name}
+        given = {**defaults, **own, "id": cells["id"]}
         try:
             arch = ArchEntry.model_validate(given)
         except ValidationError as error:
@@ -246,32 +223,21 @@ def read_table(entry: ArchEntry) -> list[Member]:
     return found
 
 
-def _rows(path: Path) -> list[tuple[int, dict[str, str]]]:
-    """Cells of a table by column, each row with the number of its line."""
-    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
-    try:
-        (_, heads), *rows = read_cells(text) or [(1, [])]
-    except InputError as error:
-        raise StudyError(f"{path}: {error}") from None
-    for wrong, reason in (
-        ("id" not in heads, "a column id is missing; commas must be between columns"),
-        ("" in heads, "each column must have a name"),
-        (len(set(heads)) < len(heads), "a column is there twice"),
-        (bool({"vary", "recess"} & set(heads)), "vary and recess must be given in the study file"),
-    ):
-        if wrong:
-            raise StudyError(f"{path}, line 1: {reason}")
-    for name in heads:
-        close = difflib.get_close_matches(name.lower(), COLUMNS, n=1, cutoff=_ALIKE)
-        if close and name not in COLUMNS:
-            hint = f"did you mean {close[0]}? (an attribute must have a name less like it)"
-            raise StudyError(f"{path}, line 1: column {name} is no key of an arch; {hint}")
+def _check_table(rows: list[dict[str, str]], path: Path) -> None:
+    """See that the arches of a table have ids that differ, and no column is nearly a key."""
     if not 1 <= len(rows) <= MOST_ROWS:
         raise StudyError(f"{path}: has {len(rows)} arches; it must have 1 to {MOST_ROWS}")
-    for line, row in rows:
-        if len(row) != len(heads):
-            raise StudyError(f"{path}, line {line}: must have {len(heads)} cells")
-    return [(line, dict(zip(heads, row))) for line, row in rows]
+    for name in rows[0]:
+        if name in ("vary", "recess"):
+            raise StudyError(f"{path}: give {name} in the study file, not in a column")
+        if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
+            rule = "give an attribute a name less like it"
+            raise StudyError(f"{path}: column {name} is not a key of an arch; {hint} ({rule})")
+    if "id" not in rows[0]:
+        raise StudyError(f"{path}: a column id is missing; commas must be between columns")
+    name, count = Counter(row["id"] for row in rows).most_common(1)[0]
+    if count > 1:
+        raise StudyError(f"{path}: {count} arches have the id {name!r}")
 
 
 def _value(text: str, place: str) -> Any:
@@ -280,17 +246,12 @@ def _value(text: str, place: str) -> Any:
         number = float(text)
     except ValueError:
         return parse_value(text, place) if text[0] in "[tTfF" else text
-    # A spreadsheet may write 7 as 7.0, where an integer is wanted.
+    # A spreadsheet may write 7 as 7.0, where an integer is needed.
     return int(number) if abs(number) < 1e15 and number == int(number) else number
 
 
 def check_buildable(given: Members) -> None:
-    """See that all arches can exist.
-
-    Raises
-    ------
-    StudyError
-    """
+    """See that all arches can exist; `StudyError` with the first that cannot, and how many."""
     wrong: list[tuple[Member, GeometryError]] = []
     for member in given:
         try:
@@ -299,18 +260,13 @@ def check_buildable(given: Members) -> None:
             wrong.append((member, error))
     if wrong:
         first, why = wrong[0]
-        some = [member for member, _ in wrong]
-        which = f"cannot exist: {_samples(given, some)}: " if first.number else ""
-        raise StudyError(f"{first.place}: {which}{why}") from why
+        which = _samples(given, [member for member, _ in wrong])
+        where = f"{first.place}: cannot exist: {which}" if first.number else first.place
+        raise StudyError(f"{where}: {why}") from why
 
 
 def check_standing(given: Members) -> None:
-    """See that all arches can exist and stand under their own weight.
-
-    Raises
-    ------
-    StudyError, StabilityError
-    """
+    """See that all arches can exist (or StudyError) and stand (or StabilityError)."""
     from archfrag.simulate import onset
 
     check_buildable(given)

@@ -1,17 +1,31 @@
-"""Blocks of a study file, and the one message that says what is wrong with a value."""
+"""Blocks of a study file, the text they are read from, and the one message on what is wrong."""
 
 import difflib
+import io
 import os
 import re
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+import pandas as pd
+import yaml
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
+
+from archfrag.errors import InputError, StudyError
 
 LONGEST_NAME, LONGEST_PATH = 255, 3900  # [bytes] of file systems; results add to a path
 _SHOWN = 80  # characters of a value
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 class Section(BaseModel):
@@ -36,97 +50,90 @@ class Section(BaseModel):
         allowed = list(cls.allowed_keys(given)) if isinstance(given, dict) else []
         for key in given if isinstance(given, dict) else ():
             if key in cls.gone:
-                raise refuse_key(key, f"is gone; {cls.gone[key]}")
+                raise refuse_key(key, f"no longer exists; {cls.gone[key]}")
             if key not in allowed:
-                close = difflib.get_close_matches(str(key), allowed, n=1)
-                names = f"allowed are {', '.join(allowed)}"
-                hint = f"did you mean {close[0]}?" if close else names
-                raise refuse_key(_shown(str(key)), f"is no known {cls.called}; {hint}")
+                hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
+                raise refuse_key(_shown(str(key)), f"is not a known {cls.called}; {hint}")
         return given
 
 
+def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The question whether the known name nearest to a wrong one was meant; empty if none is."""
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return f"did you mean {close[0]}?" if close else ""
+
+
 def refuse(text: str) -> PydanticCustomError:
-    """A refusal in words: what must be, to follow the key and its value."""
+    """An error in words: what must be, to follow the key and its value."""
     return PydanticCustomError("refused", "{text}", {"text": text})
 
 
 def refuse_key(key: str, text: str) -> PydanticCustomError:
-    """A refusal of a key of the present block: what it must be, or that it may not be there."""
+    """An error of a key of the present block: what it must be, or that it may not be there."""
     return PydanticCustomError("refused_key", "{text}", {"keys": [key], "text": text})
 
 
 def refuse_missing(keys: Iterable[str]) -> PydanticCustomError:
-    """A refusal of a block in which keys are missing."""
+    """An error of a block in which keys are missing."""
     return PydanticCustomError("missing", "missing", {"keys": list(keys)})
 
 
-def _usable_path(value: str) -> str:
-    if value.startswith("~"):
-        raise refuse("begins with the home folder of a user that there is not")
-    if max(map(len, os.fsencode(value).split(b"/"))) > LONGEST_NAME:
+def _absolute(value: str, info: ValidationInfo) -> str:
+    """A path below the folder that the validation is told of."""
+    path = os.path.expanduser(value)
+    if path.startswith("~"):
+        raise refuse("names the home folder of a user who does not exist")
+    if info.context:
+        path = os.path.abspath(os.path.join(info.context["folder"], path))
+    size = len(os.fsencode(path))
+    if max(map(len, os.fsencode(path).split(b"/"))) > LONGEST_NAME:
         raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
-    if len(os.fsencode(value)) > LONGEST_PATH:
-        raise refuse(f"must have at most {LONGEST_PATH} bytes with the folders above it")
-    return value
+    if size > LONGEST_PATH:
+        raise refuse(f"has {size} bytes with the folders above it; at most {LONGEST_PATH}")
+    return path
 
 
-PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
+PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 
 # Where pydantic's own words name its classes or a regular expression.
 _KINDS = {
-    "model_type": "must be a mapping of keys to values",
-    "model_attributes_type": "must be a mapping of keys to values",
-    "dict_type": "must be a mapping of keys to values",
-    "tuple_type": "must be a list",
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"),
+                    "must be a mapping of keys to values"),
     "string_unicode": "must be text in UTF-8",
     "string_pattern_mismatch": (
         "must begin with a letter or a digit and hold only letters, digits and _ . + -"
     ),
-}
+}  # fmt: skip
 
 
-def first_message(error: ValidationError, given: Any, written: Any = None) -> str:
-    """Message about the first thing that is wrong: key, value and rule; all keys that are missing.
-
-    Parameters
-    ----------
-    error : ValidationError
-    given : object
-        What was validated.
-    written : callable, optional
-        How a list of keys and numbers is written; ``arches[0].radius`` if not given.
-    """
-    path = written or key_path
-    found = [(_place(p["loc"], given), p) for p in error.errors(include_url=False)]
-    first = found[0][0]
-    # Of the members of a union the one that the value comes nearest to.
-    alike = [each for each in found if each[0][: len(first)] == first]
-    place, problem = max(alike, key=lambda f: (len(f[0]), not f[1]["type"].endswith("_type")))
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind == "missing":
-        lost = [[*p, k] for p, e in found if e["type"] == kind
-                for k in e.get("ctx", {}).get("keys", e["loc"][-1:])]  # fmt: skip
-        return f"{', '.join(map(path, lost))} {'are' if lost[1:] else 'is'} missing"
-    if kind.startswith("union_tag"):
-        tags = context.get("expected_tags", "").replace("'", "")
-        key = path([*place, context["discriminator"].strip("'")])
-        return f"{key} = {context['tag']} must be one of {tags}" if tags else f"{key} is missing"
-    if kind == "refused_key":
-        return f"{path([*place, *context['keys']])} {context['text']}"
-    rule = re.sub("^.*? should ", "must ", _KINDS.get(kind, problem["msg"]))
-    given, quotes = problem["input"], kind.endswith("_type")
-    value = "" if isinstance(given, Mapping) else f" = {_shown(given, quotes)}"
-    return f"{path(place) or 'the file'}{value} {rule.replace(' after validation', '')}"
-
-
-def key_path(parts: list[Any]) -> str:
+def key_path(parts: Sequence[Any]) -> str:
     """Keys and indices as people write them: ``arches[0].radius``."""
     return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
 
 
-def option_path(parts: list[Any]) -> str:
-    """The same as an option of a command: ``--dead-load``."""
-    return f"--{parts[0].replace('_', '-')}"
+def first_message(
+    error: ValidationError, given: Any, written: Callable[[Sequence[Any]], str] = key_path
+) -> str:
+    """Message about the first thing that is wrong: key, value and rule; all keys that are missing.
+
+    `given` is what was validated; `written` tells how a list of keys and numbers is written.
+    """
+    found = [(_place(problem["loc"], given), problem) for problem in error.errors()]
+    place, first = found[0]
+    kind, context, value = first["type"], first.get("ctx", {}), first["input"]
+    if kind == "missing":
+        lost = [written([*where, key]) for where, each in found if each["type"] == kind
+                for key in each.get("ctx", {}).get("keys", each["loc"][-1:])]  # fmt: skip
+        return f"{', '.join(lost)} {'are' if lost[1:] else 'is'} missing"
+    if kind.startswith("union_tag"):
+        key = written([*place, context["discriminator"].strip("'")])
+        tags = context.get("expected_tags", "").replace("'", "")
+        return f"{key} = {context['tag']} must be one of {tags}" if tags else f"{key} is missing"
+    if kind == "refused_key":
+        return f"{written([*place, *context['keys']])} {context['text']}"
+    rule = re.sub("^.*? should ", "must ", _KINDS.get(kind, first["msg"]))
+    shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
+    return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
 
 
 def _place(location: tuple[Any, ...], given: Any) -> list[Any]:
@@ -145,3 +152,60 @@ def _shown(value: Any, quotes: bool = False) -> str:
     plain = isinstance(value, str) and value.isprintable() and not quotes
     text = value if plain else "empty" if value is None else reprlib.repr(value)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which no key is given twice, and a number may be written as 2e-3."""
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
+            raise _at(node, "text must hold no control characters")
+        return super().construct_scalar(node)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[str]()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                raise _at(key, f"the key {key.value[:40]} is given twice")
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+.0123456789"),
+)  # fmt: skip
+
+
+def _at(node: yaml.Node, problem: str) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+
+
+def parse_value(text: str, place: str) -> Any:
+    """A value in YAML; `StudyError` with the `place` and the line if it is none."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = "" if mark is None else f"line {mark.line + 1}: "
+        text = f"{line}{error.problem}; check indentation, colons and quotes"
+        raise StudyError(f"{place}: {text}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise StudyError(f"{place}: is not valid YAML ({why})") from error
+
+
+def read_csv(text: str) -> list[dict[str, str]]:
+    """Rows of a table in CSV by column; lines that begin with # are comments.
+
+    `InputError` if it is none.
+    """
+    content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
+    try:
+        table = pd.read_csv(content, dtype=str, keep_default_na=False)
+        if not isinstance(table.index, pd.RangeIndex):
+            raise pd.errors.ParserError("its rows have more cells than its first line")
+    except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
+        raise InputError(f"is not a table in CSV ({' '.join(str(error).split())})") from None
+    rows = table.fillna("").to_dict("records")
+    return [{str(key).strip(): cell.strip() for key, cell in row.items()} for row in rows]

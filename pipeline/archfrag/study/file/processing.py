@@ -159,6 +159,9 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
     from archfrag.motions import process
 
     settings = step.settings
+    if step.name == "choose":
+        text = f"Components {', '.join(settings['components'])} chosen."
+        return motion._replaced(log=(*motion.log, text))
     if step.name == "trim":
         changed = _trimmed(motion, **settings)
     elif step.name == "response":
@@ -174,7 +177,7 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
 
 def _trimmed(
     motion: "Motion", arias: tuple[float, float] | None, threshold_g: float | None,
-    times: tuple[float, float] | None, margin: float,
+    times: Sequence[float] | None, margin: float,
 ) -> "Motion":  # fmt: skip
     from archfrag.motions import process
     from archfrag.motions.units import STANDARD_GRAVITY
@@ -183,8 +186,7 @@ def _trimmed(
         return process.trim_by_arias(motion, *arias, margin)
     if threshold_g is not None:
         return process.trim_by_threshold(motion, threshold_g * STANDARD_GRAVITY, margin)
-    assert times is not None
-    return process.cut(motion, *times)
+    return process.cut(motion, *(times or ()))
 
 
 def _version(step: Step) -> str:

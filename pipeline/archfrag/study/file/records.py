@@ -14,7 +14,7 @@ from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.files import cannot_write, make_folder, sha256_of
 from archfrag.study.file.processing import Step, apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import Source, find_sources, known_ids, needs_pairs
+from archfrag.study.file.sources import Source, check_known, find_sources, needs_pairs
 from archfrag.study.files import (
     Inputs,
     canonical_json,
@@ -33,7 +33,7 @@ COMPARED = (
     "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
     "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
 )  # fmt: skip
-_AGAIN = "`archfrag motions` on the study file makes it"
+_AGAIN = "run `archfrag motions` on the study file"
 
 
 @dataclass(frozen=True)
@@ -62,56 +62,48 @@ class PreparedRecord:
 
 
 def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other, processed as it asks.
-
-    Raises
-    ------
-    StudyError, RecordError
-    """
+    """Read the motions of a study one after the other, processed as it asks."""
     taken: dict[str, Path] = {}
     select = study.motions.select
     for path, motion in _motions(study):
         if motion.id in taken:
-            twice = f"{motion.id!r} is that of {taken[motion.id]} too; each record needs its own"
-            raise RecordError(f"{path}: the record id {twice}")
+            whose = f"already belongs to {taken[motion.id]}; each record needs its own"
+            raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
         taken[motion.id] = path
         if select is None or motion.id in select:
             yield motion
-    known_ids(select or (), taken)
+    check_known(select or (), taken)
 
 
 def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
     """Each motion with its file."""
-    steps = study.motions.processing
-    chooses = (step.settings["components"] for step in steps if step.name == "choose")
-    wanted: list[str] = next(chooses, [])
-    rotates = any(step.name == "rotate" for step in steps)
-    pairs, rotated = needs_pairs(study), set()
-    chosen, others = set(), dict[Any, str]()
+    steps = {step.name: step.settings for step in study.motions.processing}
+    chosen = [code.upper() for code in steps.get("choose", {}).get("components", ())]
+    rotated = set[frozenset[tuple[str, str]]]()
+    with_chosen, left_out = set[Any](), dict[Any, str]()
     for source in find_sources(study):
         facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
         motions = _read(source)
-        every = tuple(motions) if pairs else ()
+        every = tuple(motions) if needs_pairs(study) else ()
         while motions:
             motion = motions.pop(0)
-            if wanted:
-                code, record = str(motion.metadata.get("component", "")), _record(motion, source)
-                if not {code.upper(), code[-1:].upper()} & {each.upper() for each in wanted}:
-                    others.setdefault(record, f"{source.path}: record {motion.id} ({code})")
-                    continue
-                chosen.add(record)
+            code, record = str(motion.metadata.get("component", "")), _record(motion, source)
+            if chosen and not {code.upper(), code[-1:].upper()} & set(chosen):
+                left_out.setdefault(record, f"{source.path}: record {motion.id} ({code})")
+                continue
+            with_chosen.add(record)
             motion = _with_components(study, motion, every, source)
-            if rotates:
-                pair = _pair(motion)
-                if pair in rotated:
-                    continue
-                rotated.add(pair)
-            motion = _processed(motion, source, steps)
+            pair = _pair(motion)
+            if "rotate" in steps and pair in rotated:
+                continue
+            rotated.add(pair)
+            motion = _processed(motion, source, study.motions.processing)
             yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
-    for record, name in others.items():
-        if record not in chosen:
-            text = f"{', '.join(wanted)} that motions.processing chooses"
-            raise RecordError(f"{name}: has none of the components {text}")
+    for record, name in left_out.items():
+        if record not in with_chosen:
+            codes = ", ".join(steps["choose"]["components"])
+            text = f"has none of the components {codes} that motions.processing chooses"
+            raise RecordError(f"{name}: {text}")
 
 
 def _read(source: Source) -> list["Motion"]:
@@ -187,10 +179,6 @@ def _as_listed(partner: "Motion", source: Source) -> "Motion":
 
 def _processed(motion: "Motion", source: Source, steps: Sequence[Step]) -> "Motion":
     for number, step in enumerate(steps):
-        if step.name == "choose":
-            text = f"Components {', '.join(step.settings['components'])} chosen."
-            motion = motion._replaced(log=(*motion.log, text))
-            continue
         try:
             motion = apply_step(step, motion, source.path, source.inventory)
         except InputError as error:
@@ -229,10 +217,6 @@ def prepare_motions(
     """Store the motions of a study, one file each, with a manifest.
 
     New motions count when the manifest is written, which is last; until then the old ones do.
-
-    Raises
-    ------
-    StudyError, RecordError, OutputError
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
@@ -246,9 +230,9 @@ def prepare_motions(
             raise StudyError("motions: the study has no record")
         if study.motions.select is not None:
             records.sort(key=lambda record: (study.motions.select or []).index(record.id))
-        listed = [asdict(record) for record in records]
-        manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs}
-        write_text(study.work / MANIFEST, canonical_json({**manifest, "records": listed}) + "\n")
+        manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
+                    "records": [asdict(record) for record in records]}  # fmt: skip
+        write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
     except OSError as error:
         raise cannot_write(folder, error) from error
     finally:
@@ -288,6 +272,13 @@ def _stored(motion: "Motion", study: Study) -> PreparedRecord:
     )  # fmt: skip
 
 
+def _number(value: Any) -> float | None:
+    try:
+        return None if value in (None, "") else float(value)
+    except (TypeError, ValueError):
+        return None
+
+
 def read_manifest(study: Study) -> dict[str, Any]:
     """What `prepare_motions` wrote of its work."""
     path = study.work / MANIFEST
@@ -299,26 +290,23 @@ def read_manifest(study: Study) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
 
 
 def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored, each as it was stored.
+    """Records that `prepare_motions` stored.
 
-    Raises
-    ------
-    InputError
-        If there are none yet, they are of other records or another measure, or a stored motion
-        is not the one that was prepared.
+    InputError if there are none yet, they are of other records or another measure, or a stored
+    motion is not the one that was prepared.
     """
     manifest, path = read_manifest(study), study.work / MANIFEST
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
-        raise InputError(f"{path}: was made for {other}; {_AGAIN} anew")
+        raise InputError(f"{path}: was made for {other}; {_AGAIN}")
     try:
         records = [PreparedRecord(**entry) for entry in manifest["records"]]
     except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
     for record in records:
         _check_stored(study.work, record)
     return records
@@ -334,23 +322,16 @@ def load_record(work: Path, record: PreparedRecord) -> "Motion":
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
     path = work / record.file
     if sha256_if_there(path) != record.prepared:
-        what = f"is not the motion that was prepared of record {record.id!r}"
-        raise InputError(f"{path}: {what}, but missing, changed or damaged; {_AGAIN} anew")
+        what = f"the motion prepared of record {record.id!r} is missing, changed or damaged"
+        raise InputError(f"{path}: {what}; {_AGAIN}")
     return path
 
 
 def motions_key(study: Study) -> dict[str, Any]:
     """Settings of a study on its motions and its measure; paths are as in `read_inputs`."""
     motions = study.motions.model_dump(mode="json")
-    for given, name in ((motions, "index"), *((each, "path") for each in motions["files"]),
-                        *((each, "inventory") for each in motions["files"])):  # fmt: skip
-        if given[name] is not None:
-            given[name] = os.path.relpath(given[name], study.folder)
+    for given in (motions, *motions["files"]):
+        for name in ("index", "path", "inventory"):
+            if given.get(name) is not None:
+                given[name] = os.path.relpath(given[name], study.folder)
     return {"motions": motions, "measure": study.intensity.measure}
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return None if value in (None, "") else float(value)
-    except (TypeError, ValueError):
-        return None

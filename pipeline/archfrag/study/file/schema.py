@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from archfrag.errors import InputError, StudyError
-from archfrag.files import WORK
+from archfrag.files import WORK, read_text
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.blocks import (
@@ -22,13 +22,15 @@ from archfrag.study.file.blocks import (
     RiskKeys,
 )
 from archfrag.study.file.members import Members, check_buildable, expand
-from archfrag.study.file.messages import PathText, Section, first_message, refuse
+from archfrag.study.file.messages import PathText, Section, first_message, parse_value, refuse
 from archfrag.study.file.processing import Steps
-from archfrag.study.file.text import parse_value, read_yaml
 from archfrag.study.runs import AnyDesign
 from archfrag.study.runs.stripes import Stripes
 
 MOST_ARCHES, DEEPEST = 1000, 20
+LARGEST_FILE = 500_000  # [bytes] read in about three seconds
+# Keys whose values are paths, or lists of them.
+PATHS = {"output", "table", "drawing", "index", "files", "path", "inventory", "hazard"}
 
 
 def _check_columns(given: Any) -> Any:
@@ -94,9 +96,9 @@ class Motions(Section):
     def _have_a_source(self) -> Self:
         if self.index is None and not self.files:
             raise refuse("must have a key index or files")
-        for name in self.select or ():
-            if self.select and self.select.count(name) > 1:
-                raise refuse(f"must have different ids under select, but {name!r} is there twice")
+        selected = self.select or []
+        if twice := [name for name in selected if selected.count(name) > 1]:
+            raise refuse(f"must have different ids under select, but {twice[0]!r} is there twice")
         return self
 
 
@@ -168,12 +170,14 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
-    given = _anchored(read_yaml(path), (), folder)
+    given = parse_value(read_text(path, LARGEST_FILE, StudyError, "the study file"), str(path))
+    if not isinstance(given, dict):
+        raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")
     for text in overrides:
         _override(given, text)
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     try:
-        study = Study.model_validate(given)
+        study = Study.model_validate(given, context={"folder": folder})
         # Arches that each record has of its own are known once the records are.
         check_buildable(study.members(n_record=1).checked())
     except ValidationError as error:
@@ -196,33 +200,6 @@ def study_schema() -> str:
     return json.dumps(schema, indent=2, ensure_ascii=False, sort_keys=True) + "\n"
 
 
-# Keys whose values are paths; * is the number of an entry.
-_PATHS = {
-    ("output",),
-    ("arches", "*", "table"),
-    ("arches", "*", "drawing"),
-    ("motions", "index"),
-    ("motions", "files", "*"),
-    ("motions", "files", "*", "path"),
-    ("motions", "files", "*", "inventory"),
-    ("risk", "hazard"),
-}
-
-
-def _anchored(value: Any, key: tuple[str, ...], folder: Path) -> Any:
-    """The value of a key of a raw study with its paths made absolute."""
-    if not any(path[: len(key)] == key for path in _PATHS):
-        return value
-    if isinstance(value, dict):
-        return {k: _anchored(entry, (*key, str(k)), folder) for k, entry in value.items()}
-    if isinstance(value, list):
-        return [_anchored(entry, (*key, "*"), folder) for entry in value]
-    if key in _PATHS and isinstance(value, str) and value:
-        expanded = os.path.expanduser(value)
-        return value if expanded.startswith("~") else os.path.abspath(folder / expanded)
-    return value
-
-
 def _override(given: dict[str, Any], text: str) -> None:
     """Put the value of an option --set into a raw study."""
     key, equals, value_text = text.partition("=")
@@ -230,13 +207,25 @@ def _override(given: dict[str, Any], text: str) -> None:
     if not equals or not all(parts) or len(parts) > DEEPEST:
         raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
-    below = tuple("*" if part.isdigit() else part for part in parts)
+    name = next((part for part in reversed(parts) if not part.isdigit()), "")
     block: Any = given
     try:
         for part in parts[:-1]:
             block = block.setdefault(part, {}) if isinstance(block, dict) else block[int(part)]
         last = parts[-1] if isinstance(block, dict) else int(parts[-1])
-        block[last] = _anchored(value, below, Path.cwd())
+        block[last] = _from_here(value, name)
     except (IndexError, TypeError, ValueError):
         what = "a list is counted from 0, and only a block or a list has keys"
         raise StudyError(f"--set {text}: the study has no such place; {what}") from None
+
+
+def _from_here(value: Any, key: str) -> Any:
+    """The value of a key from the command line, with its paths below the current folder."""
+    if isinstance(value, dict):
+        return {name: _from_here(inner, str(name)) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_from_here(inner, key) for inner in value]
+    if key not in PATHS or not isinstance(value, str) or not value:
+        return value
+    expanded = os.path.expanduser(value)
+    return value if expanded.startswith("~") else os.path.abspath(expanded)

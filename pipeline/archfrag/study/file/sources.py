@@ -1,6 +1,5 @@
 """The record files of a study: found by an index or by patterns, each with how to read it."""
 
-import difflib
 import fnmatch
 import glob
 import os
@@ -16,6 +15,7 @@ from archfrag.files import opened
 from archfrag.motions.calibrate import LARGEST_INVENTORY, record_size
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
+from archfrag.study.file.messages import meant
 from archfrag.study.file.schema import FileSet, Study
 
 if TYPE_CHECKING:
@@ -46,25 +46,25 @@ def needs_pairs(study: Study) -> bool:
 def find_sources(study: Study) -> list[Source]:
     """Find the record files of a study, in the order of its results.
 
-    Raises
-    ------
-    StudyError, RecordError
-        If a file or an id is missing, or a file is found twice with different settings.
+    StudyError or RecordError if a file or an id is missing, or a file is found twice with
+    different settings.
     """
     asked = study.motions
     rows = [] if asked.index is None else load_index(asked.index)
-    listed = rows
+    used = rows
     if asked.select is not None and not asked.files:
         table = {row.id: row for row in rows}
-        listed = [table[name] for name in known_ids(asked.select, table)]
-    indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in listed]
+        check_known(asked.select, table)
+        used = [table[name] for name in asked.select]
+    indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in used]
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
-        for source in _from_files(files, f"motions.files[{number}]"):
+        key = f"motions.files[{number}]"
+        for source in _from_files(files, key):
             # Two patterns may match the same file.
             if given.setdefault(source.path, source) != source:
-                text = "by an entry before it too, with another unit, inventory, columns or accept"
-                raise StudyError(f"motions.files[{number}]: {source.path} is matched {text}")
+                other = "another unit, inventory, columns or accept"
+                raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
     for source in (*indexed, *given.values()):
         record_size(source.path)
         if source.inventory is not None:
@@ -73,15 +73,13 @@ def find_sources(study: Study) -> list[Source]:
     return _with_partners(found, study, rows)
 
 
-def known_ids(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The ids that a study selects; `StudyError` if one of them is no record."""
-    names, selected = list(known), list(wanted)
+def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
+    """See that a study selects records that exist; `StudyError` names the first that does not."""
+    names = list(known)
     for name in selected:
         if name not in names:
-            close = difflib.get_close_matches(name, names, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(names)}"
-            raise StudyError(f"motions.select: {name!r} is no record of the study; {hint}")
-    return selected
+            hint = meant(name, names) or f"the study has {', '.join(names)}"
+            raise StudyError(f"motions.select: {name!r} is not a record of the study; {hint}")
 
 
 def _check_inventory(path: str) -> None:
@@ -94,16 +92,14 @@ def _check_inventory(path: str) -> None:
 
 
 def _from_files(files: FileSet, key: str) -> list[Source]:
+    from archfrag.motions.formats.columns import parse_columns
+
     paths = [Path(files.path)]
     if glob.has_magic(files.path) and not paths[0].is_file():
         paths = [path for path in _matches(paths[0]) if not goes_with_records(path)]
         if not paths:
             raise StudyError(f"{key}: no file matches {files.path}")
-    columns = None
-    if files.columns is not None:
-        from archfrag.motions.formats.columns import parse_columns
-
-        columns = parse_columns(files.columns)
+    columns = None if files.columns is None else parse_columns(files.columns)
     known = files.unit, files.inventory, tuple(files.accept), columns
     return [Source(path, *known) for path in paths]
 
@@ -113,12 +109,9 @@ def _matches(pattern: Path) -> list[Path]:
     place = str(pattern.parent)
     folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
     name = re.compile(fnmatch.translate(pattern.name), re.IGNORECASE)
-    found = (
-        Path(folder, each)
-        for folder in folders if os.path.isdir(folder)
-        for each in os.listdir(folder) if name.match(each)
-    )  # fmt: skip
-    return sorted(path for path in found if path.is_file())
+    found = (Path(folder, each) for folder in folders for each in folder_names(Path(folder))
+             if name.match(each))  # fmt: skip
+    return sorted(found)
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
@@ -135,7 +128,7 @@ def _with_names(sources: list[Source]) -> list[Source]:
             groups.setdefault(record_name(source.path), []).append(source.path)
     names: dict[Path, str] = {}
     for name, paths in groups.items():
-        parents = [Path(os.path.abspath(path)).parent for path in paths]
+        parents = [path.parent for path in paths]
         common = os.path.commonpath(parents)
         rows = [
             (*parent.relative_to(common).parts, path.name if parents.count(parent) > 1 else name)
@@ -170,22 +163,24 @@ def _with_partners(
     A row of the index with the same event and station comes before a file of nearly the same
     name; what is in the record's own file comes before both when it is read.
     """
-    asked = needs_pairs(study), study.motions.vertical
-    if not any(asked):
+    asked = {"transverse": needs_pairs(study), "vertical": study.motions.vertical}
+    if not any(asked.values()):
         return list(sources)
-    folders = {
+    by_name = {
         folder: partners(folder_names(folder)) for folder in {s.path.parent for s in sources}
     }
     found = []
     for source in sources:
-        files: list[Path | None] = []
-        for kind, by_name in zip((False, True), folders[source.path.parent]):
-            alike = [row for row in rows if _is_vertical(row) == kind]
+        files: dict[str, Path] = {}
+        for (kind, wanted), names in zip(asked.items(), by_name[source.path.parent]):
+            alike = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
             row = _same_record(source.entry, alike) if source.entry is not None else None
-            name = by_name.get(source.path.name)
-            path = row.path if row else source.path.with_name(name) if name else None
-            files.append(path if asked[kind] else None)
-        found.append(replace(source, transverse=files[0], vertical=files[1]))
+            if wanted and row is not None:
+                files[kind] = row.path
+            elif wanted and source.path.name in names:
+                files[kind] = source.path.with_name(names[source.path.name])
+        pair = files.get("transverse"), files.get("vertical")
+        found.append(replace(source, transverse=pair[0], vertical=pair[1]))
     return found
 
 

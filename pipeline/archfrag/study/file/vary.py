@@ -123,7 +123,7 @@ class JointScatter(Section):
             raise refuse(f"must have one of {', '.join(JointScatter.model_fields)}")
         for name, distribution in given.items():
             if distribution.relative:
-                raise refuse_key(f"{name}.relative", "has no place among the joints")
+                raise refuse_key(f"{name}.relative", "cannot be used for joints")
         return self
 
 
