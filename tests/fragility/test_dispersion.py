@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.dispersion import split_capacities, split_curves
+from archfrag.fragility.curve import split_capacities, split_curves
 
 MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1
 ARCHES, RECORDS, STUDIES = 12, 20, 400

@@ -9,7 +9,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.counts import draws_of_records
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.shapes import check_lognormal, isotonic_curve
+from archfrag.fragility.quoted import check_lognormal, isotonic_curve
 
 LEVELS = np.geomspace(0.1, 1.2, 12)
 

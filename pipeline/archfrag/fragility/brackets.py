@@ -72,7 +72,7 @@ class Brackets:
         -------
         (ndarray, ndarray, ndarray)
             Distinct levels (n_level,), rising; 1 where a run collapsed, and where it is decided,
-            (n_record, n_level) each. FitError if no run is decided.
+            (n_record, n_level) each.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
@@ -111,11 +111,6 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
         Codes of `Verdict`; all but survived and collapsed decide nothing.
     levels : array_like, (n_level,) or (n_record, n_level)
         Intensity or scale factor, > 0, in any order.
-
-    Raises
-    ------
-    InputError
-        If shapes do not agree, or a level or a code is not valid.
 
     Examples
     --------

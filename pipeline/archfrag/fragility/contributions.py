@@ -67,15 +67,13 @@ class Deaggregation:
 def deaggregate(
     verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
 ) -> Deaggregation:
-    """Divide the collapses at each level by category.
+    """Divide the collapses at each level by category, as `contributions` divides the rate.
 
     The same records collapse at several levels, most often by one mechanism. Wilson's score
     interval of the overall fractions (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212) therefore
     counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are the numbers of collapses of
-    the records (Kish 1965, *Survey Sampling*, sections 5.4 and 11.7).
-
-    `verdict`, (n_record, n_level), holds codes of `Verdict`; the other arguments and the errors
-    are those of `contributions`.
+    the records (Kish 1965, *Survey Sampling*, sections 5.4 and 11.7). `verdict`, (n_record,
+    n_level), holds codes of `Verdict`.
     """
     counted = count_verdicts(verdict)
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
@@ -105,17 +103,12 @@ def contributions(
         Rate of collapse by motions of each level [1/year], from `rate_by_level`.
     collapsed : array_like of bool, (n_record, n_level)
     category : array_like of int, (n_record, n_level)
-        Position in `categories` of each run that collapsed; any number elsewhere.
+        Position in `categories` of each run that collapsed (else InputError).
     categories : sequence of str
     event : array_like, (n_record,), optional
         Earthquake of each record; its own where it is not given.
     seed, confidence
         Of the bootstrap.
-
-    Raises
-    ------
-    InputError
-        If shapes do not agree, a rate is negative, or a run that collapsed has no category.
     """
     fell = np.asarray(collapsed, dtype=bool)
     rates = shaped(level_rate, fell.shape[1:], "level_rate").astype(float)
@@ -169,8 +162,7 @@ def implied_collapses(
 ) -> tuple[BoolArray, NDArray]:
     """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled.
 
-    A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
-    level that was, by the category that it had there: capacity is taken as one number.
+    A level that was not simulated is as the nearest lower one of its record that was.
     """
     fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)

@@ -61,9 +61,7 @@ def least(
     return p, terms(p, np.arange(len(p)))
 
 
-def interval_terms(
-    p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray
-) -> Terms:
+def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray) -> Terms:
     """Terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), which is convex in `p`, (n_fit, q).
 
     `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
@@ -150,13 +148,9 @@ def normal_lines(
 
     `lower` and `upper`, (n_point,) or (n_fit, n_point), are equal where a value is known exactly,
     -inf or inf where there is no bound; the first column of `design`, (n_point, q), is 1. In
-    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46).
-
-    Returns
-    -------
-    (ndarray, ndarray, ndarray, ndarray)
-        Coefficients (n_fit, q); deviation of the error (n_fit,); negative log-likelihood
-        (n_fit,); observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
+    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46). Returns
+    coefficients (n_fit, q); deviation of the error and negative log-likelihood, (n_fit,) each;
+    observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
     """
     low, high = np.atleast_2d(lower), np.atleast_2d(upper)
     known = np.where(np.isfinite(low), low, high)
