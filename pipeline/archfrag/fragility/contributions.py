@@ -1,9 +1,8 @@
 """Collapses divided by category, level by level, and the rate of collapse divided as they are.
 
 Categories are the mechanism of a collapse, its joint, or what is known of its record. By magnitude
-and distance the rate shows which records of the set cause it: conditional on the set, and no
-deaggregation of the hazard, since records are run at levels that their own earthquakes need not
-have reached.
+and distance the rate shows which records of the set cause it; this is no deaggregation of the
+hazard, since records are run at levels that their own earthquakes need not have reached.
 """
 
 from collections.abc import Sequence
@@ -69,11 +68,9 @@ def deaggregate(
 ) -> Deaggregation:
     """Divide the collapses at each level by category, as `contributions` divides the rate.
 
-    The same records collapse at several levels, most often by one mechanism. Wilson's score
-    interval of the overall fractions (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212) therefore
-    counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are the numbers of collapses of
-    the records (Kish 1965, *Survey Sampling*, sections 5.4 and 11.7). `verdict`, (n_record,
-    n_level), holds codes of `Verdict`.
+    The same records collapse at several levels, so that Wilson's interval of the overall
+    fractions counts ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish
+    1965, *Survey Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
     """
     counted = count_verdicts(verdict)
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
@@ -177,13 +174,7 @@ def value_bins(
 ) -> tuple[IntArray, tuple[str, ...]]:
     """Bin of each value, (n,), and the names of the bins; nan has a bin of its own.
 
-    Bins are below the first edge, between edges, which increase, and from the last on; `unit` is
-    written after the numbers.
-
-    >>> from archfrag.fragility.contributions import value_bins
-    >>> place, names = value_bins([5.9, 6.0, 7.4, float("nan")], [6.0, 7.0], "km")
-    >>> place.tolist(), names
-    ([0, 1, 2, 3], ('below 6 km', '6 to 7 km', '7 km and more', 'not known'))
+    Bins are below the first of the rising edges, between edges, and from the last on.
     """
     values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
     ends, unit = [f"{edge:g}" for edge in edges], f" {unit}" if unit else ""

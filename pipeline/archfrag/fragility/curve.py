@@ -17,10 +17,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Fragility:
-    """A lognormal fragility curve and how well the data determine it.
-
-    Bands and intervals are from the covariance of the parameters.
-    """
+    """A lognormal fragility curve; bands and intervals are from the covariance."""
 
     theta: float  #: median capacity, in the unit of the intensity it was fitted to
     beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
@@ -59,11 +56,9 @@ class Fragility:
         return scipy.special.ndtr(deviation).mean(axis=-1)
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Pointwise band of the curve at intensities >= 0, from the covariance.
+        """Pointwise band of the curve at intensities >= 0, by the delta method.
 
-        The delta method on the probit scale, z = (ln im - ln theta) / beta, where the curve is a
-        straight line in ln im and its estimate is closest to normal: var z = g C g with
-        g = -(1, z) / beta. The band is Phi(z -+ q sqrt(var z)) and stays within [0, 1].
+        On the probit scale, z = (ln im - ln theta) / beta, var z = g C g with g = -(1, z) / beta.
         """
         quantile = scipy.special.ndtri(tails(confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
@@ -109,10 +104,8 @@ class Fragility:
 def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
     """Curve of a class of arches: the mean of the curves of its arches.
 
-    It is the probability that an arch collapses of which only its class is known. `theta` and
-    `beta` are those of the lognormal curve with the same mean and standard deviation of ln
-    capacity, the law of total variance on the curves of the arches; covariance and sizes are
-    those of the `pooled` curve of all runs.
+    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
+    of ln capacity; covariance and sizes are those of the `pooled` curve of all runs.
     """
     members = np.array([[fit.theta, fit.beta] for fit in curves])
     logs = np.log(members[:, 0])

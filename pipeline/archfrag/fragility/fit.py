@@ -82,8 +82,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
     Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
-    n - 1, since with n beta would be too small by about 1 / (2 n) of itself. Truncated data:
-    maximum likelihood with the records above `truncate_at` censored.
+    n - 1. Truncated data: maximum likelihood with the records above `truncate_at` censored.
 
     Parameters
     ----------
@@ -159,11 +158,11 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
         )
     with np.errstate(divide="ignore"):
         low, high = np.log(lower), np.log(upper)
-    ends = np.concatenate([low, high])
     mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), low, high)
     a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
     known = _parameters(a, b, information[0] * sign)
+    ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
     return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
 

@@ -24,16 +24,13 @@ def fit_limit_states(
 ) -> tuple[list[State], str]:
     """Fit a lognormal curve to each of several ordered limit states.
 
-    A state counts as exceeded where it or a more severe one is, so the fractions are ordered by
-    construction. Curves fitted one by one cross somewhere unless their betas are equal; if two
-    cross within the range of the levels, the curves with a fit of their own are replaced by an
+    A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
+    by one cross within the range of the levels, those with a fit of their own are replaced by an
     ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once, in which they cannot cross; states that no run separates have
-    one theta in it. Runs count as independent, as in `fit_stripes`.
-
-    A state whose exceedances are separated in intensity from its other runs has no likeliest
-    curve; it is given the medians of `fit_posterior`. One that all runs exceed, or none, has no
-    curve.
+    fitted to all states at once; states that no run separates have one theta in it. Runs count as
+    independent, as in `fit_stripes`. A state whose exceedances are separated in intensity from
+    its other runs has no likeliest curve; it is given the medians of `fit_posterior`. One that
+    all runs exceed, or none, has no curve.
 
     Parameters
     ----------
@@ -108,8 +105,7 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
     """Curves with one beta and ordered thetas, of states whose curves `alone` would cross.
 
-    States are fitted as one if no run exceeds the milder and spares the more severe one: the
-    likelihood of different thetas has no maximum then.
+    States are fitted as one if no run exceeds the milder and spares the more severe one.
     """
     group, columns = [0], [nested[:, 0]]
     for codes in nested.T[1:]:

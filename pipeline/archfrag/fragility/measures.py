@@ -207,10 +207,8 @@ def _compare_records(
 def _slope_test(
     low: FloatArray, high: FloatArray, expected: FloatArray, covariate: FloatArray, place: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Slope of ln capacity on a covariate, and p-value, in each measure.
-
-    A t test of the slope of the means at each place. Where there are bounds, the slope is the
-    likeliest one.
+    """Slope of ln capacity on a covariate, likeliest where there are bounds, and the p-value of a
+    t test of the means at each place, in each measure.
     """
     count = np.bincount(place)
     off, y = _sums(covariate, place) / count, _sums(expected, place) / count

@@ -1,11 +1,9 @@
 """Posterior of a lognormal curve under a proper, objective prior: ten runs give a band too.
 
-For fragility curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and
-2503.07343).
-
 Each posterior is summed on one plain grid of ln beta and u = (ln theta - m) / root(beta^2 + d^2)
 with m and d the middle and the width of where runs begin to collapse: given beta, the scatter of
-ln theta grows with beta.
+ln theta grows with beta. For such priors of fragility curves see Van Biesbroeck, Gauchy, Feau and
+Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +33,8 @@ _MOST_LEVELS = 150  # of runs that each have a level of their own
 # log-likelihood below its greatest value at the first and last of the latter.
 _TRIED, _SCATTERS, _FALL = 16, 8, 8.0
 ONE_LEVEL = "runs that collapsed or stood are at 1 level; a posterior needs two"
-_ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
+# Quantiles: of cuts, of one standard deviation each way, and the median.
+_LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
 
 
 @dataclass(frozen=True)
@@ -282,24 +281,18 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
     weight = np.exp(value)
     weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
-    curve = Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
-    known = Posterior(curve, beta, log_theta, weight)
-    t, b = known.log_thetas([0.5, *_ONE_SIGMA]), known.betas([0.5, *_ONE_SIGMA])
-    # The correlation is of values cut at their 1 and 99 % quantiles.
-    cut = [0.01, 0.99]
-    pair = np.stack(
-        [
-            np.clip(log_theta, *known.log_thetas(cut)).ravel(),
-            np.repeat(np.clip(beta, *known.betas(cut)), _NODES),
-        ]
+    known = Posterior(
+        Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior"), beta, log_theta, weight
     )
-    errors = 0.5 * np.array([t[2] - t[1], b[2] - b[1]])
-    covariance = np.cov(pair, aweights=weight.ravel())
+    t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
+    # The correlation is of values cut at their 1 and 99 % quantiles.
+    pair = np.clip(log_theta, t[0], t[4]), np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta
+    errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
+    covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
-    likelihood = float(terms(t[:1, None], b[:1, None])[0][0, 0])
     curve = replace(
-        curve, theta=float(np.exp(t[0])), beta=float(b[0]), covariance=covariance,
-        log_likelihood=likelihood,
+        known.fragility, theta=float(np.exp(t[2])), beta=float(b[2]), covariance=covariance,
+        log_likelihood=float(terms(t[[[2]]], b[[[2]]])[0][0, 0]),
     )  # fmt: skip
     return replace(known, fragility=curve)
 

@@ -41,16 +41,11 @@ def quoted_band(
 ) -> QuotedBand:  # fmt: skip
     """Curve of records that were run at several levels, with its band and intervals.
 
-    The same records serve at all levels, so records are independent and runs are not. Rows with
-    one label in `groups`, (n_record,), such as the event of each record, count as fewer, by how
-    alike their capacities are; `unit` is what a group is, for `assumptions`. The band is at
-    intensities `im` >= 0 of any shape.
-
-    Raises
-    ------
-    InputError, FitError
-        If an argument is not valid; if no run is decided, there is one group only, or nothing
-        bounds theta from one side: the message states which levels to add.
+    Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
+    such as the event of each record, count as fewer, by how alike their capacities are; `unit` is
+    what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
+    decided, there is one group only, or nothing bounds theta from one side: the message states
+    which levels to add.
 
     Examples
     --------
@@ -119,8 +114,7 @@ def capacity_posterior(
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     """Labels of groups from names of earthquakes; a record without one is its own.
 
-    None if no two records are of one earthquake, or all are: one earthquake does not show how
-    earthquakes differ.
+    None if no two records are of one earthquake, or all are.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]

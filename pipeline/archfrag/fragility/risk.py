@@ -19,7 +19,7 @@ from archfrag.fragility.curve import (
     positive,
     rising,
     tails,
-)
+)  # fmt: skip
 from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
@@ -85,10 +85,7 @@ class HazardCurve:
             return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
 
     def rate_at(self, im: ArrayLike) -> FloatArray:
-        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year].
-
-        At im = 0 it is infinite where the first power is above 0.
-        """
+        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
         x = log_intensity(im)
         return _rate_at(x, *self.pieces(x))
 
@@ -113,10 +110,7 @@ def _rate_at(
 
 @dataclass(frozen=True)
 class CollapseRate:
-    """Mean annual frequency of collapse and its band.
-
-    Only the uncertainty of the fragility curve's parameters is in the band, none of the hazard.
-    """
+    """Mean annual frequency of collapse; its band is of the fragility curve's parameters only."""
 
     rate: float  #: of the medians of theta and beta, the hazard curve extended [1/year]
     #: Over theta and beta as uncertain as they are [1/year]; nan without draws or of a bound.
