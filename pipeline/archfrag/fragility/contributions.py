@@ -157,9 +157,8 @@ def level_edges(levels: ArrayLike) -> FloatArray:
 def implied_collapses(
     collapsed: ArrayLike, simulated: ArrayLike, category: ArrayLike
 ) -> tuple[BoolArray, NDArray]:
-    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled.
-
-    A level that was not simulated is as the nearest lower one of its record that was.
+    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled: as the
+    nearest lower level of the record that was simulated.
     """
     fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)

@@ -45,9 +45,8 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
 
     Raises
     ------
-    InputError, FitError
-        If an argument is not valid; if the likelihood has no maximum with beta > 0: the message
-        states what is known instead.
+    FitError
+        If the likelihood has no maximum with beta > 0: the message states what is known instead.
 
     Examples
     --------
@@ -95,8 +94,8 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
     Raises
     ------
-    InputError, FitError
-        If an argument is not valid; if the data do not determine a dispersion > 0.
+    FitError
+        If the data do not determine a dispersion > 0.
 
     Examples
     --------
@@ -203,15 +202,13 @@ def fit_cloud(
         without a verdict must be left out before.
     event : array_like, (n_run,), optional
         Earthquake of each record; records of one event are resampled together.
-    seed, resamples, confidence
-        Of the bootstrap of records, from which the intervals are.
 
     Returns
     -------
     dict of str to float or (float, float)
         ``intercept`` and ``slope`` of logit P = intercept + slope ln im; ``theta``, the 50 %
         point, and ``beta``, ln(84 % point / 16 % point) / 2; ``theta_interval``,
-        ``beta_interval``. FitError if the likelihood has no maximum with a curve that rises.
+        ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
     codes = shaped(collapsed, (values.size,), "collapsed")

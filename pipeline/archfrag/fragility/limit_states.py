@@ -38,14 +38,14 @@ def fit_limit_states(
         1 exceeded, 0 not, any other number not decided; states from the least severe to the most.
     im : array_like, (n_level,) or (n_record, n_level)
         Intensity of each run, any unit, > 0.
-    names : sequence of str, (n_state,)
+    names : sequence of str
 
     Returns
     -------
     (list of (Fragility or None, FitError or None), str)
         The curve of each state, of kind "stripes" if fitted by itself, "ordered" if together with
         the others, "posterior" if it has no likeliest curve, and why it has none; how the curves
-        were ordered. InputError if shapes or values are not valid.
+        were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     if codes.ndim != 3 or codes.size == 0:

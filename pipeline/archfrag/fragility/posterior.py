@@ -110,11 +110,10 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
 
     Prior: Jeffreys' for the levels and numbers of runs that were made, the square root of the
     determinant of the Fisher information, which is proper for a probit line at two levels or
-    more, so that the posterior is where the likelihood has no maximum (Ibrahim and Laud 1991, J.
-    Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103); restricted to rising curves
-    (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest level.
-    Jeffreys' alone lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes beta too
-    small; the factor cures this as the right Haar measure does for capacities.
+    more (Ibrahim and Laud 1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same
+    103); restricted to rising curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of
+    the highest over the lowest level. Jeffreys' alone lets 90 % bands hold the truth in 78 to
+    86 % at 10 runs, as it makes beta too small; the factor cures this.
     Arguments as for `fit_stripes`; all runs may have collapsed, or none, but they must be at two
     levels or more (else FitError).
     """

@@ -35,10 +35,9 @@ class Lines(NamedTuple):
 def least(
     terms: Callable[[FloatArray, IntArray], Terms], start: FloatArray
 ) -> tuple[FloatArray, Terms]:
-    """Parameters (n_fit, q) where each loss is least, and the terms there.
+    """Parameters (n_fit, q) where each loss is least, and the terms there; by Newton's method.
 
-    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss is inf where it
-    is not defined. Newton's steps are halved until the loss does not grow.
+    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss may be inf.
     """
     p = np.array(start, dtype=float)
     active = np.arange(len(p))
