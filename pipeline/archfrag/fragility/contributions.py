@@ -114,10 +114,14 @@ def contributions(
     names, ends = tuple(categories), tails(confidence)
     masks = _by_category(fell, category, len(names))
     counts = masks.sum(axis=1)
-    rate = _rates(rates, counts)
+
+    def divided(counts: IntArray) -> FloatArray:  # (n_category, ..., n_level)
+        return rates * counts / np.maximum(counts.sum(axis=0), 1)
+
+    rate = divided(counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
     times = draws_of_records(event, len(fell), seed, RESAMPLES)
-    drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
+    drawn = divided(times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
     if total.any():
@@ -127,11 +131,6 @@ def contributions(
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
-
-
-def _rates(rates: FloatArray, counts: IntArray) -> FloatArray:
-    """Rates divided as the collapses (n_category, ..., n_level) are."""
-    return rates * counts / np.maximum(counts.sum(axis=0), 1)
 
 
 def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:

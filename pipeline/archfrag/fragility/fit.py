@@ -1,8 +1,7 @@
 """Lognormal curves by maximum likelihood: from stripes, from capacities, from brackets of them.
 
-A curve is P(collapse | im) = Phi((ln im - ln theta) / beta). On the probit scale it is the
-straight line Phi^-1(P) = intercept + slope ln im with slope = 1 / beta, in which all likelihoods
-are concave: there is one maximum, and none exactly where the data are separated.
+On the probit scale P(collapse | im) = Phi((ln im - ln theta) / beta) is a straight line in ln im
+with slope 1 / beta, in which all likelihoods are concave: there is one maximum, or none.
 """
 
 from dataclasses import replace
@@ -219,7 +218,7 @@ def fit_cloud(
     times = draws_of_records(event, values.size, seed, resamples)
     weight = np.vstack([np.ones(values.size), times])
     lines = binomial_lines(np.log(values), weight * codes, weight, "logistic")
-    kept = ~lines.degenerate
+    kept = ~np.isnan(lines.slope)
     if not kept[0]:
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:

@@ -19,9 +19,7 @@ from archfrag.fragility.probit import inverse_mills, normal_lines
 
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
-_COLUMNS = (
-    "theta", "beta", "slope_magnitude", "slope_distance", "p_magnitude", "p_distance",
-)  # fmt: skip
+_COLUMNS = "theta", "beta", "slope_magnitude", "slope_distance", "p_magnitude", "p_distance"
 # Number of a covariate, which records have it, their values, and the group of each of these.
 _Covariates = list[tuple[int, NDArray, FloatArray, IntArray]]
 _OF = {
@@ -44,8 +42,8 @@ def compare_measures(
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
     measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
-    distance, each tested at 5 % by itself (a t test of the slope).
-    Magnitude belongs to the earthquake: it is tested on the means of events, distance on records.
+    distance, by t tests at 5 % of the slopes: of magnitude, which belongs to the earthquake, on
+    means of events, of distance on records.
 
     Parameters
     ----------

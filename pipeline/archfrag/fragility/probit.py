@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfcx, expit, log_ndtr
 
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
+from archfrag.fragility.curve import FloatArray, IntArray
 
 # Loss (n_fit,), gradient (n_fit, q) and second derivatives (n_fit, q, q).
 Terms = tuple[FloatArray, FloatArray, FloatArray]
@@ -25,11 +25,6 @@ class Lines(NamedTuple):
     slope: FloatArray  #: (n_fit,)
     loss: FloatArray  #: (n_fit,), negative log-likelihood without binomial coefficients
     information: FloatArray  #: (n_fit, 2, 2), observed, in (intercept, slope)
-
-    @property
-    def degenerate(self) -> BoolArray:
-        """Fits without a maximum, (n_fit,)."""
-        return np.isnan(self.slope)
 
 
 def least(

@@ -112,9 +112,8 @@ def capacity_posterior(
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
-    """Labels of groups from names of earthquakes; a record without one is its own.
-
-    None if no two records are of one earthquake, or all are.
+    """Names of earthquakes, a record's own where it has none; None unless some but not all
+    records share one.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]
@@ -189,8 +188,10 @@ def isotonic_curve(
         why = "all runs are at one level, {}, which gives no curve"
         raise FitError(f"{why}; add levels", levels[0])
     times = draws_of_records(event, len(n), seed, resamples).astype(float)
-    drawn = zip(times @ collapses, times @ n, strict=True)
-    draws = np.array([_pooled_with_gaps(k, count) for k, count in drawn])
+    every, draws = np.arange(levels.size), []
+    for k, count in zip(times @ collapses, times @ n):
+        at = np.flatnonzero(count > 0.0)  # a level without runs lies between its neighbours
+        draws.append(np.interp(every, at, _pooled(k[at], count[at])))
     lower, upper = np.quantile(draws, tails(confidence), axis=0)
     value = _pooled(collapses.sum(axis=0), n.sum(axis=0))
     return {"im": levels, "probability": value, "lower": lower, "upper": upper}
@@ -199,12 +200,6 @@ def isotonic_curve(
 def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
     """Isotonic fractions of collapse, (n_level,); every level must have runs."""
     return np.clip(isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0)
-
-
-def _pooled_with_gaps(collapses: FloatArray, n: FloatArray) -> FloatArray:
-    """`_pooled`; a level without runs in this draw lies on the line between its neighbours."""
-    at = np.flatnonzero(n > 0.0)
-    return np.interp(np.arange(n.size), at, _pooled(collapses[at], n[at]))
 
 
 def check_lognormal(
@@ -229,7 +224,7 @@ def check_lognormal(
     levels, collapses, made = found.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
     line = binomial_lines(x, total, n)
-    if line.degenerate[0]:
+    if np.isnan(line.slope[0]):
         raise FitError("these runs have no lognormal curve, so there is nothing to test")
     deviance = _deviances(line, total[None], n)[0]
     generator = np.random.default_rng(seed)
@@ -248,7 +243,7 @@ def check_lognormal(
     else:
         drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(float)
     fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
-    values = _deviances(fits, drawn, n)[~fits.degenerate]
+    values = _deviances(fits, drawn, n)[~np.isnan(fits.slope)]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
     return float(p_value), float(rho)
 

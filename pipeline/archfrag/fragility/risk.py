@@ -87,7 +87,10 @@ class HazardCurve:
     def rate_at(self, im: ArrayLike) -> FloatArray:
         """Annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
         x = log_intensity(im)
-        return _rate_at(x, *self.pieces(x))
+        anchor, log_rate, slope = self.pieces(x)
+        with np.errstate(invalid="ignore"):
+            fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
+        return np.exp(log_rate - fall)
 
     def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The powers that hold at each ln im: where anchored, ln rate there, and exponents."""
@@ -97,15 +100,6 @@ class HazardCurve:
         place = np.searchsorted(knots, x, side="right")
         anchor = np.maximum(place - 1, 0)
         return knots[anchor], np.log(self.rate[anchor]), slopes[place]
-
-
-def _rate_at(
-    x: FloatArray, anchor: FloatArray, log_rate: FloatArray, slope: FloatArray
-) -> FloatArray:
-    """Rates at one ln im of each piece."""
-    with np.errstate(invalid="ignore"):
-        fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
-    return np.exp(log_rate - fall)
 
 
 @dataclass(frozen=True)
@@ -223,15 +217,13 @@ def _lognormal(
     theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
     log_theta = np.log(theta)
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
-    pieces = anchor, log_rate, k = hazard.pieces(left)
+    anchor, log_rate, k = hazard.pieces(left)
     a, b = (left - log_theta) / beta, (right - log_theta) / beta
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
-    lower, upper = (
-        np.where(np.isfinite(x), ndtr(z) * _rate_at(np.where(np.isfinite(x), x, anchor), *pieces),
-                 0.0)
-        for x, z in ((left, a), (right, b))
-    )  # fmt: skip
+    part = ndtr(b[..., :-1]) * hazard.rate_at(np.exp(cuts))
+    none = 0.0 * part[..., :1]
+    lower, upper = np.concatenate([none, part], axis=-1), np.concatenate([part, none], axis=-1)
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
     return np.where(k > 0.0, np.maximum(lower - upper + moved, 0.0), 0.0)
