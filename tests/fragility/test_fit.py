@@ -1,16 +1,15 @@
 """Maximum likelihood: a search, invariances, and what cannot be; published data: validation."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, minimize
+from scipy.special import logit, ndtr
 from scipy.stats import binom, norm
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.fit import Fragility, fit_brackets, fit_ida, fit_stripes
+from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 
 STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
@@ -101,13 +100,26 @@ class TestAnyData:
         assert np.all(np.linalg.eigvalsh(fit.covariance) >= 0.0)
 
 
-def test_json_round_trip():
-    fit = fit_ida(CAPACITIES, 1.3)
-    copy = Fragility.from_dict(json.loads(json.dumps(fit.to_dict())))
-    assert copy == fit
-    assert np.array_equal(copy.covariance, fit.covariance)
-    with pytest.raises(InputError, match="'beta'"):
-        Fragility.from_dict({"theta": 1.0})
+class TestClouds:
+    def test_logistic_curve_and_its_points(self):
+        generator = np.random.default_rng(2)
+        x = generator.normal(-1.0, 0.6, 300)
+        curve = fit_cloud(np.exp(x), x >= generator.normal(-1.0, 0.4, 300))
+        a, b = curve["intercept"], curve["slope"]
+        low, high = np.exp((logit(ndtr([-1.0, 1.0])) - a) / b)
+        assert a + b * np.log(curve["theta"]) == pytest.approx(0.0, abs=1e-12)
+        assert curve["beta"] == pytest.approx(0.5 * np.log(high / low))
+
+    def test_events_widen_the_intervals(self):
+        """Ten records an event with an error in common: the interval that knows it is wider."""
+        generator = np.random.default_rng(8)
+        event = np.repeat(np.arange(20), 10)
+        x = generator.normal(-1.0, 0.6, 200)
+        error = generator.normal(0.0, 0.5, 20)[event] + generator.normal(0.0, 0.2, 200)
+        given = np.exp(x), x >= -1.0 + error
+        both = fit_cloud(*given), fit_cloud(*given, event.astype(str))
+        widths = [np.log(c["theta_interval"][1] / c["theta_interval"][0]) for c in both]
+        assert widths[1] > 1.5 * widths[0]
 
 
 @pytest.mark.parametrize(
@@ -131,6 +143,9 @@ def test_json_round_trip():
         (fit_ida, ([0.5, 0.5],), FitError, "all 2 capacities are 0.5"),
         (fit_ida, ([0.5, 0.6], 0.4), FitError, "theta lies above"),
         (fit_ida, ([0.5, 0.6], 0.5), FitError, "equal truncate_at = 0.5"),
+        (fit_cloud, ([0.1, 0.2], [0, 0]), FitError, "above"),
+        (fit_cloud, ([0.1, 0.2, 0.3, 0.4], [1, 1, 0, 0]), FitError, "does not rise"),
+        (fit_cloud, ([0.1, 0.2], [0, 2]), InputError, "0 and 1"),
         (fit_brackets, ([0.3, 0.2], [0.4, 0.3]), FitError, "between 0.3 and 0.3 would agree"),
         (fit_brackets, ([0.0, 0.5], [0.2, INF]), FitError, "bracketed from both sides"),
         (fit_brackets, ([0.3, 0.5], [0.2, 0.6]), InputError, "from 0.3 to 0.2 cannot be"),

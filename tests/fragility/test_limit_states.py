@@ -34,16 +34,16 @@ class TestCurves:
     def test_curves_that_do_not_cross_are_those_of_fit_stripes(self):
         exceeded = runs(1, [0.4, 0.4, 0.4])
         found, _ = fit_limit_states(exceeded, LEVELS, NAMES)
-        assert {state.fit.kind for state in found} == {"stripes"}
-        for i, state in enumerate(found):
-            assert state.fit == fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
+        assert {fit.kind for fit, _ in found} == {"stripes"}
+        for i, (fit, _) in enumerate(found):
+            assert fit == fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
 
     def test_crossing_curves_are_replaced_by_the_likeliest_ordered_ones(self):
         exceeded = runs(3, [0.2, 0.4, 1.2])
         exceeded[:5, :, 1] = 4
         found, message = fit_limit_states(exceeded, LEVELS, NAMES)
         assert "one beta" in message
-        fits = [state.fit for state in found]
+        fits = [fit for fit, _ in found]
         assert np.all(np.diff([fit.probability(LEVELS) for fit in fits], axis=0) < 0)
         nested = nest_exceedance(exceeded).reshape(-1, 3)
         x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
@@ -82,26 +82,26 @@ class TestTies:
         for twice in (0, 1, 2):
             columns = np.sort([0, 1, 2, twice])
             found, _ = fit_limit_states(CROSSING[:, :, columns], LEVELS, "abcd")
-            theta = [state.fit.theta for state in found]
+            theta = [fit.theta for fit, _ in found]
             assert theta[twice] == theta[twice + 1]
-            expected = [three[i].fit.theta for i in columns]
+            expected = [three[i][0].theta for i in columns]
             assert theta == pytest.approx(expected, rel=1e-9)
 
     def test_states_that_all_runs_exceed_or_none(self):
         every = np.ones((40, 10, 1), int)
         exceeded = np.concatenate([every, CROSSING, 0 * every], axis=-1)
         first, *_, last = fit_limit_states(exceeded, LEVELS, "abcde")[0]
-        assert first.fit is last.fit is None
-        assert "every run" in str(first.none)
-        assert "no run" in str(last.none)
+        assert first[0] is last[0] is None
+        assert "every run" in str(first[1])
+        assert "no run" in str(last[1])
 
     def test_separated_states_have_a_posterior_curve(self):
         exceeded = runs(4, [0.4, 0.4, 0.4])
         exceeded[:, :, 0] = LEVELS > 0.1
-        state = fit_limit_states(exceeded, LEVELS, NAMES)[0][0]
+        fit, none = fit_limit_states(exceeded, LEVELS, NAMES)[0][0]
         step = LEVELS[LEVELS <= 0.1][-1], LEVELS[LEVELS > 0.1][0]
-        assert step[0] < state.fit.theta < step[1]
-        assert (state.fit.kind == "posterior") == ("no likeliest curve" in str(state.none))
+        assert step[0] < fit.theta < step[1]
+        assert (fit.kind == "posterior") == ("no likeliest curve" in str(none))
 
 
 @pytest.mark.parametrize(

@@ -136,40 +136,12 @@ class TestGrid:
         assert 0.025 <= rejected / count <= 0.085
 
 
-class TestSingleRuns:
-    def single(self, seed, n=450):
-        levels = np.random.default_rng(seed + 1000).uniform(0.4, 6.0, n)
-        return study(seed, n, levels=levels[:, None])
-
-    def test_known_curve_and_best_measure(self):
-        table = compare_measures(**self.single(1))
-        rows = rows_of(table)
-        assert rows["PGV"]["theta"] == pytest.approx(THETA, rel=0.06)
-        assert rows["PGV"]["beta"] == pytest.approx(BETA, rel=0.2)
-        assert rows["PGA"]["sufficient"] is False
-        assert table["best"] == "PGV"
-        assert table["p_value"] < 0.05
-
-    def test_score_test_where_the_covariate_goes_with_the_measure(self):
-        """Strong earthquakes have strong motions: the line takes its part of the information."""
-        generator = np.random.default_rng(4)
-        p_values = []
-        for _ in range(200):
-            x = generator.normal(0.0, 0.6, (200, 1))
-            found = find_brackets(x > generator.normal(0.0, 0.4, (200, 1)), np.exp(x))
-            magnitude = x[:, 0] + generator.normal(0.0, 0.3, 200)
-            table = compare_measures(
-                found, {"PGA": np.ones(200)}, {"PGA": 1.0}, "PGA", magnitude=magnitude
-            )
-            p_values.append(table["rows"][0]["p_magnitude"])
-        assert np.mean(np.array(p_values) < 0.5) == pytest.approx(0.5, abs=0.11)
-        assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
-
-
 def test_no_measure_has_a_curve():
     standing = find_brackets(np.zeros((44, LEVELS.size), int), LEVELS)
     with pytest.raises(FitError, match="no measure"):
         compare_measures(**study(4) | {"found": standing})
+    with pytest.raises(FitError, match="single runs"):
+        compare_measures(**study(4) | {"found": find_brackets(np.zeros((44, 1), int), [1.0])})
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ class TestBinomial:
                 [0, 1, 1, 2]]  # fmt: skip
         counts = np.array(rows, dtype=float)
         lines = binomial_lines(np.arange(4.0), counts, np.full(counts.shape, 2.0), link)
-        assert lines.degenerate.tolist() == [True] * 6 + [False]
+        assert np.isnan(lines.slope).tolist() == [True] * 6 + [False]
         assert -lines.intercept[-1] / lines.slope[-1] == pytest.approx(1.5)
 
 

@@ -1,38 +1,22 @@
-"""Bands keep what they promise: coverage by simulation, and what records of one event count."""
+"""Bands keep what they promise, the isotonic curve, and the test of the lognormal shape."""
 
 import numpy as np
 import pytest
 from scipy.special import ndtri
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest
+from sklearn.isotonic import IsotonicRegression
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import clopper_pearson, wilson
-from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.counts import clopper_pearson, draws_of_records, wilson
 from archfrag.fragility.quoted import (
+    check_lognormal,
     independent_records,
+    isotonic_curve,
     quoted_band,
     quoted_runs,
     shared_events,
 )
-
-STRIPES = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
-
-
-def test_delta_method_is_that_of_the_numerical_derivative():
-    def z(ln_theta, beta):
-        return (np.log(0.5) - ln_theta) / beta
-
-    a, b, h = np.log(STRIPES.theta), STRIPES.beta, 1e-6
-    slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
-    reach = norm.ppf(0.975) * np.sqrt(slope @ STRIPES.covariance @ slope)
-    lower, upper = STRIPES.band([0.5, 0.0], confidence=0.95)
-    assert norm.ppf([lower[0], upper[0]]) == pytest.approx([z(a, b) - reach, z(a, b) + reach])
-    assert (lower[1], upper[1]) == (0.0, 0.0)
-    errors = STRIPES.standard_errors / [1.0, b]
-    for interval, error in zip((STRIPES.theta_interval(), STRIPES.beta_interval()), errors):
-        low, high = np.log(interval)
-        assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
 
 
 @pytest.mark.parametrize(("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")])
@@ -65,6 +49,15 @@ def not_monotone(generator):
     return quoted_band(find_brackets(capacity <= GRID, GRID), IM)
 
 
+def standing(generator):
+    """Half of the runs survive the highest level, and half of the records are not monotone."""
+    levels = np.exp(BETA * np.linspace(-2.2, 0.0, 15))
+    capacity = 0.28 * generator.standard_normal((24, 1)) + 0.21 * generator.standard_normal(
+        (24, 15)
+    )
+    return quoted_band(find_brackets(np.exp(capacity) <= levels, levels), IM)
+
+
 def single(generator):
     at = np.tile(GRID, 2)
     return quoted_runs(at, np.exp(BETA * generator.standard_normal(30)) <= at, IM)
@@ -92,6 +85,7 @@ class TestQuoted:
         [
             (records, 120, (0.865, 0.935)),
             (not_monotone, 160, (0.865, 0.935)),
+            (standing, 160, (0.85, 0.935)),
             (single, 100, (0.865, 0.935)),
             (in_events, 60, (0.85, 0.95)),
             (events_not_known, 60, (0.0, 0.83)),
@@ -139,7 +133,6 @@ STANDING = find_brackets(TABLE[:2, :3] * 0, GRID[:3])
 @pytest.mark.parametrize(
     ("make", "arguments", "kind", "key"),
     [
-        (STRIPES.band, (0.5, 90.0), InputError, "confidence is 90"),
         (quoted_runs, ([], [], 0.1), FitError, "no run collapsed"),
         (quoted_band, (find_brackets([[2, 3]], [1, 2]), 1.0), FitError, "no run collapsed"),
         (quoted_band, (STANDING, 1.0), FitError, "add levels above"),
@@ -157,3 +150,91 @@ def test_refusals(make, arguments, kind, key):
 def test_groups_that_do_not_fit(groups, kind, key):
     with pytest.raises(kind, match=key):
         quoted_band(FOUND, 1.0, groups=groups)
+
+
+LEVELS = np.geomspace(0.1, 1.2, 12)
+
+
+def grid(generator, n=30, rho=1.0):
+    """Brackets of records with capacity exp(-1 + 0.4 z), z correlated by rho in a record."""
+    noise = np.sqrt(rho) * generator.normal(size=(n, 1))
+    noise = noise + np.sqrt(1.0 - rho) * generator.normal(size=(n, LEVELS.size))
+    return find_brackets(np.log(LEVELS) >= -1.0 + 0.4 * noise, LEVELS)
+
+
+def single(generator, n):
+    """Brackets of records with one run each."""
+    x = generator.normal(-1.0, 0.6, (n, 1))
+    return find_brackets(x >= generator.normal(-1.0, 0.4, (n, 1)), np.exp(x))
+
+
+def shelf(generator, n):
+    """Two populations, far apart."""
+    centre = np.where(generator.random((n, 1)) < 0.5, -2.0, -0.4)
+    return find_brackets(np.log(LEVELS) >= generator.normal(centre, 0.12), LEVELS)
+
+
+def test_events_are_resampled_together():
+    times = draws_of_records(["a", "a", "b", "c"], 4, 1, 200)
+    assert np.all(times[:, 0] == times[:, 1])
+    assert times.sum(axis=1).mean() == pytest.approx(4.0, abs=0.2)
+    with pytest.raises(InputError, match="resamples is 10"):
+        draws_of_records(None, 4, 1, 10)
+    with pytest.raises(InputError, match="event"):
+        isotonic_curve(grid(np.random.default_rng(1)), ["a"])
+
+
+class TestIsotonic:
+    def test_is_that_of_scikit_learn(self):
+        generator = np.random.default_rng(2)
+        for _ in range(10):
+            found = grid(generator, rho=0.5)
+            collapsed = found.collapsed.mean(axis=0)
+            other = IsotonicRegression().fit_transform(LEVELS, collapsed)
+            assert isotonic_curve(found)["probability"] == pytest.approx(other, abs=1e-12)
+        found = single(generator, 200)
+        order = np.argsort(found.levels[:, 0])
+        im, collapsed = found.levels[order, 0], found.collapsed[order, 0]
+        other = IsotonicRegression().fit_transform(im, collapsed)
+        assert isotonic_curve(found)["probability"] == pytest.approx(other, abs=1e-12)
+
+    def test_what_gives_no_curve(self):
+        with pytest.raises(FitError, match="one level"):
+            isotonic_curve(find_brackets([[0], [1]], [0.1]))
+        with pytest.raises(FitError, match="no run"):
+            isotonic_curve(find_brackets([[2, 3]], [0.1, 0.2]))
+
+    def test_band_has_the_width_of_a_binomial_where_levels_are_independent(self):
+        found = grid(np.random.default_rng(4), n=60)
+        curve = isotonic_curve(found, resamples=2000)
+        p, width = found.collapsed[:, 6].mean(), curve["upper"] - curve["lower"]
+        assert width[6] == pytest.approx(2 * 1.645 * np.sqrt(p * (1 - p) / 60), rel=0.15)
+
+
+class TestOfFit:
+    @pytest.mark.parametrize("rho", [1.0, 0.5, None])
+    def test_size(self, rho):
+        """60 lognormal studies: p is below 0.5 in half and below 0.1 in a tenth of them.
+
+        Three standard errors are 19 and 12 %. With runs drawn as independent, p of shared records
+        is above 0.5 in nearly all. None: each run has a motion of its own.
+        """
+        p = []
+        for i in range(60):
+            draw = np.random.default_rng(i)
+            found = single(draw, 150) if rho is None else grid(draw, 30, rho)
+            p.append(check_lognormal(found, seed=i, resamples=100)[0])
+        assert np.mean(np.array(p) < 0.5) == pytest.approx(0.5, abs=0.19)
+        assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.12)
+
+    def test_two_populations_are_found(self):
+        assert check_lognormal(shelf(np.random.default_rng(1), 40), resamples=200)[0] < 0.01
+
+    def test_correlation_of_a_record_is_recovered(self):
+        generator = np.random.default_rng(2)
+        for rho in (0.3, 0.9):
+            found = check_lognormal(grid(generator, n=400, rho=rho), seed=3, resamples=100)
+            assert found[1] == pytest.approx(rho, abs=0.07)
+        assert check_lognormal(grid(generator), resamples=100)[1] == 1.0
+        with pytest.raises(FitError, match="nothing to test"):
+            check_lognormal(find_brackets([[0, 1], [0, 1]], [0.1, 0.2]))

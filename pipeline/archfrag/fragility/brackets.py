@@ -50,11 +50,7 @@ class Brackets:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts, with those cells decided that the brackets imply, (n_record, n_level).
-
-        A cell without a verdict counts as survived below the bracket of its record and as
-        collapsed above it.
-        """
+        """Verdicts, with those cells decided that the brackets imply, (n_record, n_level)."""
         unknown = ~(self.collapsed | self.survived)
         filled = self.verdict.copy()
         filled[unknown & (self.levels < self.lower[:, None])] = Verdict.STANDING
@@ -66,13 +62,8 @@ class Brackets:
 
         A search leaves out cells that are decided in all but name: without them the collapses
         that remain would be a biased choice. More than 500 distinct intensities are gathered into
-        500 groups of neighbours, each at its geometric mean.
-
-        Returns
-        -------
-        (ndarray, ndarray, ndarray)
-            Distinct levels (n_level,), rising; 1 where a run collapsed, and where it is decided,
-            (n_record, n_level) each. FitError if no run is decided.
+        500 groups of neighbours, each at its geometric mean. Returns distinct levels (n_level,),
+        rising; 1 where a run collapsed, and where it is decided, (n_record, n_level) each.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
@@ -111,11 +102,6 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
         Codes of `Verdict`; all but survived and collapsed decide nothing.
     levels : array_like, (n_level,) or (n_record, n_level)
         Intensity or scale factor, > 0, in any order.
-
-    Raises
-    ------
-    InputError
-        If shapes do not agree, or a level or a code is not valid.
 
     Examples
     --------

@@ -1,9 +1,8 @@
 """Collapses divided by category, level by level, and the rate of collapse divided as they are.
 
 Categories are the mechanism of a collapse, its joint, or what is known of its record. By magnitude
-and distance the rate shows which records of the set cause it: conditional on the set, and no
-deaggregation of the hazard, since records are run at levels that their own earthquakes need not
-have reached.
+and distance the rate shows which records of the set cause it; this is no deaggregation of the
+hazard, since records are run at levels that their own earthquakes need not have reached.
 """
 
 from collections.abc import Sequence
@@ -67,15 +66,11 @@ class Deaggregation:
 def deaggregate(
     verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
 ) -> Deaggregation:
-    """Divide the collapses at each level by category.
+    """Divide the collapses at each level by category, as `contributions` divides the rate.
 
-    The same records collapse at several levels, most often by one mechanism. Wilson's score
-    interval of the overall fractions (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212) therefore
-    counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are the numbers of collapses of
-    the records (Kish 1965, *Survey Sampling*, sections 5.4 and 11.7).
-
-    `verdict`, (n_record, n_level), holds codes of `Verdict`; the other arguments and the errors
-    are those of `contributions`.
+    The same records collapse at several levels, so that Wilson's interval of the overall
+    fractions counts ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish
+    1965, *Survey Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
     """
     counted = count_verdicts(verdict)
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
@@ -105,17 +100,12 @@ def contributions(
         Rate of collapse by motions of each level [1/year], from `rate_by_level`.
     collapsed : array_like of bool, (n_record, n_level)
     category : array_like of int, (n_record, n_level)
-        Position in `categories` of each run that collapsed; any number elsewhere.
+        Position in `categories` of each run that collapsed (else InputError).
     categories : sequence of str
     event : array_like, (n_record,), optional
         Earthquake of each record; its own where it is not given.
     seed, confidence
         Of the bootstrap.
-
-    Raises
-    ------
-    InputError
-        If shapes do not agree, a rate is negative, or a run that collapsed has no category.
     """
     fell = np.asarray(collapsed, dtype=bool)
     rates = shaped(level_rate, fell.shape[1:], "level_rate").astype(float)
@@ -124,10 +114,14 @@ def contributions(
     names, ends = tuple(categories), tails(confidence)
     masks = _by_category(fell, category, len(names))
     counts = masks.sum(axis=1)
-    rate = _rates(rates, counts)
+
+    def divided(counts: IntArray) -> FloatArray:  # (n_category, ..., n_level)
+        return rates * counts / np.maximum(counts.sum(axis=0), 1)
+
+    rate = divided(counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
     times = draws_of_records(event, len(fell), seed, RESAMPLES)
-    drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
+    drawn = divided(times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
     if total.any():
@@ -137,11 +131,6 @@ def contributions(
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
-
-
-def _rates(rates: FloatArray, counts: IntArray) -> FloatArray:
-    """Rates divided as the collapses (n_category, ..., n_level) are."""
-    return rates * counts / np.maximum(counts.sum(axis=0), 1)
 
 
 def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
@@ -167,10 +156,8 @@ def level_edges(levels: ArrayLike) -> FloatArray:
 def implied_collapses(
     collapsed: ArrayLike, simulated: ArrayLike, category: ArrayLike
 ) -> tuple[BoolArray, NDArray]:
-    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled.
-
-    A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
-    level that was, by the category that it had there: capacity is taken as one number.
+    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled: as the
+    nearest lower level of the record that was simulated.
     """
     fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)
@@ -185,13 +172,7 @@ def value_bins(
 ) -> tuple[IntArray, tuple[str, ...]]:
     """Bin of each value, (n,), and the names of the bins; nan has a bin of its own.
 
-    Bins are below the first edge, between edges, which increase, and from the last on; `unit` is
-    written after the numbers.
-
-    >>> from archfrag.fragility.contributions import value_bins
-    >>> place, names = value_bins([5.9, 6.0, 7.4, float("nan")], [6.0, 7.0], "km")
-    >>> place.tolist(), names
-    ([0, 1, 2, 3], ('below 6 km', '6 to 7 km', '7 km and more', 'not known'))
+    Bins are below the first of the rising edges, between edges, and from the last on.
     """
     values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
     ends, unit = [f"{edge:g}" for edge in edges], f" {unit}" if unit else ""

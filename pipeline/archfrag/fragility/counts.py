@@ -12,16 +12,13 @@ from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped, tai
 
 
 class Verdict(IntEnum):
-    """What one run shows of collapse; only the first two decide anything.
-
-    NOT_SIMULATED is a cell of the grid for which the design of the study asked for no run.
-    """
+    """What one run shows of collapse; only the first two decide anything."""
 
     STANDING = 0
     COLLAPSED = 1
     UNFINISHED = 2
     SOLVER_FAILURE = 3
-    NOT_SIMULATED = 4
+    NOT_SIMULATED = 4  # a cell for which the design of the study asked for no run
 
 
 @dataclass(frozen=True)
@@ -45,11 +42,7 @@ class VerdictCounts:
 
 
 def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
-    """Count the verdicts of all records at each level.
-
-    `verdict`, (..., n_level), holds codes of `Verdict` (else InputError: a run that is missing
-    must not be counted); all axes but the last are counted together.
-    """
+    """Count the verdicts at each level of `verdict`, (..., n_level), codes of `Verdict`."""
     codes = np.asarray(verdict)
     if codes.ndim == 0:
         raise InputError("verdict is a single value; an array with levels last is needed")
@@ -88,10 +81,9 @@ def checked_stripes(
 def clopper_pearson(
     collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
 ) -> tuple[FloatArray, FloatArray]:
-    """Exact interval of each binomial fraction (Clopper and Pearson 1934, Biometrika 26).
+    """Exact interval of each fraction `collapses` / `n`, (n_level,); nan where n = 0.
 
-    `collapses` among `n` runs are as of `archfrag.fit_stripes`, which has the errors; each side
-    of `confidence` holds at least half of it. The ends are (n_level,) each; nan where n = 0.
+    Clopper and Pearson 1934, Biometrika 26.
     """
     low, high = tails(confidence)
     given = np.atleast_1d(np.asarray(collapses, dtype=float))
@@ -117,10 +109,7 @@ def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatAr
 def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int, resamples: int
 ) -> IntArray:
-    """How often a bootstrap draws each record, with all of its event, (resamples, n_record).
-
-    At least 100 resamples are needed for quantiles (else InputError).
-    """
+    """How often a bootstrap draws each record, with all of its event, (resamples, n_record)."""
     if resamples < 100:
         raise InputError(f"resamples is {resamples}; quantiles need at least 100")
     group = event_groups(event, n_record)

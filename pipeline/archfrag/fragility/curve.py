@@ -1,4 +1,4 @@
-"""The lognormal fragility curve with its bands, and checks for all modules."""
+"""The lognormal fragility curve, its band and its parts in a class; checks for all modules."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import FitError, InputError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -17,10 +17,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Fragility:
-    """A lognormal fragility curve and how well the data determine it.
-
-    Bands and intervals are from the covariance of the parameters.
-    """
+    """A lognormal fragility curve; bands and intervals are from the covariance."""
 
     theta: float  #: median capacity, in the unit of the intensity it was fitted to
     beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
@@ -31,8 +28,7 @@ class Fragility:
     log_likelihood: float
     n_levels: int  #: levels, distinct observed capacities or ends of brackets that were used
     n_total: int  #: runs (stripes) or records that were used
-    #: "stripes", "ida" (moments), "ida_truncated", "brackets", "ordered" (limit states),
-    #: "posterior" (medians) or "mixture" (class of arches).
+    #: "stripes", "ida", "ida_truncated", "brackets", "ordered", "posterior" or "mixture".
     kind: str
     #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs.
     members: FloatArray | None = field(default=None, compare=False)
@@ -59,11 +55,9 @@ class Fragility:
         return scipy.special.ndtr(deviation).mean(axis=-1)
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Pointwise band of the curve at intensities >= 0, from the covariance.
+        """Pointwise band of the curve at intensities >= 0, by the delta method.
 
-        The delta method on the probit scale, z = (ln im - ln theta) / beta, where the curve is a
-        straight line in ln im and its estimate is closest to normal: var z = g C g with
-        g = -(1, z) / beta. The band is Phi(z -+ q sqrt(var z)) and stays within [0, 1].
+        On the probit scale, z = (ln im - ln theta) / beta, var z = g C g with g = -(1, z) / beta.
         """
         quantile = scipy.special.ndtri(tails(confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
@@ -109,10 +103,8 @@ class Fragility:
 def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
     """Curve of a class of arches: the mean of the curves of its arches.
 
-    It is the probability that an arch collapses of which only its class is known. `theta` and
-    `beta` are those of the lognormal curve with the same mean and standard deviation of ln
-    capacity, the law of total variance on the curves of the arches; covariance and sizes are
-    those of the `pooled` curve of all runs.
+    `theta` and `beta` are those of the lognormal curve with the same mean and standard deviation
+    of ln capacity; covariance and sizes are those of the `pooled` curve of all runs.
     """
     members = np.array([[fit.theta, fit.beta] for fit in curves])
     logs = np.log(members[:, 0])
@@ -120,6 +112,65 @@ def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
     return replace(
         pooled, theta=float(np.exp(logs.mean())), beta=beta, kind="mixture", members=members
     )
+
+
+def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
+    """Divide the dispersion of capacities, (n_arch, n_record), of the arches of a class.
+
+    By the law of total variance on ln capacity, with A the arch,
+
+        var ln C = E[var(ln C | A)] + var(E[ln C | A]),
+
+    of which the first is beta_record_to_record^2 and the second beta_model^2: both betas. What
+    records do to some arches and not to others, and the scatter of single runs, belong to the
+    first. A variance that is estimated as negative counts as 0. Analysis of variance by moments
+    with two factors, since all arches meet the same records and their means all have the scatter
+    of the records (Searle, Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4).
+    Records with a capacity that is not known (nan) are left out; FitError if fewer than two
+    arches, or two records of each, remain.
+    """
+    logs = np.log(positive(capacity, "capacities", unknown=True))
+    if logs.ndim != 2 or logs.size == 0:
+        raise InputError(f"capacities have shape {logs.shape}; (n_arch, n_record) is needed")
+    logs = logs[:, ~np.isnan(logs).any(axis=0)]
+    a, r = logs.shape
+    if a < 2 or r < 2:
+        raise FitError(
+            f"{a} arches with {r} records of known capacity remain; two of each are needed to "
+            "separate modelling from records"
+        )
+    arch, record = logs.mean(axis=1), logs.mean(axis=0)
+    residual = logs - arch[:, None] - record + logs.mean()
+    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
+    # var(ln C | arch) is that of the records and of the interaction together.
+    within = record.var(ddof=1) + (a - 1) / a * interaction
+    return _roots(within, arch.var(ddof=1) - interaction / r)
+
+
+def split_curves(
+    theta: ArrayLike, beta: ArrayLike, standard_error: ArrayLike, *, shared: float = 0.0
+) -> tuple[float, float]:
+    """As `split_capacities`, from the curve of each arch, (n_arch,): beta_model^2 is the variance
+    of ln theta over the arches less the mean square of its standard errors (moments, as
+    DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
+    beta_record_to_record^2 is the mean of beta^2.
+
+    `shared`, 0 to below 1, is the correlation of the errors of ln theta between arches: near that
+    of their ln capacities where all meet the same records, 0 where each has its own.
+    """
+    logs = np.log(positive(theta, "theta"))
+    betas = shaped(positive(beta, "beta"), logs.shape, "beta")
+    errors = shaped(positive(standard_error, "standard_error"), logs.shape, "standard_error")
+    if not 0.0 <= shared < 1.0:
+        raise InputError(f"shared is {shared:g}; a correlation from 0 to below 1 is needed")
+    if logs.size < 2:
+        raise FitError("one arch has no modelling dispersion; sample several")
+    sampling = np.mean(errors**2) * (1.0 - shared)
+    return _roots(np.mean(betas**2), logs.var(ddof=1) - sampling)
+
+
+def _roots(within: float, between: float) -> tuple[float, float]:
+    return float(np.sqrt(max(within, 0.0))), float(np.sqrt(max(between, 0.0)))
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:

@@ -1,8 +1,7 @@
 """Lognormal curves by maximum likelihood: from stripes, from capacities, from brackets of them.
 
-A curve is P(collapse | im) = Phi((ln im - ln theta) / beta). On the probit scale it is the
-straight line Phi^-1(P) = intercept + slope ln im with slope = 1 / beta, in which all likelihoods
-are concave: there is one maximum, and none exactly where the data are separated.
+On the probit scale P(collapse | im) = Phi((ln im - ln theta) / beta) is a straight line in ln im
+with slope 1 / beta, in which all likelihoods are concave: there is one maximum, or none.
 """
 
 from dataclasses import replace
@@ -31,7 +30,7 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     """Fit a lognormal curve to collapse counts at several intensity levels.
 
     Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at
-    one level count as independent. The covariance is the inverse of the observed information.
+    one level count as independent.
 
     Parameters
     ----------
@@ -45,9 +44,8 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
 
     Raises
     ------
-    InputError, FitError
-        If an argument is not valid; if the likelihood has no maximum with beta > 0: the message
-        states what is known instead.
+    FitError
+        If the likelihood has no maximum with beta > 0: the message states what is known instead.
 
     Examples
     --------
@@ -82,10 +80,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
     Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
-    n - 1, as is usual for IDA: dividing by n, as maximum likelihood would, makes beta too small
-    by about 1 / (2 n) of itself, and the lower tail unsafe; the covariance is
-    beta^2 diag(1 / n, 1 / (2 (n - 1))). Truncated data: maximum likelihood with the records above
-    `truncate_at` censored.
+    n - 1. Truncated data: maximum likelihood with the records above `truncate_at` censored.
 
     Parameters
     ----------
@@ -98,8 +93,8 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
     Raises
     ------
-    InputError, FitError
-        If an argument is not valid; if the data do not determine a dispersion > 0.
+    FitError
+        If the data do not determine a dispersion > 0.
 
     Examples
     --------
@@ -143,22 +138,11 @@ def _fit_moments(values: FloatArray) -> Fragility:
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
-    """Fit a lognormal curve to capacities that each lie between two intensities.
+    """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
-    Maximum likelihood of interval-censored data: the capacity of a record lies in
-    (lower, upper]. The covariance is the inverse of the observed information.
-
-    Parameters
-    ----------
-    lower, upper : array_like, (n_record,)
-        Any unit, 0 <= lower <= upper, not both 0 or infinite; `lower` may be 0 (collapse at the
-        lowest level tried), `upper` inf (none up to the highest). Equal values are a capacity
-        known exactly.
-
-    Raises
-    ------
-    InputError, FitError
-        If an argument is not valid; if the likelihood has no maximum with beta > 0.
+    Maximum likelihood of interval-censored data. `lower` may be 0 (collapse at the lowest level
+    tried), `upper` inf (none up to the highest); equal values are a capacity known exactly.
+    FitError if the likelihood has no maximum with beta > 0.
     """
     lower, upper = checked_brackets(lower, upper)
     last, first = lower.max(), upper.min()
@@ -172,11 +156,11 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
         )
     with np.errstate(divide="ignore"):
         low, high = np.log(lower), np.log(upper)
-    ends = np.concatenate([low, high])
     mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), low, high)
     a, b = np.array([-mean[0, 0], 1.0]) / deviation[0]
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
     known = _parameters(a, b, information[0] * sign)
+    ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
     return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
 
@@ -186,53 +170,44 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]
-    if not collapsed.size:
-        why = "no run collapsed at any level: theta lies above {}, the highest level tried"
-        raise FitError(f"{why}; add higher levels", high)
-    if not survived.size:
-        why = "every run collapsed at every level: theta lies below {}, the lowest level tried"
-        raise FitError(f"{why}; add lower levels", low)
-    if low == high:
-        why = "all runs are at one level, im = {}, which cannot separate theta from beta"
-        raise FitError(f"{why}; add levels", low)
-    first, last = collapsed.min(), survived.max()
-    why = "(perfect separation), so beta tends to 0"
-    if first > last:
-        text = f"all runs stand up to {{0}} and all collapse from {{1}} {why}: theta lies between"
-        raise FitError(f"{text} {{0}} and {{1}}; add levels between them", last, first)
-    if first == last:
-        text = f"only the level {{0}} has collapses and standing runs {why} and theta to {{0}}"
-        raise FitError(f"{text}; add levels close to it", first)
+    first, last = collapsed.min(initial=np.inf), survived.max(initial=0.0)
+    separated = "(perfect separation), so beta tends to 0"
+    for holds, why, levels in (
+        (not collapsed.size, "no run collapsed at any level: theta lies above {}, the highest "
+         "level tried; add higher levels", (high,)),
+        (not survived.size, "every run collapsed at every level: theta lies below {}, the lowest "
+         "level tried; add lower levels", (low,)),
+        (low == high, "all runs are at one level, im = {}, which cannot separate theta from beta; "
+         "add levels", (low,)),
+        (first > last, f"all runs stand up to {{0}} and all collapse from {{1}} {separated}: "
+         "theta lies between {0} and {1}; add levels between them", (last, first)),
+        (first == last, f"only the level {{0}} has collapses and standing runs {separated} and "
+         "theta to {0}; add levels close to it", (first,)),
+    ):  # fmt: skip
+        if holds:
+            raise FitError(why, *levels)
 
 
 def fit_cloud(
     im: ArrayLike, collapsed: ArrayLike, event: ArrayLike | None = None, *,
     seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
 ) -> dict[str, Any]:  # fmt: skip
-    """Fit collapse by logistic regression on ln im.
+    """Fit collapse by logistic regression on ln im, one run a record (a cloud).
 
     Parameters
     ----------
-    im : array_like, (n_run,)
-        Intensity of each record at its own amplitude (a cloud), any unit, > 0.
-    collapsed : array_like of bool, (n_run,)
-        Runs without a verdict must be left out before.
+    im, collapsed : array_like, (n_run,)
+        Intensity of each record at its own amplitude, any unit, > 0; whether it collapsed. Runs
+        without a verdict must be left out before.
     event : array_like, (n_run,), optional
         Earthquake of each record; records of one event are resampled together.
-    seed, resamples, confidence
-        Of the bootstrap of records, from which the intervals are.
 
     Returns
     -------
     dict of str to float or (float, float)
-        ``intercept`` and ``slope`` of logit P = intercept + slope ln im; the equivalents of a
-        lognormal curve: ``theta``, the 50 % point, and ``beta``, ln(84 % point / 16 % point) / 2;
-        ``theta_interval`` and ``beta_interval``.
-
-    Raises
-    ------
-    InputError, FitError
-        If an argument is not valid; if the likelihood has no maximum with a curve that rises.
+        ``intercept`` and ``slope`` of logit P = intercept + slope ln im; ``theta``, the 50 %
+        point, and ``beta``, ln(84 % point / 16 % point) / 2; ``theta_interval``,
+        ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
     codes = shaped(collapsed, (values.size,), "collapsed")
@@ -243,7 +218,7 @@ def fit_cloud(
     times = draws_of_records(event, values.size, seed, resamples)
     weight = np.vstack([np.ones(values.size), times])
     lines = binomial_lines(np.log(values), weight * codes, weight, "logistic")
-    kept = ~lines.degenerate
+    kept = ~np.isnan(lines.slope)
     if not kept[0]:
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:

@@ -1,7 +1,7 @@
 """Curves of several limit states from the same runs, ordered at every intensity."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,34 +15,22 @@ from archfrag.fragility.posterior import fit_posterior
 from archfrag.fragility.probit import interval_terms, least
 
 _FLAT = 1e-6
-
-
-@dataclass(frozen=True)
-class LimitState:
-    """One limit state and its curve."""
-
-    name: str
-    #: Kind "stripes" if fitted by itself, "ordered" if together with the others, "posterior" if
-    #: the state has no likeliest curve.
-    fit: Fragility | None
-    none: FitError | None = None  #: why there is no likeliest curve
+# A curve or none, and why there is no likeliest one.
+State = tuple[Fragility | None, FitError | None]
 
 
 def fit_limit_states(
     exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]
-) -> tuple[list[LimitState], str]:
+) -> tuple[list[State], str]:
     """Fit a lognormal curve to each of several ordered limit states.
 
-    A state counts as exceeded where it or a more severe one is, so the fractions are ordered by
-    construction. Curves fitted one by one cross somewhere unless their betas are equal; if two
-    cross within the range of the levels, the curves with a fit of their own are replaced by an
+    A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
+    by one cross within the range of the levels, those with a fit of their own are replaced by an
     ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once, in which they cannot cross; states that no run separates have
-    one theta in it. Runs count as independent, as in `fit_stripes`.
-
-    A state whose exceedances are separated in intensity from its other runs has no likeliest
-    curve; it is given the medians of `fit_posterior`. One that all runs exceed, or none, has no
-    curve.
+    fitted to all states at once; states that no run separates have one theta in it. Runs count as
+    independent, as in `fit_stripes`. A state whose exceedances are separated in intensity from
+    its other runs has no likeliest curve; it is given the medians of `fit_posterior`. One that
+    all runs exceed, or none, has no curve.
 
     Parameters
     ----------
@@ -50,13 +38,14 @@ def fit_limit_states(
         1 exceeded, 0 not, any other number not decided; states from the least severe to the most.
     im : array_like, (n_level,) or (n_record, n_level)
         Intensity of each run, any unit, > 0.
-    names : sequence of str, (n_state,)
+    names : sequence of str
 
     Returns
     -------
-    (list of LimitState, str)
-        From the least to the most severe; how the curves were ordered. InputError if shapes or
-        values are not valid.
+    (list of (Fragility or None, FitError or None), str)
+        The curve of each state, of kind "stripes" if fitted by itself, "ordered" if together with
+        the others, "posterior" if it has no likeliest curve, and why it has none; how the curves
+        were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     if codes.ndim != 3 or codes.size == 0:
@@ -67,17 +56,21 @@ def fit_limit_states(
     flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
     states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
-    known = [i for i, state in enumerate(states) if state.fit is not None]
-    crossing = _crossing([states[i] for i in known], levels[[0, -1]])
+    known = [(i, fit) for i, (fit, _) in enumerate(states) if fit is not None]
+    z = [np.log(levels[[0, -1]] / fit.theta) / fit.beta for _, fit in known]
+    crossing = [
+        f"{labels[i]} and {labels[j]}"
+        for ((i, _), milder), ((j, _), worse) in pairwise(zip(known, z))
+        if np.any(worse > milder + 1e-9)
+    ]
     if not crossing:
         return states, "The curves of all limit states are ordered at the levels that were run."
-    alone = [fit for state in states if (fit := state.fit) is not None]
-    fits = _ordered(np.log(intensity.ravel()), flat[:, known], alone)
-    for i, fit in zip(known, fits, strict=True):
-        none = None if fit.kind == "ordered" else states[i].none
-        states[i] = replace(states[i], fit=fit, none=none)
+    place, alone = zip(*known)
+    fits = _ordered(np.log(intensity.ravel()), flat[:, place], alone)
+    for i, fit in zip(place, fits):
+        states[i] = fit, None if fit.kind == "ordered" else states[i][1]
     return states, (
-        f"Fitted one by one, the curves of {crossing} cross within the levels that were "
+        f"Fitted one by one, the curves of {crossing[0]} cross within the levels that were "
         f"run; all have one beta of {fits[0].beta:.3g} instead."
     )
 
@@ -93,37 +86,26 @@ def nest_exceedance(codes: IntArray) -> IntArray:
     return np.where(yes, 1, np.where(no, 0, -1)).astype(np.int64)
 
 
-def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) -> LimitState:
+def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) -> State:
     n = np.bincount(column, codes >= 0, levels.size)
     collapses = np.bincount(column, codes == 1, levels.size)
     try:
-        return LimitState(name, fit_stripes(levels, collapses, n))
+        return fit_stripes(levels, collapses, n), None
     except FitError as error:
         why, at = f"(to collapse means to exceed it): {error.message}", error.levels
     fell, stood = levels[collapses > 0], levels[collapses < n]
     known = fell.size and stood.size and np.count_nonzero(n) > 1
     start = f"limit state {name!r} has no"
     if not known or fell.min() < stood.max():
-        return LimitState(name, None, FitError(f"{start} curve {why}", *at))
-    fit = fit_posterior(levels, collapses, n).fragility
+        return None, FitError(f"{start} curve {why}", *at)
     text = f"{start} likeliest curve {why}; its curve is the median of the posterior"
-    return LimitState(name, fit, FitError(text, *at))
-
-
-def _crossing(states: Sequence[LimitState], ends: FloatArray) -> str:
-    """Names of a pair of neighbours that cross between two levels, or nothing."""
-    z = [np.log(ends / each.fit.theta) / each.fit.beta for each in states if each.fit]
-    for (milder, upper), (worse, lower) in pairwise(zip(states, z)):
-        if np.any(lower > upper + 1e-9):
-            return f"{milder.name} and {worse.name}"
-    return ""
+    return fit_posterior(levels, collapses, n).fragility, FitError(text, *at)
 
 
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
     """Curves with one beta and ordered thetas, of states whose curves `alone` would cross.
 
-    States are fitted as one if no run exceeds the milder and spares the more severe one: the
-    likelihood of different thetas has no maximum then.
+    States are fitted as one if no run exceeds the milder and spares the more severe one.
     """
     group, columns = [0], [nested[:, 0]]
     for codes in nested.T[1:]:

@@ -4,28 +4,22 @@ The motion of every run is known in all measures, (value of the unscaled motion)
 ** exponent, so one study has a curve in each of them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, stdtr
+from scipy.special import stdtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import event_groups
 from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped
-from archfrag.fragility.probit import binomial_lines, inverse_mills, normal_lines
+from archfrag.fragility.probit import inverse_mills, normal_lines
 
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
-_COLUMNS = (
-    "theta", "beta", "log_likelihood", "slope_magnitude", "slope_distance", "p_magnitude",
-    "p_distance",
-)  # fmt: skip
-# What a comparison gives: `_COLUMNS` by measure; the merit of each measure, the larger the better;
-# the probability that one is so much better than another by chance.
-_Compared = tuple[FloatArray, FloatArray, Callable[[int, int], float]]
+_COLUMNS = "theta", "beta", "slope_magnitude", "slope_distance", "p_magnitude", "p_distance"
 # Number of a covariate, which records have it, their values, and the group of each of these.
 _Covariates = list[tuple[int, NDArray, FloatArray, IntArray]]
 _OF = {
@@ -43,25 +37,22 @@ def compare_measures(
     """Curve and qualities of each measure, from the runs of one arch.
 
     The capacity of a record is taken at the middle of its bracket in logarithms; a record that
-    collapses at its lowest level, or at none, enters as a bound. Single runs, one level a record,
-    give a probit line in each measure.
+    collapses at its lowest level, or at none, enters as a bound. FitError for single runs, which
+    show no capacities, and if no measure has a curve.
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
     measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
-    distance, each tested at 5 % by itself (a t test of the slope; score test for single runs).
-    Magnitude belongs to the earthquake: it is tested on the means of events, distance on records.
-    A small number of events or records does not show dependence.
+    distance, by t tests at 5 % of the slopes: of magnitude, which belongs to the earthquake, on
+    means of events, of distance on records.
 
     Parameters
     ----------
     found : Brackets
-        Of the capacities in the measure `own`.
+        Of the capacities in the measure `own`, by which the study was scaled.
     values : mapping of str to array_like, (n_record,)
         Of the unscaled motions in each measure, > 0.
     exponent : mapping of str to float
         Power of the scale factor in each measure, > 0: 2 for Arias intensity.
-    own : str
-        The measure that the study was scaled by.
     magnitude, distance, event : array_like, (n_record,), optional
         Of the earthquake, nan where not known; its name.
 
@@ -69,27 +60,21 @@ def compare_measures(
     -------
     dict
         ``rows``, one for each measure, numbers nan where they are not known: ``measure``;
-        ``theta`` in its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent, the same
-        for a measure and its powers; ``slope_magnitude`` and ``slope_distance`` of ln capacity,
-        ``p_magnitude`` and ``p_distance``, the probabilities of so large ones by chance;
-        ``sufficient``, neither of these below 0.05, or None; ``log_likelihood`` (single runs);
-        ``n_records`` used, ``n_bracketed`` of them; ``none``, why there is no curve.
-        ``own``; ``best``, of the sufficient measures (if there is none, of those not tested; else
-        of all) the one of least efficiency, for single runs of greatest log-likelihood.
-        ``p_value``, the probability that a measure no better than `own` seems so much better by
-        chance, times the number of measures that the best was chosen from (Bonferroni): by
-        equality of scatter (`scatter_by_chance`), for single runs by the difference in
-        log-likelihood (Vuong 1989, Econometrica 57). ``ratio`` of the efficiencies of both;
-        ``n_test``, tests of sufficiency that were made; ``message``.
-
-    Raises
-    ------
-    InputError, FitError
-        If an argument is not valid; if no measure has a curve.
+        ``theta`` in its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent;
+        ``slope_magnitude`` and ``slope_distance`` of ln capacity, ``p_magnitude`` and
+        ``p_distance``; ``sufficient``, neither of these below 0.05, or None; ``n_records`` used,
+        ``n_bracketed`` of them; ``none``, why there is no curve. ``own``; ``best``, of the
+        sufficient measures (if there is none, of those not tested; else of all) the one of least
+        efficiency. ``p_value``, the probability that a measure no better than `own` seems so much
+        better by chance (`scatter_by_chance`), times the number of measures that the best was
+        chosen from (Bonferroni). ``ratio`` of the efficiencies of both; ``n_test``, tests of
+        sufficiency that were made; ``message``.
     """
     names, n_record = list(values), len(found.verdict)
     if own not in names:
         raise InputError(f"own is {own!r}, which is not one of {', '.join(names)}")
+    if found.verdict.shape[1] == 1:
+        raise FitError("measures are compared by capacities, which single runs do not show")
     log_value = np.log([shaped(positive(v, k), (n_record,), k) for k, v in values.items()])
     power = positive([exponent[name] for name in names], "exponent")[:, None]
     mine, keep = names.index(own), found.decided > 0
@@ -111,42 +96,36 @@ def compare_measures(
         with np.errstate(divide="ignore"):
             return log_value + power * ((np.log(intensity) - log_value[mine]) / power[mine])
 
-    if found.verdict.shape[1] == 1:
-        none = "collapses and standing runs give no rising probit line in this measure"
-        collapsed = known.collapsed[:, 0].astype(float)
-        compared = _compare_runs(in_measures(known.levels[:, 0]), collapsed, covariates, group)
-    else:
-        none = "fewer than two records with different capacities in this measure"
-        low, high = np.where(known.bracketed, known.middle, (known.lower, known.upper))
-        ends = np.where(known.bracketed, (known.lower, known.upper), 1.0)
-        width = power / power[mine] * np.log(ends[1] / ends[0])
-        bounds = in_measures(low), in_measures(high)
-        compared = _compare_records(bounds, width**2 / 12.0, power, covariates, group)
+    low, high = np.where(known.bracketed, known.middle, (known.lower, known.upper))
+    ends = np.where(known.bracketed, (known.lower, known.upper), 1.0)
+    width = power / power[mine] * np.log(ends[1] / ends[0])
+    bounds = in_measures(low), in_measures(high)
+    columns, expected = _compare_records(bounds, width**2 / 12.0, covariates)
     rows = []
-    for name, each, column in zip(names, power[:, 0].tolist(), compared[0].T.tolist()):
+    for name, each, column in zip(names, power[:, 0].tolist(), columns.T.tolist()):
         row = {"measure": name, **dict(zip(_COLUMNS, column))}
         tests = [p for p in (row["p_magnitude"], row["p_distance"]) if np.isfinite(p)]
-        why = "" if np.isfinite(row["beta"]) else none
+        few = "fewer than two records with different capacities in this measure"
+        why = "" if np.isfinite(row["beta"]) else few
         rows.append(row | {
             "efficiency": row["beta"] / each, "none": why,
             "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
             "n_records": int(keep.sum()), "n_bracketed": int(known.bracketed.sum()),
         })  # fmt: skip
-    return {"rows": rows, "own": own, **_best(rows, rows[mine], *compared[1:])}
+    return {"rows": rows, "own": own, **_best(rows, rows[mine], expected / power, group)}
 
 
 def _best(
-    rows: list[dict[str, Any]], own: dict[str, Any], merits: FloatArray,
-    by_chance: Callable[[int, int], float],
-) -> dict[str, Any]:  # fmt: skip
-    """The best measure, and how it compares with the study's own."""
-    merit, mine = merits.tolist(), rows.index(own)
+    rows: list[dict[str, Any]], own: dict[str, Any], logs: FloatArray, event: IntArray
+) -> dict[str, Any]:
+    """The best measure, and how it compares with the study's own, by ln capacity / exponent."""
+    mine, efficiency = rows.index(own), [row["efficiency"] for row in rows]
     known = [i for i, row in enumerate(rows) if not row["none"]]
     if not known:
         raise FitError("no measure has a curve from these runs: " + own["none"])
     sufficient = [i for i in known if rows[i]["sufficient"]]
     chosen = sufficient or [i for i in known if rows[i]["sufficient"] is None] or known
-    place = max(chosen, key=merit.__getitem__)
+    place = min(chosen, key=efficiency.__getitem__)
     best, p_value, ratio = rows[place], 1.0, 1.0
     message = (
         f"Of {_OF[best['sufficient']]} {best['measure']} is the most efficient "
@@ -157,7 +136,8 @@ def _best(
     elif own["none"]:
         message += f"; in {own['measure']} there is no curve to compare it with."
     else:
-        p_value = min(1.0, by_chance(place, mine) * (len(chosen) - (mine in chosen)))
+        by_chance = scatter_by_chance(logs[mine], logs[place], event)
+        p_value = min(1.0, by_chance * (len(chosen) - (mine in chosen)))
         ratio = best["efficiency"] / own["efficiency"]
         can = "more than chance and the choice among them explain"
         if p_value >= SIGNIFICANCE:
@@ -166,7 +146,7 @@ def _best(
             f": its dispersion is {ratio:.2f} times that of {own['measure']}, {can} "
             f"(p = {p_value:.2g})."
         )
-    first = rows[max(known, key=merit.__getitem__)]
+    first = rows[min(known, key=efficiency.__getitem__)]
     if first["sufficient"] is False and first is not best:
         message += f" {first['measure']} is more efficient, but not sufficient."
     n_test = int(np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum())
@@ -186,10 +166,10 @@ def _sums(values: FloatArray, place: IntArray) -> FloatArray:
 
 
 def _compare_records(
-    bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, power: FloatArray,
-    covariates: _Covariates, event: IntArray,
-) -> _Compared:  # fmt: skip
-    """By ln capacities (n_measure, n_record), equal bounds where a value is known.
+    bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
+) -> tuple[FloatArray, FloatArray]:
+    """`_COLUMNS` by measure from bounds of ln capacities (n_measure, n_record), equal where one
+    is known; ln capacities, expected ones where a bound is known.
 
     `rounding` is the variance that the width of a bracket adds. It is taken out of that of ln
     capacity (Sheppard's correction) unless nothing would be left.
@@ -217,22 +197,16 @@ def _compare_records(
     for j, used, value, place in covariates:
         if exact[used].sum() >= 4:
             part = low[:, used], high[:, used], expected[:, used]
-            columns[[3 + j, 5 + j]] = _slope_test(*part, value, place)
+            columns[[2 + j, 4 + j]] = _slope_test(*part, value, place)
 
-    def by_chance(best: int, own: int) -> float:
-        logs = expected[[own, best]] / power[[own, best]]
-        return scatter_by_chance(logs[0], logs[1], event)
-
-    return columns, -deviation / power[:, 0], by_chance
+    return columns, expected
 
 
 def _slope_test(
     low: FloatArray, high: FloatArray, expected: FloatArray, covariate: FloatArray, place: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Slope of ln capacity on a covariate, and p-value, in each measure.
-
-    A t test of the slope of the means at each place. Where there are bounds, the slope is the
-    likeliest one.
+    """Slope of ln capacity on a covariate, likeliest where there are bounds, and the p-value of a
+    t test of the means at each place, in each measure.
     """
     count = np.bincount(place)
     off, y = _sums(covariate, place) / count, _sums(expected, place) / count
@@ -265,52 +239,3 @@ def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> fl
         return 1.0
     correlation = difference @ total / np.sqrt(squares)
     return float(stdtr(freedom, -correlation * np.sqrt(freedom / (1.0 - correlation**2))))
-
-
-def _compare_runs(
-    log_im: FloatArray, collapsed: FloatArray, covariates: _Covariates, event: IntArray
-) -> _Compared:
-    """By probit lines of single runs on ln im in each measure, (n_measure, n_run).
-
-    The score test asks whether a covariate, added to the line, would raise the likelihood (Rao
-    1948, Proc. Camb. Phil. Soc. 44), by the scatter of the scores of earthquakes or records; its
-    first Newton step is the slope that is given.
-    """
-    lines = binomial_lines(log_im, np.broadcast_to(collapsed, log_im.shape), 1.0 + 0.0 * log_im)
-    z = lines.intercept[:, None] + lines.slope[:, None] * log_im
-    columns = np.full((len(_COLUMNS), len(log_im)), np.nan)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        columns[:3] = np.exp(-lines.intercept / lines.slope), 1.0 / lines.slope, -lines.loss
-        for j, used, value, place in covariates:
-            score, information = _score(z[:, used], log_im[:, used], collapsed[used], value)
-            one_sided = _by_chance(_sums(score, place))
-            columns[3 + j] = -score.sum(axis=1) / information / lines.slope
-            columns[5 + j] = 2.0 * np.minimum(one_sided, 1.0 - one_sided)
-
-    def by_chance(best: int, own: int) -> float:
-        gains = log_ndtr(np.where(collapsed == 1.0, z[[best, own]], -z[[best, own]]))
-        return float(_by_chance(_sums(gains[0] - gains[1], event)))
-
-    return columns, columns[2], by_chance
-
-
-def _score(
-    z: FloatArray, x: FloatArray, collapsed: FloatArray, extra: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Score of an added covariate by run, given the line z, and its information, (n_measure,)."""
-    up, down = inverse_mills(z), inverse_mills(-z)
-    first, weight = collapsed * up - (1.0 - collapsed) * down, up * down
-    extra = extra - extra.mean()
-    a, b, c = weight.sum(1), (weight * x).sum(1), (weight * x * x).sum(1)
-    u, v = weight @ extra, (weight * x) @ extra
-    determinant = np.where(a * c > b * b, a * c - b * b, np.inf)
-    constant, slope = (c * u - b * v) / determinant, (a * v - b * u) / determinant
-    own = extra - constant[:, None] - slope[:, None] * x  # what the line does not hold of it
-    return first * own, (weight * own**2).sum(axis=1)
-
-
-def _by_chance(parts: FloatArray) -> FloatArray:
-    """Probability that independent parts of mean 0 have so large a sum, by Student's t, (...)."""
-    n = parts.shape[-1]
-    ratio = parts.sum(axis=-1) / np.sqrt((parts**2).sum(axis=-1))
-    return np.asarray(stdtr(n - 1, -ratio * np.sqrt((n - 1) / (n - ratio**2))))

@@ -1,14 +1,9 @@
 """Posterior of a lognormal curve under a proper, objective prior: ten runs give a band too.
 
-The prior of runs rests on Jeffreys', the square root of the determinant of the Fisher
-information of the design, which is proper for a probit line at two levels or more, and so leaves
-the posterior proper where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the
-American Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103). For fragility
-curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.07343).
-
 Each posterior is summed on one plain grid of ln beta and u = (ln theta - m) / root(beta^2 + d^2)
 with m and d the middle and the width of where runs begin to collapse: given beta, the scatter of
-ln theta grows with beta.
+ln theta grows with beta. For such priors of fragility curves see Van Biesbroeck, Gauchy, Feau and
+Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
 from collections.abc import Callable, Sequence
@@ -17,34 +12,37 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import checked_stripes
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray, log_intensity, tails
+from archfrag.fragility.curve import FloatArray, Fragility, log_intensity, tails
 from archfrag.fragility.fit import fit_brackets
 
 # Log-likelihood and log-prior, in (ln theta, ln beta), of ln theta (n, m) and beta (n, 1).
-Terms = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+Summands = tuple[FloatArray, FloatArray]
+Terms = Callable[[FloatArray, FloatArray], Summands]
 
 _ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
 _SEARCH = 25  # of the grids that find where the posterior is, each way
 _DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
 _HALVINGS = 30
 _MOST_LEVELS = 150  # of runs that each have a level of their own
-_SCATTERS = 16  # standard deviations between runs that are tried
+# Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
+# log-likelihood below its greatest value at the first and last of the latter.
+_TRIED, _SCATTERS, _FALL = 16, 8, 8.0
 ONE_LEVEL = "runs that collapsed or stood are at 1 level; a posterior needs two"
-_ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
+# Quantiles: of cuts, of one standard deviation each way, and the median.
+_LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What is known of a curve after the runs."""
 
-    #: Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta) is
-    #: from half the width of their central 68 %, as their tails are not normal; the log-likelihood
-    #: is that of the medians, without binomial coefficients.
+    #: Of kind ``"posterior"``: medians of theta and beta, and the log-likelihood there; standard
+    #: errors are half the widths of their central 68 %, as their tails are not normal.
     fragility: Fragility
     beta: FloatArray  #: (n_row,), rising
     log_theta: FloatArray  #: (n_row, n_node), evenly spaced in each row
@@ -110,11 +108,12 @@ class Posterior:
 def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
     """Posterior of the curve of runs that are independent, each with a motion of its own.
 
-    Prior: Jeffreys' for the levels and numbers of runs that were made, restricted to rising
-    curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest
-    level. Jeffreys' alone lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes
-    beta too small; the factor cures this as the right Haar measure does for capacities, and
-    stops growing where beta exceeds what the levels span, so that the prior stays proper.
+    Prior: Jeffreys' for the levels and numbers of runs that were made, the square root of the
+    determinant of the Fisher information, which is proper for a probit line at two levels or
+    more (Ibrahim and Laud 1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same
+    103); restricted to rising curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of
+    the highest over the lowest level. Jeffreys' alone lets 90 % bands hold the truth in 78 to
+    86 % at 10 runs, as it makes beta too small; the factor cures this.
     Arguments as for `fit_stripes`; all runs may have collapsed, or none, but they must be at two
     levels or more (else FitError).
     """
@@ -130,7 +129,7 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
         z = (x - log_theta[..., None]) / beta[..., None]
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
@@ -159,24 +158,17 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
 
     If some records survive above a level at which they collapsed, it is a probit with a record
     effect: ln capacity of a run is that of its record, normal about ln theta, and an error of the
-    run, normal with the standard deviation `scatter`; beta^2 is the sum of both variances, as
-    P(collapse | im) is that of a single run. The scatter is estimated first (`run_scatter`), and
-    its error widens what is known of beta.
+    run, normal with standard deviation s. beta^2 is the sum of both variances, as
+    P(collapse | im) is that of a single run, and s / beta is uniform from 0 to 1.
     """
-    levels, collapses, n = found.at_levels()
     why = "nothing bounds theta from"
     if not found.lower.any():
         raise FitError(f"{why} below: add levels below {{}}, the lowest tried", found.upper.min())
     if np.isposinf(found.upper).all():
         raise FitError(f"{why} above: add levels above {{}}, the highest tried", found.lower.max())
-    share = float(n_effective or len(n)) / len(n)
+    share = float(n_effective or len(found.lower)) / len(found.lower)
     if found.contradictions.any():
-        scatter, error = run_scatter(found)
-        x, (runs, number) = np.log(levels), _distinct(collapses, n)
-        start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
-        power = share * number.astype(float)
-        known = _of_cells(*_chances(x, runs, scatter), power, x, start)
-        return _with_scatter(known, scatter, error)
+        return _with_scatter(found, share)
     with np.errstate(divide="ignore"):
         pairs, number = np.unique(np.log([found.lower, found.upper]), axis=1, return_counts=True)
     low, high = pairs
@@ -189,46 +181,48 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
     known_width = known_width[np.isfinite(known_width)]
     resolved = max(np.median(known_width) if known_width.size else 0.0, np.diff(x).min())
     start = float(np.median(x)), float(resolved)
-    return _of_cells(ends, chance, share * number.astype(float), x, start)
+    power = share * number
+
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+        prior = _capacity_prior(beta, resolved, x)
+        return _of_cells(ends, chance, power, log_theta, beta), prior
+
+    return _summed(terms, x, start, max(1, round(power.sum())))
 
 
-def _with_scatter(known: Posterior, scatter: float, error: float) -> Posterior:
-    """The posterior of records' capacities, made that of single runs."""
-    fit = known.fragility
-    beta = float(np.hypot(fit.beta, scatter))
-    # The variances of both squares add up: ln beta is stretched about its median.
-    stretch = float(np.hypot(1.0, error / (2.0 * fit.beta * fit.standard_errors[1])))
-    scale = np.array([1.0, stretch * fit.beta / beta])
-    curve = replace(fit, beta=beta, covariance=fit.covariance * np.outer(scale, scale))
-    betas = beta * (np.hypot(known.beta, scatter) / beta) ** stretch
-    return replace(known, fragility=curve, beta=betas, scatter=scatter)
-
-
-def run_scatter(found: Brackets) -> tuple[float, float]:
-    """Standard deviation of ln capacity between runs of a record, and the error of its square.
-
-    The likeliest one over a grid; ln capacities of records are taken as normal, by their brackets.
-    """
+def _with_scatter(found: Brackets, share: float) -> Posterior:
+    """Posterior where verdicts of a record contradict each other, summed over the scatter s."""
     levels, collapses, n = found.at_levels()
-    x, (runs, number) = np.log(levels), _distinct(collapses, n)
+    x = np.log(levels)
     if x.size < 2:
         raise FitError(ONE_LEVEL)
+    runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
+    power = share * number
+    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
     line = fit_brackets(found.lower, found.upper)
-    tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), line.beta, _SCATTERS)
-    likelihood = np.empty(_SCATTERS)
-    for i, scatter in enumerate(tried):
-        ends, chance = _chances(x, runs, scatter)
-        mass = np.diff(ndtr((ends - np.log(line.theta)) / line.beta))
-        likelihood[i] = np.log(np.maximum(chance @ mass, 1e-300)) @ number
-    weight = np.exp(likelihood - likelihood.max())
-    weight /= weight.sum()
-    error = np.sqrt(weight @ tried**4 - (weight @ tried**2) ** 2)
-    return float(np.exp(weight @ np.log(tried))), float(error)
+    tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
+    at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
+    fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
+    good = np.flatnonzero(fits > fits.max() - _FALL)
+    ends = tried[max(good[0] - 1, 0)], tried[min(good[-1] + 1, _TRIED - 1)]
+    scatter = np.geomspace(*ends, _SCATTERS)
+    cells = [_chances(x, runs, s) for s in scatter]
 
+    def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
+        logs = []
+        for s, own in zip(scatter, cells):
+            of_records = np.sqrt(np.maximum(beta**2 - s**2, (1e-6 * s) ** 2))
+            each = _of_cells(*own, power, log_theta, of_records) + np.log(s / beta)
+            logs.append(np.where(beta > s, each, -np.inf))
+        return np.array(logs)
 
-def _distinct(collapses: FloatArray, n: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Distinct records by collapses and survivals, (2, n_kind, n_level), and their numbers."""
-    return np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
+    def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
+        return logsumexp(by_scatter(log_theta, beta), axis=0), _capacity_prior(beta, start[1], x)
+
+    known = _summed(terms, x, start, max(1, round(power.sum())))
+    curve = known.fragility
+    weight = softmax(by_scatter(np.log([[curve.theta]]), np.array([[curve.beta]]))[:, 0, 0])
+    return replace(known, scatter=float(np.exp(weight @ np.log(scatter))))
 
 
 def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> tuple[FloatArray, FloatArray]:
@@ -247,22 +241,17 @@ def _chances(x: FloatArray, runs: FloatArray, scatter: float) -> tuple[FloatArra
 
 
 def _of_cells(
-    ends: FloatArray, chance: FloatArray, power: FloatArray, x: FloatArray,
-    start: tuple[float, float],
-) -> Posterior:  # fmt: skip
-    """Posterior of records by the probability of their runs in cells of ln capacity.
+    ends: FloatArray, chance: FloatArray, power: FloatArray, log_theta: FloatArray,
+    beta: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Log-likelihood of records by the probability of their runs in cells of ln capacity."""
+    mass = np.diff(ndtr((ends - log_theta[..., None]) / beta[..., None]), axis=-1)
+    return np.asarray(np.log(np.maximum(mass @ chance.T, 1e-300)) @ power)
 
-    `x` are the ln levels (n_level,), `start` a guess of ln theta and the distance that levels
-    resolve.
-    """
-    span, resolved = x[-1] - x[0], start[1]
 
-    def terms(log_theta: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        mass = np.diff(ndtr((ends - log_theta[..., None]) / beta[..., None]), axis=-1)
-        prior = -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / span) ** 2)
-        return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power, prior
-
-    return _summed(terms, x, start, max(1, round(power.sum())))
+def _capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
+    """Logarithm of the prior of capacities in (ln theta, ln beta), for ln levels `x`."""
+    return -np.log1p((resolved / beta) ** 2 / 12.0) - np.log1p((beta / (x[-1] - x[0])) ** 2)
 
 
 def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> Posterior:
@@ -291,22 +280,18 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
     weight = np.exp(value)
     weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
-    curve = Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
-    known = Posterior(curve, beta, log_theta, weight)
-    t, b = known.log_thetas([0.5, *_ONE_SIGMA]), known.betas([0.5, *_ONE_SIGMA])
+    known = Posterior(
+        Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior"), beta, log_theta, weight
+    )
+    t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
-    cut = [0.01, 0.99]
-    pair = np.stack([
-        np.clip(log_theta, *known.log_thetas(cut)).ravel(),
-        np.repeat(np.clip(beta, *known.betas(cut)), _NODES),
-    ])
-    errors = 0.5 * np.array([t[2] - t[1], b[2] - b[1]])
-    covariance = np.cov(pair, aweights=weight.ravel())
+    pair = np.clip(log_theta, t[0], t[4]), np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta
+    errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
+    covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
-    likelihood = float(terms(t[:1, None], b[:1, None])[0][0, 0])
     curve = replace(
-        curve, theta=float(np.exp(t[0])), beta=float(b[0]), covariance=covariance,
-        log_likelihood=likelihood,
+        known.fragility, theta=float(np.exp(t[2])), beta=float(b[2]), covariance=covariance,
+        log_likelihood=float(terms(t[[[2]]], b[[[2]]])[0][0, 0]),
     )  # fmt: skip
     return replace(known, fragility=curve)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfcx, expit, log_ndtr
 
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
+from archfrag.fragility.curve import FloatArray, IntArray
 
 # Loss (n_fit,), gradient (n_fit, q) and second derivatives (n_fit, q, q).
 Terms = tuple[FloatArray, FloatArray, FloatArray]
@@ -26,19 +26,13 @@ class Lines(NamedTuple):
     loss: FloatArray  #: (n_fit,), negative log-likelihood without binomial coefficients
     information: FloatArray  #: (n_fit, 2, 2), observed, in (intercept, slope)
 
-    @property
-    def degenerate(self) -> BoolArray:
-        """Fits without a maximum, (n_fit,)."""
-        return np.isnan(self.slope)
-
 
 def least(
     terms: Callable[[FloatArray, IntArray], Terms], start: FloatArray
 ) -> tuple[FloatArray, Terms]:
-    """Parameters (n_fit, q) where each loss is least, and the terms there.
+    """Parameters (n_fit, q) where each loss is least, and the terms there; by Newton's method.
 
-    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss is inf where it
-    is not defined. Newton's steps are halved until the loss does not grow.
+    `terms` takes parameters (m, q) and the numbers of their fits (m,); its loss may be inf.
     """
     p = np.array(start, dtype=float)
     active = np.arange(len(p))
@@ -61,9 +55,7 @@ def least(
     return p, terms(p, np.arange(len(p)))
 
 
-def interval_terms(
-    p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray
-) -> Terms:
+def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: FloatArray) -> Terms:
     """Terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), which is convex in `p`, (n_fit, q).
 
     `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
@@ -150,13 +142,9 @@ def normal_lines(
 
     `lower` and `upper`, (n_point,) or (n_fit, n_point), are equal where a value is known exactly,
     -inf or inf where there is no bound; the first column of `design`, (n_point, q), is 1. In
-    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46).
-
-    Returns
-    -------
-    (ndarray, ndarray, ndarray, ndarray)
-        Coefficients (n_fit, q); deviation of the error (n_fit,); negative log-likelihood
-        (n_fit,); observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
+    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46). Returns
+    coefficients (n_fit, q); deviation of the error and negative log-likelihood, (n_fit,) each;
+    observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
     """
     low, high = np.atleast_2d(lower), np.atleast_2d(upper)
     known = np.where(np.isfinite(low), low, high)

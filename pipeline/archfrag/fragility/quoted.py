@@ -1,18 +1,21 @@
-"""The band that a report quotes, for records at several levels and for single runs.
+"""The band that a report quotes, the isotonic curve beside it, and a test of the lognormal shape.
 
-docs/evidence/data/bands_coverage.csv shows how often it holds the truth.
+docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+from scipy.optimize import isotonic_regression
+from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
 from archfrag.fragility.brackets import Brackets
-from archfrag.fragility.curve import FloatArray, Fragility, shaped
+from archfrag.fragility.counts import draws_of_records
+from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
+from archfrag.fragility.probit import Lines, binomial_lines
 
 _RHO_ERRORS = 0.5
 
@@ -38,25 +41,11 @@ def quoted_band(
 ) -> QuotedBand:  # fmt: skip
     """Curve of records that were run at several levels, with its band and intervals.
 
-    Parameters
-    ----------
-    found : Brackets
-        The same records serve at all levels, so records are independent and runs are not.
-    im : array_like
-        Intensities at which the band is wanted, any shape, >= 0.
-    confidence : float
-        Between 0 and 1.
-    groups : array_like, (n_record,), optional
-        Label of what rows have in common, such as the event of each record. Rows of one group
-        count as fewer, by how alike their capacities are.
-    unit : str
-        What a group is, for `assumptions`.
-
-    Raises
-    ------
-    InputError, FitError
-        If an argument is not valid; if no run is decided, there is one group only, or nothing
-        bounds theta from one side: the message states which levels to add.
+    Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
+    such as the event of each record, count as fewer, by how alike their capacities are; `unit` is
+    what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
+    decided, there is one group only, or nothing bounds theta from one side: the message states
+    which levels to add.
 
     Examples
     --------
@@ -79,9 +68,8 @@ def quoted_band(
             f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
             "natural logarithms, which beta includes"
         )
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence), "posterior of capacities, right Haar prior",
+    return _quoted(
+        known, im, confidence, "posterior of capacities, right Haar prior",
         f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
     )  # fmt: skip
 
@@ -89,19 +77,26 @@ def quoted_band(
 def quoted_runs(
     level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
 ) -> QuotedBand:
-    """Curve of decided runs, (n_run,), that each have a motion of their own.
-
-    The other arguments and errors are those of `quoted_band`.
-    """
+    """Curve of decided runs, (n_run,), that each have a motion of their own; as `quoted_band`."""
     if not np.size(level):
         raise FitError("no run collapsed or stood, so there is nothing to fit")
-    known = fit_posterior(level, collapsed, 1)
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence), "posterior of independent runs, Jeffreys prior",
+    return _quoted(
+        fit_posterior(level, collapsed, 1), im, confidence,
+        "posterior of independent runs, Jeffreys prior",
         "Capacity is lognormal, and runs are independent, each with a motion of its own.",
-        float(np.size(level)), 0,
+        float(np.size(level)),
     )  # fmt: skip
+
+
+def _quoted(
+    known: Posterior, im: ArrayLike, confidence: float, method: str, assumptions: str,
+    number: float, n_contradictions: int = 0,
+) -> QuotedBand:  # fmt: skip
+    intervals = known.theta_interval(confidence), known.beta_interval(confidence)
+    band = known.band(im, confidence)
+    return QuotedBand(
+        known.fragility, *intervals, *band, method, assumptions, number, n_contradictions
+    )
 
 
 def capacity_posterior(
@@ -117,10 +112,8 @@ def capacity_posterior(
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
-    """Labels of groups from names of earthquakes; a record without one is its own.
-
-    None if no two records are of one earthquake, or all are: one earthquake does not show how
-    earthquakes differ.
+    """Names of earthquakes, a record's own where it has none; None unless some but not all
+    records share one.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]
@@ -133,10 +126,10 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
 def independent_records(found: Brackets, groups: ArrayLike) -> float:
     """Effective number of records, some of which share an event.
 
-    n / (1 + (m - 1) rho) with m = sum n_i^2 / n the records of an event (Kish 1965, Survey
-    Sampling) and rho the correlation within events, by analysis of variance of ln capacity. A
-    small number of events hardly shows rho, so half its standard error is added: without it 90 %
-    bands held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
+    n / (1 + (m - 1) rho) with m = sum n_i^2 / n (Kish 1965, Survey Sampling) and rho the
+    correlation within events, by analysis of variance of ln capacity. A small number of events
+    hardly shows rho, so half its standard error is added: without it 90 % bands held the truth
+    in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
     """
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
@@ -168,3 +161,95 @@ def _expected_logs(found: Brackets) -> FloatArray:
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
     inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
     return np.clip(inside, low, high)
+
+
+def isotonic_curve(
+    found: Brackets, event: ArrayLike | None = None, *,
+    seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
+) -> dict[str, FloatArray]:  # fmt: skip
+    """Likeliest curve that never falls with intensity, and its band.
+
+    Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
+    likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
+    Math. Stat. 26). The band is from the bootstrap of records, or of earthquakes `event`,
+    (n_record,), with all their records. It is inconsistent where intensities are many and runs at
+    each are not (Sen, Banerjee and Woodroofe 2010, Ann. Stat. 38), has no width where all runs of
+    a level agree, and is somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15
+    levels, 24 records, 200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %.
+
+    Returns
+    -------
+    dict of str to ndarray, (n_level,)
+        ``im``; ``probability`` of collapse there, ``lower`` and ``upper`` end of its band.
+        FitError if no run is decided, or all are at one level.
+    """
+    levels, collapses, n = found.at_levels(filled=True)
+    if levels.size < 2:
+        why = "all runs are at one level, {}, which gives no curve"
+        raise FitError(f"{why}; add levels", levels[0])
+    times = draws_of_records(event, len(n), seed, resamples).astype(float)
+    every, draws = np.arange(levels.size), []
+    for k, count in zip(times @ collapses, times @ n):
+        at = np.flatnonzero(count > 0.0)  # a level without runs lies between its neighbours
+        draws.append(np.interp(every, at, _pooled(k[at], count[at])))
+    lower, upper = np.quantile(draws, tails(confidence), axis=0)
+    value = _pooled(collapses.sum(axis=0), n.sum(axis=0))
+    return {"im": levels, "probability": value, "lower": lower, "upper": upper}
+
+
+def _pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
+    """Isotonic fractions of collapse, (n_level,); every level must have runs."""
+    return np.clip(isotonic_regression(collapses / n, weights=n).x, 0.0, 1.0)
+
+
+def check_lognormal(
+    found: Brackets, *, seed: int = 1, resamples: int = 1000
+) -> tuple[float, float]:
+    """Test the lognormal curve against any curve that rises with intensity.
+
+    The likelihood ratio of the isotonic and the lognormal curve is compared with its values in
+    studies drawn from the fitted curve, each fitted anew (parametric bootstrap; Davison and
+    Hinkley 1997, section 4.2), in the same cells as the study's runs. ln capacity of a run is
+    ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one normal number per record, e one
+    per run, and rho from the scatter between runs of a record: independent runs would give a test
+    that finds misfits too seldom or too often. Records of one event are drawn as independent.
+
+    Returns
+    -------
+    (float, float)
+        Probability of so large a ratio if the lognormal curve is the true one; rho, 1 where no
+        verdicts contradict each other, nan where each record serves once. FitError if the runs
+        have no lognormal curve.
+    """
+    levels, collapses, made = found.at_levels(filled=True)
+    x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
+    line = binomial_lines(x, total, n)
+    if np.isnan(line.slope[0]):
+        raise FitError("these runs have no lognormal curve, so there is nothing to test")
+    deviance = _deviances(line, total[None], n)[0]
+    generator = np.random.default_rng(seed)
+    z, rho = line.intercept[0] + line.slope[0] * x, np.nan
+    if np.any(made.sum(axis=1) > 1.0):
+        rho = 1.0
+        if found.contradictions.any():
+            scatter = fit_capacity_posterior(found.known()).scatter
+            rho = max(0.0, 1.0 - (scatter * line.slope[0]) ** 2)
+        (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
+        for row in drawn:
+            shared = generator.standard_normal(len(made))[record]
+            own = generator.standard_normal(record.size)
+            capacity = np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own
+            row[:] = np.bincount(level, z[level] >= capacity, x.size)
+    else:
+        drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(float)
+    fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
+    values = _deviances(fits, drawn, n)[~np.isnan(fits.slope)]
+    p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
+    return float(p_value), float(rho)
+
+
+def _deviances(lines: Lines, collapses: FloatArray, n: FloatArray) -> FloatArray:
+    """Twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
+    p = np.array([_pooled(k, n) for k in collapses])
+    likelihood = xlogy(collapses, p) + xlogy(n - collapses, 1.0 - p)
+    return 2.0 * (likelihood.sum(axis=1) + lines.loss)

@@ -19,7 +19,7 @@ from archfrag.fragility.curve import (
     positive,
     rising,
     tails,
-)
+)  # fmt: skip
 from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
@@ -32,10 +32,9 @@ _LARGEST_LOG = 600.0
 class HazardCurve:
     """Annual frequency of exceedance at several intensities, and a rule between and beyond.
 
-    Between two points ln rate is linear in ln im: the rate is a power of the intensity there.
-    Below the first point the first power goes on, above the last one the last power that falls.
-    A hazard curve that bends downwards in these scales is overestimated by both extensions.
-    InputError if the arrays are not as stated.
+    Between two points the rate is a power of the intensity. Below the first point the first power
+    goes on, above the last one the last power that falls. A hazard curve that bends downwards in
+    these scales is overestimated by both extensions.
     """
 
     im: FloatArray  #: (n,), intensities, increasing, > 0
@@ -45,36 +44,36 @@ class HazardCurve:
 
     def __post_init__(self) -> None:
         im, rate = np.asarray(self.im, dtype=float), np.asarray(self.rate, dtype=float)
+        what = "the hazard curve"
         if im.shape != rate.shape or im.ndim != 1:
             raise InputError(
-                f"the hazard curve's im has shape {im.shape}, its rate {rate.shape}; two lists of "
-                "at least two points are needed"
+                f"{what}'s im has shape {im.shape}, its rate {rate.shape}; two lists of at least "
+                "two points are needed"
             )
         known = ~((rate == 0.0) | (rate == np.inf))
         if (n := np.count_nonzero(known)) < 2:
             raise InputError(
-                f"the hazard curve has {n} of {rate.size} points with a rate above 0 that is "
-                "known; at least two are needed"
+                f"{what} has {n} of {rate.size} points with a rate above 0 that is known; at "
+                "least two are needed"
             )
-        for name, check, values in (("im", rising, im), ("rate", positive, rate)):
-            object.__setattr__(self, name, check(values[known], f"the hazard curve's {name}"))
+        object.__setattr__(self, "im", rising(im[known], f"{what}'s im"))
+        object.__setattr__(self, "rate", positive(rate[known], f"{what}'s rate"))
         for i in np.flatnonzero(np.diff(self.rate) > 0.0)[:1]:
             raise InputError(
-                f"the hazard curve's rate of exceedance rises from {self.rate[i]:g} to "
+                f"{what}'s rate of exceedance rises from {self.rate[i]:g} to "
                 f"{self.rate[i + 1]:g} at im = {self.im[i + 1]:g}; it never rises with intensity"
             )
         if self.rate[0] == self.rate[-1]:
             raise InputError(
-                f"the hazard curve's rate is {self.rate[0]:g} at all its points, so it holds "
-                "nothing of how often stronger motions occur"
+                f"{what}'s rate is {self.rate[0]:g} at all its points, so it holds nothing of how "
+                "often stronger motions occur"
             )
 
     @classmethod
     def from_exceedance(cls, im: ArrayLike, probability: ArrayLike, years: float) -> "HazardCurve":
-        """Curve from probabilities of exceedance in a time, motions being a Poisson process.
+        """Curve from probabilities of exceedance in a time: rate = -ln(1 - probability) / years.
 
-        rate = -ln(1 - probability) / years. Points with a probability of 1, whose rate is not
-        known, or of 0 are left out.
+        Points with a probability of 1, whose rate is not known, or of 0 are left out.
         """
         probability = np.asarray(probability, dtype=float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
@@ -86,18 +85,15 @@ class HazardCurve:
             return cls(np.asarray(im, dtype=float), -np.log1p(-probability) / years)
 
     def rate_at(self, im: ArrayLike) -> FloatArray:
-        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year].
-
-        At im = 0 it is infinite where the first power is above 0.
-        """
+        """Annual frequency of exceedance at intensities >= 0 of any shape [1/year]."""
         x = log_intensity(im)
-        return _rate_at(x, *self.pieces(x))
+        anchor, log_rate, slope = self.pieces(x)
+        with np.errstate(invalid="ignore"):
+            fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
+        return np.exp(log_rate - fall)
 
     def pieces(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where the hazard is one power, the pieces that hold each ln im, or begin there.
-
-        ln im at which each is anchored, ln rate there, and the power with which it falls.
-        """
+        """The powers that hold at each ln im: where anchored, ln rate there, and exponents."""
         knots = np.log(self.im)
         between = -np.diff(np.log(self.rate)) / np.diff(knots)
         slopes = np.concatenate([between[:1], between, between[between > 0.0][-1:]])
@@ -106,21 +102,9 @@ class HazardCurve:
         return knots[anchor], np.log(self.rate[anchor]), slopes[place]
 
 
-def _rate_at(
-    x: FloatArray, anchor: FloatArray, log_rate: FloatArray, slope: FloatArray
-) -> FloatArray:
-    """Rates at one ln im of each piece."""
-    with np.errstate(invalid="ignore"):
-        fall = np.where(slope > 0.0, slope * (x - anchor), 0.0)
-    return np.exp(log_rate - fall)
-
-
 @dataclass(frozen=True)
 class CollapseRate:
-    """Mean annual frequency of collapse and its band.
-
-    Only the uncertainty of the fragility curve's parameters is in the band, none of the hazard.
-    """
+    """Mean annual frequency of collapse; its band is of the fragility curve's parameters only."""
 
     rate: float  #: of the medians of theta and beta, the hazard curve extended [1/year]
     #: Over theta and beta as uncertain as they are [1/year]; nan without draws or of a bound.
@@ -154,10 +138,7 @@ class CollapseRate:
         return 1.0 / self.quoted if self.quoted > 0.0 else np.inf
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
-        """Probability of a collapse in some years, with its band: 1 - exp(-rate years).
-
-        Collapses are a Poisson process: the arch is put up again at once each time.
-        """
+        """Probability of a collapse in some years, with its band: 1 - exp(-rate years)."""
         positive(years, "years")
         value, low, high = -np.expm1(-years * np.array([self.quoted, self.lower, self.upper]))
         return float(value), float(low), float(high)
@@ -169,18 +150,10 @@ def collapse_rate(
 ) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
 
-    Parameters
-    ----------
-    hazard : HazardCurve
-        Intensity in the unit of the curve.
-    curve : Fragility
-    draws : (array_like, array_like), each (n_draw,), optional
-        theta and beta from `parameter_draws`; the band runs between the quantiles of their rates.
-        What the extension below the first point of the hazard curve adds to each is at most the
-        hazard's rate at this point. Of the curve of a class they are those of its lognormal
-        curve, and their rates are taken in proportion.
-    confidence : float
-        Two-sided, between 0 and 1 (else InputError).
+    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`; the band runs between the
+    quantiles of their rates. What the extension below the first point of the hazard curve adds to
+    each is at most the hazard's rate at this point. Of the curve of a class they are those of its
+    lognormal curve, and their rates are taken in proportion.
 
     Examples
     --------
@@ -213,8 +186,7 @@ def collapse_rate(
 def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
     """Rate of collapse by motions of each range of intensity, (n_edge + 1,) [1/year].
 
-    From 0 to the first of the `edges`, (n_edge,), which increase and are > 0, between edges, and
-    from the last on. The rates add up to the rate of collapse.
+    From 0 to the first of the rising `edges`, (n_edge,), between edges, and from the last on.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
@@ -223,14 +195,8 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
-def parameter_draws(
-    fit: Fragility, seed: int, draws: int = 4000
-) -> tuple[FloatArray, FloatArray]:
-    """theta and beta, (draws,) each, as uncertain as the data leave them.
-
-    (ln theta, ln beta) are normal with the covariance of the fit; `seed` is of numpy's default
-    generator. InputError if the covariance is not finite.
-    """
+def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[FloatArray, FloatArray]:
+    """theta and beta, (draws,) each: (ln theta, ln beta) normal with the covariance of the fit."""
     jacobian = np.diag([1.0, 1.0 / fit.beta])
     covariance = jacobian @ fit.covariance @ jacobian
     if not np.isfinite(covariance).all():
@@ -251,15 +217,13 @@ def _lognormal(
     theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
     log_theta = np.log(theta)
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
-    pieces = anchor, log_rate, k = hazard.pieces(left)
+    anchor, log_rate, k = hazard.pieces(left)
     a, b = (left - log_theta) / beta, (right - log_theta) / beta
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
-    lower, upper = (
-        np.where(np.isfinite(x), ndtr(z) * _rate_at(np.where(np.isfinite(x), x, anchor), *pieces),
-                 0.0)
-        for x, z in ((left, a), (right, b))
-    )  # fmt: skip
+    part = ndtr(b[..., :-1]) * hazard.rate_at(np.exp(cuts))
+    none = 0.0 * part[..., :1]
+    lower, upper = np.concatenate([none, part], axis=-1), np.concatenate([part, none], axis=-1)
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
     return np.where(k > 0.0, np.maximum(lower - upper + moved, 0.0), 0.0)

@@ -24,7 +24,7 @@ MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 
 def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
-    from archfrag.fragility.shapes import check_lognormal, isotonic_curve
+    from archfrag.fragility.quoted import check_lognormal, isotonic_curve
 
     shaped: dict[str, Any] = {}
     try:
@@ -103,15 +103,12 @@ def limit_states(
     level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for _, r in parts])
     found, message = fit_limit_states(exceeded, level, list(meanings))
     onset = min(_onset(cube) for cube, _ in parts)
-    notes = [worded(each.none) if each.none else "" for each in found]
-    return {
-        "message": message,
-        "states": [
-            {"name": each.name, "meaning": meanings[each.name],
-             "note": note, "curve": curve_to_dict(_above(each.fit, onset) or note)}
-            for each, note in zip(found, notes, strict=True)
-        ],
-    }  # fmt: skip
+    states = []
+    for name, (fit, none) in zip(meanings, found, strict=True):
+        note = worded(none) if none else ""
+        curve = curve_to_dict(_above(fit, onset) or note)
+        states.append({"name": name, "meaning": meanings[name], "note": note, "curve": curve})
+    return {"message": message, "states": states}
 
 
 def _exceeded(
@@ -170,7 +167,7 @@ def dispersion_split(
     By the capacities of all runs; by the likeliest curve of each arch where records withstand the
     largest level, since without these, the mildest, what is left would differ less.
     """
-    from archfrag.fragility.dispersion import split_capacities, split_curves
+    from archfrag.fragility.curve import split_capacities, split_curves
 
     n_record = len(members[0].verdict)
     if not members[0].design.on_levels or any(len(each.verdict) != n_record for each in members):

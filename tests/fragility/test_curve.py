@@ -1,10 +1,39 @@
-"""Parts of the dispersion of a class, by simulation."""
+"""The lognormal curve, its band, and the parts of its dispersion in a class."""
+
+import json
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.dispersion import split_capacities, split_curves
+from archfrag.fragility.curve import Fragility, split_capacities, split_curves
+from archfrag.fragility.fit import fit_stripes
+
+STRIPES = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
+
+
+def test_delta_method_is_that_of_the_numerical_derivative():
+    def z(ln_theta, beta):
+        return (np.log(0.5) - ln_theta) / beta
+
+    a, b, h = np.log(STRIPES.theta), STRIPES.beta, 1e-6
+    slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
+    reach = norm.ppf(0.975) * np.sqrt(slope @ STRIPES.covariance @ slope)
+    lower, upper = STRIPES.band([0.5, 0.0], confidence=0.95)
+    assert norm.ppf([lower[0], upper[0]]) == pytest.approx([z(a, b) - reach, z(a, b) + reach])
+    assert (lower[1], upper[1]) == (0.0, 0.0)
+    errors = STRIPES.standard_errors / [1.0, b]
+    for interval, error in zip((STRIPES.theta_interval(), STRIPES.beta_interval()), errors):
+        low, high = np.log(interval)
+        assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
+
+
+def test_json_round_trip():
+    copy = Fragility.from_dict(json.loads(json.dumps(STRIPES.to_dict())))
+    assert copy == STRIPES
+    assert np.array_equal(copy.covariance, STRIPES.covariance)
+
 
 MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1
 ARCHES, RECORDS, STUDIES = 12, 20, 400
@@ -51,6 +80,8 @@ def test_shared_records_have_their_error_in_common():
 @pytest.mark.parametrize(
     ("make", "arguments", "more", "kind", "key"),
     [
+        (STRIPES.band, (0.5, 90.0), {}, InputError, "confidence is 90"),
+        (Fragility.from_dict, ({"theta": 1.0},), {}, InputError, "'beta'"),
         (split_capacities, ([[1.0, 2.0]],), {}, FitError, "1 arches"),
         (split_capacities, ([[1.0, np.nan], [1.0, 2.0]],), {}, FitError, "1 records"),
         (split_curves, ([1, 2], [0.4] * 2, [0.1] * 2), {"shared": 1.0}, InputError, "shared is 1"),
