@@ -10,10 +10,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from archbench.paper.block import (
-    CORNER_A,
     Mechanism,
-    corner_arm,
-    gradient,
     uniform_block,
 )
 from archbench.paper.regions import starting_region
@@ -26,7 +23,7 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import arch, block, cone, equations  # noqa: E402
+from figures import arch, block, equations  # noqa: E402
 
 
 def equations_named(text):
@@ -116,29 +113,3 @@ class TestFigures:
             mechanism = starting_region(body, x, y, 1.5 * slenderness)
             assert block._SHADE[mechanism] in shades_at(third, x, y)
         assert seen == set(Mechanism) - {Mechanism.LIFT_OFF}
-
-    def test_plane_keeps_lengths_and_angles(self):
-        body = uniform_block(0.4, 1.0, 1.0)
-        pair = gradient(body, corner_arm(body, CORNER_A, 0.1))
-        flat = cone.Plane(*pair)
-        for a in pair:
-            for b in pair:
-                assert flat(a) @ flat(b) == pytest.approx(a @ b)
-
-    def test_second_level_is_within_its_limits_and_hinges_are_at_corners(self):
-        now = arch.Instant(arch.run(0.4), 0.25)
-        opened = [j for j, mode in enumerate(now.mode) if mode != arch.CLOSED]
-        assert opened == [0, 2, 4, 7]
-        assert now.place[opened] == pytest.approx([1.0, 0.0, 1.0, 0.0], abs=1e-9)
-        inner = np.setdiff1d(np.arange(8), opened)
-        assert ((now.place[inner] > 0.0) & (now.place[inner] < 1.0)).all()
-        assert (np.abs(now.slope) < 0.7).all()
-
-    def test_laws_are_traced_on_both_branches(self, drawn):
-        normal, tangential = block.laws().axes
-        rate, force = normal.lines[0].get_data()
-        assert np.abs(np.asarray(rate) * np.asarray(force)).max() < 1e-12
-        assert {np.max(rate) > 0.1, np.max(force) > 0.1} == {True}
-        slip, ratio = (np.asarray(data) for data in tangential.lines[0].get_data())
-        assert np.abs(ratio).max() == pytest.approx(0.6, rel=1e-9)
-        assert (ratio[np.abs(slip) > 1e-9] * slip[np.abs(slip) > 1e-9] < 0.0).all()

@@ -28,8 +28,8 @@ _folder = click.Path(path_type=Path, exists=True, file_okay=False)
 def main(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Measure cost against error.
 
-    Makes tables, charts and a page. PARTS are speed, fragility, growth, stability, corner_cases
-    and bands; all of them by default.
+    Makes tables, charts and a page. PARTS are speed, fragility, knee, growth, stability,
+    corner_cases and bands; all of them by default.
     """
     from archbench.page import gather
 

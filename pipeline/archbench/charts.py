@@ -165,6 +165,20 @@ def fragility_chart(curves: pd.DataFrame) -> Figure:
     return figure
 
 
+def knee_chart(settings: pd.DataFrame) -> Figure:
+    """Cost of a study against the error of theta, a panel for each arch."""
+    shown = settings[settings["rms"] > 0.0]  # the reference has no error
+    arches = list(dict.fromkeys(shown["arch"]))
+    figure, panels = _panels(2.9, 1, len(arches), len(arches))
+    for axes, arch in zip(panels, arches, strict=True):
+        for method, group in shown[shown["arch"] == arch].groupby("method", sort=False):
+            _marked(axes, 100.0 * group["rms"], group["seconds"], [False] * len(group),
+                    style_of(str(method)))  # fmt: skip
+        _log(axes, "error of theta (%)", "CPU seconds of the study", arch)
+    _legend(figure, _ordered(shown["method"]), floor=False)
+    return figure
+
+
 def growth_chart(runs: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     """CPU seconds for a second of motion against the number of voussoirs."""
     figure, (axes,) = _panels(3.4)

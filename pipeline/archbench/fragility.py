@@ -23,8 +23,14 @@ from archbench.solve import solve_many, with_motion
 from archfrag.errors import FitError
 from archfrag.fragility.fit import fit_stripes
 from archfrag.motions.index import load_index
-from archfrag.motions.read import load_motion, read_motion
+from archfrag.motions.read import load_motion
 
+# What differs in each arch from the shipped one.
+SHIPPED = "ring of 7 voussoirs"
+ARCHES: dict[str, Row] = {
+    SHIPPED: {}, "27 voussoirs": {"voussoirs": 27},
+    "21 voussoirs that slide": {"voussoirs": 21, "friction": 0.36, "thickness": 2.0},
+}  # fmt: skip
 REPEATS = 8
 DISTURBANCE = 1e-5
 # Of the reference: settings, and the relative distance between those of its repetitions.
@@ -52,24 +58,21 @@ class Study(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def scenes_of(folder: Path, real: bool, quick: bool) -> tuple[list[Scene], list[float]]:
+def scenes_of(folder: Path, arch: str, quick: bool) -> tuple[list[Scene], list[float]]:
     """A scene for each record, at a peak of 1 g, and the levels [g]; if quick fewer of both."""
-    if real:
-        paths = sorted(path for path in folder.glob("at2/*") if path.suffix.lower() == ".at2")
-        motions, levels = map(read_motion, paths), np.linspace(0.4, 5.3, 15)
-    else:
-        entries = [each for k, each in enumerate(load_index(folder)) if not quick or k % 3 != 2]
-        motions, levels = map(load_motion, entries), np.linspace(0.2, 3.0, 15)
-    arch, scenes = load_scene("arch7_pulse"), []
-    for motion in motions:
+    entries = [each for k, each in enumerate(load_index(folder)) if not quick or k % 3 != 2]
+    pulse, scenes = load_scene("arch7_pulse"), []
+    chain = pulse.chain | ARCHES[arch]
+    for motion in map(load_motion, entries):
         duration = float(math.ceil(motion.dt * motion.acceleration.size + FALL))
-        scenes.append(with_motion(replace(arch, name=motion.id, duration=duration), motion, 1.0))
-    return scenes, levels[:: 2 if quick else 1].round(12).tolist()
+        scene = replace(pulse, name=motion.id, chain=chain, duration=duration)
+        scenes.append(with_motion(scene, motion, 1.0))
+    return scenes, np.linspace(0.2, 3.0, 15)[:: 2 if quick else 1].round(12).tolist()
 
 
-def run_study(setting: Setting, repeat: int, folder: Path, real: bool, quick: bool) -> Row:
+def run_study(setting: Setting, repeat: int, folder: Path, arch: str, quick: bool) -> Row:
     """Outcomes and CPU seconds of one study, as of `Study`."""
-    scenes, levels = scenes_of(folder, real, quick)
+    scenes, levels = scenes_of(folder, arch, quick)
     factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels]
     outcomes, seconds = [], 0.0
     for scene in scenes:
@@ -81,26 +84,19 @@ def run_study(setting: Setting, repeat: int, folder: Path, real: bool, quick: bo
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Make the studies."""
-    tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": []}
     column = "fragility_quick" if bench.quick else "fragility"
     chosen = [each for row in ladders(column, bench.solvers).values() for each in row]
     roles = []
     for k in range(REPEATS):
         roles += [("reference", each.finer(1.0 - APART * k), k) for each in REFERENCES]
         roles += [("setting", each, k) for each in chosen]
-    for name, folder in (("shipped", bench.records), ("real", bench.real)):
-        if folder is None:
-            continue
-        place = (folder, name == "real", bench.quick)
-        tasks = {(name, bench.quick, *each.columns.values(), k): (each, k, *place)
-                 for _, each, k in roles}  # fmt: skip
-        found = bench.run("fragility", run_study, tasks, LIMIT)
-        studies = [Study(*role, **result)
-                   for role, result in zip(roles, found.values(), strict=True)
-                   if not isinstance(result, str)]  # fmt: skip
-        for part, table in tables_of(studies, np.array(scenes_of(*place)[1])).items():
-            tables[part].append(table.assign(study=name))
-    return {part: pd.concat(found) for part, found in tables.items()}
+    place = (bench.records, SHIPPED, bench.quick)
+    tasks = {(bench.quick, *each.columns.values(), k): (each, k, *place) for _, each, k in roles}
+    found = bench.run("fragility", run_study, tasks, LIMIT)
+    studies = [Study(*role, **result) for role, result in zip(roles, found.values(), strict=True)
+               if not isinstance(result, str)]  # fmt: skip
+    tables = tables_of(studies, np.array(scenes_of(*place)[1]))
+    return {part: table.assign(study="shipped") for part, table in tables.items()}
 
 
 def tables_of(studies: Sequence[Study], levels: Array) -> dict[str, pd.DataFrame]:

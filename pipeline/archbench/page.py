@@ -22,6 +22,7 @@ from archfrag.study.provenance import available_cores
 PARTS = {
     "speed": "Speed against accuracy",
     "fragility": "Fragility: error of the curve against cost of the study",
+    "knee": "Knee: what an error of theta costs",
     "growth": "Growth with the number of voussoirs",
     "stability": "Stability: where methods fail",
     "corner_cases": "Corner cases",
@@ -49,6 +50,8 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
         for quantity in QUANTITIES:
             if figure := charts.cost_chart(tables["points"], quantity):
                 yield f"speed_{quantity}", figure
+    elif part == "knee":
+        yield "knee", charts.knee_chart(tables["settings"])
     elif part == "growth":
         yield "growth", charts.growth_chart(tables["runs"], tables["exponents"])
     elif part == "stability":

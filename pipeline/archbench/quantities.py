@@ -12,7 +12,6 @@ from archbench.solve import Frames, Solution, arch_of
 # Label of a chart's axis, by quantity.
 QUANTITIES = {
     "amplitude": "collapse amplitude, relative error",
-    "verdicts": "wrong outcomes about the threshold, fraction",
     "position": "position before first impact, error / thickness",
     "peak": "peak displacement, relative error",
     "overlap": "overlap of neighbours / joint length",

@@ -31,7 +31,6 @@ MARGIN = 10.0  # nothing is drawn below so many times the reference's error
 LARGEST_FLOOR = 0.1  # a chart that begins above this would show no decade
 TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
 STEPS = tuple(1e-3 / 2**k for k in range(7))
-DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)  # of the amplitudes whose outcomes are asked
 
 
 @dataclass
@@ -39,9 +38,8 @@ class Reference:
     """What a scene's runs are compared with: a run at a tolerance `tight`.
 
     `loose` is ten times as coarse and gives its `error`, by quantity; `amplitude` is where
-    outcomes change [g], nan if they do not; `grid` holds the amplitudes [g] at which two
-    tolerances agree, `truth` whether it collapses there; `second` is the distance and the
-    uncertainty of the second method's limit; `growth` is as of `growth_of`.
+    outcomes change [g], nan if they do not; `second` is the distance and the uncertainty of the
+    second method's limit; `growth` is as of `growth_of`.
     """
 
     scene: str
@@ -52,8 +50,6 @@ class Reference:
     end_time: float
     amplitude: float
     error: dict[str, float]
-    grid: list[float]
-    truth: list[bool]
     second: dict[str, list[float]] = field(default_factory=dict)
     growth: dict[str, float] = field(default_factory=dict)
 
@@ -100,13 +96,9 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
         between = max(error["position"], apart / 15.0 / scene.thickness)
     error["position"] = between
     amplitude, error["amplitude"] = _amplitude(scene, tight, loose, quick)
-    grid, truth = _outcomes(scene, loose, amplitude, quick)
-    # Amplitudes about which the reference is in doubt are left out; none is wrong.
-    error["verdicts"] = 0.0 if grid else math.nan
     reference = Reference(
-        scene.name, tight.value, loose.value, marks, seen, base.end_time, amplitude, error, grid,
-        truth,
-    )  # fmt: skip
+        scene.name, tight.value, loose.value, marks, seen, base.end_time, amplitude, error
+    )
     last = max((each.time for each in base.response.mechanism or ()), default=base.end_time)
     reference.growth = measure_growth(scene, loose, coarser, marks.onset, last, 2 if quick else 4)
     compare_with_steps(reference, scene, quick)
@@ -128,20 +120,6 @@ def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tup
             return place, math.nan
         place *= 1.0 + found.offset
     return place, max(abs(found.offset) + 0.5 * found.width, floor)
-
-
-def _outcomes(
-    scene: Scene, setting: Setting, amplitude: float, quick: bool
-) -> tuple[list[float], list[bool]]:
-    """Amplitudes about the threshold at which two tolerances agree, and what they agree on."""
-    known: dict[float, bool] = {}
-    distances = () if math.isnan(amplitude) else DISTANCES[1::2] if quick else DISTANCES
-    for factor in sorted(1.0 + side * each for each in distances for side in (-1.0, 1.0)):
-        at = factor * amplitude
-        first, second = (collapses(scene, each, at) for each in (setting, setting.finer(10.0)))
-        if first is not None and first is second:
-            known[at] = first
-    return list(known), list(known.values())
 
 
 def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:

@@ -112,8 +112,6 @@ def _rows(
 
     def row(quantity: str, seconds: float, error: float, status: str = "") -> Row:
         floor = reference.floor(quantity)
-        if quantity == "verdicts":  # one wrong outcome is the least that the set can show
-            floor = 0.5 / max(len(reference.grid), 1)
         drawn = not reference.why_not(quantity) and math.isfinite(error)
         return {
             "scene": reference.scene, "quantity": quantity, **setting.columns, "seconds": seconds,
@@ -132,11 +130,6 @@ def _rows(
         status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
         near = _cost(scene.at(NEAR * reference.amplitude), setting, spent, quick)
         rows.append(row("amplitude", near, abs(found.offset), status))
-    if reference.grid and setting.ours:
-        own = scene.motion.get("amplitude", 1.0)
-        runs = solve_many(loaded, setting, [each / own for each in reference.grid])
-        wrong = [each.collapsed is not true for each, true in zip(runs, reference.truth)]
-        rows.append(row("verdicts", sum(each.seconds for each in runs), float(np.mean(wrong))))
     return rows
 
 
@@ -155,7 +148,7 @@ def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
 
 def _reference_rows(each: Reference) -> list[Row]:
     values = {"amplitude": each.amplitude, "peak": each.seen.peak,
-              "verdicts": len(each.grid), "position": each.marks.position}  # fmt: skip
+              "position": each.marks.position}  # fmt: skip
     rows = []
     for quantity in QUANTITIES:
         away, doubt = each.second.get(quantity, (math.nan, math.nan))

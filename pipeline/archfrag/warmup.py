@@ -33,7 +33,7 @@ compile_in_second_process(sys.argv[1:])
 
 
 def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
-    """Compile the kernels, or load them from the cache, once for this machine.
+    """Compile the kernels, or load them from the cache, once for this machine; seconds it took.
 
     Two processes divide the work where there are two cores.
 
@@ -45,15 +45,12 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
         Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
         about 80 s", first at once, then about every second from another thread.
 
-    Returns
-    -------
-    float
-        Seconds it took.
-
     Examples
     --------
-    >>> from archfrag.warmup import warmup
+    >>> from archfrag.warmup import kernels_are_compiled, warmup
     >>> warmup("time_stepping") > 0.0
+    True
+    >>> kernels_are_compiled("time_stepping")
     True
     """
     started = time.perf_counter()
@@ -67,15 +64,7 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
 
 
 def kernels_are_compiled(method: str | None = None) -> bool:
-    """Whether `warmup` has only to load kernels; `method` as there.
-
-    Examples
-    --------
-    >>> from archfrag.warmup import kernels_are_compiled, warmup
-    >>> seconds = warmup("time_stepping")
-    >>> kernels_are_compiled("time_stepping")
-    True
-    """
+    """Whether `warmup` has only to load kernels; `method` as there."""
     stamps = _stamps(_methods_of(method))
     return bool(stamps) and all(stamp.is_file() for stamp in stamps)
 

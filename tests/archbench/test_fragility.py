@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench import bands, page
-from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_of
+from archbench import bands, knee, page
+from archbench.fragility import REFERENCES, SHIPPED, Study, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
 from archfrag.study.file.schema import load_study
@@ -62,12 +62,23 @@ class TestCurvesBesideTheReference:
         assert tables_of(studies, LEVELS)["curves"].iloc[0]["failures"] == 3
 
 
+def test_the_knee_is_measured_beside_the_reference_on_the_same_records():
+    capacity = np.exp(np.log(1.4) + 0.5 * np.random.default_rng(3).normal(size=(100, 1)))
+    studies = {
+        setting: Study("", setting, 0, (capacity * factor < LEVELS).astype(int).tolist(), 1.0)
+        for setting, factor in ((knee.REFERENCE, 1.0), (FINE, 1.15))
+    }
+    reference, row = knee.errors_of_theta(studies, LEVELS)
+    assert (reference["error"], reference["rms"], row["sets"]) == (0.0, 0.0, knee.SETS)
+    assert row["error"] == pytest.approx(np.log(1.15), abs=3.0 * row["standard_error"])
+
+
 def test_a_study_runs_the_main_job_s_records_and_levels():
     job = load_study(ROOT / "configs" / "shipped.yaml")
-    scenes, levels = scenes_of(ROOT / "records", False, False)
+    scenes, levels = scenes_of(ROOT / "records", SHIPPED, False)
     assert len(scenes) == 30
     assert levels == pytest.approx(job.intensity.given)
-    found = run_study(COARSE, 0, ROOT / "records", False, True)
+    found = run_study(COARSE, 0, ROOT / "records", SHIPPED, True)
     outcomes = np.array(found["outcomes"], float)
     assert outcomes.shape == (20, 8)
     assert outcomes[:, 0].sum() == 0.0 < found["seconds"]

@@ -254,30 +254,6 @@ class TestRegions:
         for ground_y in (-1.2, -3.0):
             assert self.agree(Standing(0.5), 0.3, ground_y, 0.5) == LIFT_OFF
 
-    def test_mirrored_ground_starts_the_mirrored_motion(self):
-        rng = np.random.default_rng(8)
-        for _ in range(100):
-            block = random_block(rng)
-            mirror = block._replace(reach_a=block.reach_b, reach_b=block.reach_a)
-            x, y, friction = rng.uniform(-2, 2), rng.uniform(-0.9, 1), rng.uniform(0.0, 2.0)
-            right = starting_motion(block, x, y, friction, g)
-            left = starting_motion(mirror, -x, y, friction, g)
-            assert (right.mechanism, right.side) == (left.mechanism, -left.side)
-            there = [-left.x, left.y, -left.rotation, 1.0 - left.centre]
-            assert [right.x, right.y, right.rotation, right.centre] == pytest.approx(
-                there, rel=1e-12, abs=1e-12
-            )
-
-    def test_contact_centre_moves_to_the_corner_as_the_load_grows(self):
-        block, loads = uniform_block(0.2, 1.0, 100.0), np.linspace(-0.2, 0.2, 41)
-        centres = [starting_motion(block, q, 0.0, 0.9, g).centre for q in loads]
-        assert centres == pytest.approx(0.5 - 0.5 * loads / 0.2, abs=1e-12)
-        for load, lift, friction, centre in (
-            (0.15, 0.5, 0.9, 0.25), (0.9, 0.0, 0.9, 0.0), (0.9, 0.0, 0.1, 0.25)
-        ):  # fmt: skip
-            found = starting_motion(block, load, lift, friction, g).centre
-            assert found == pytest.approx(centre, abs=1e-12)
-
 
 class TestContactProblem:
     """The block's own answers against the chain's, over random states."""

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench.growth import DIFFERENCE, exponents_table, growth_of, slope_interval
+from archbench.growth import DIFFERENCE, exponents_table, growth_of
 from archbench.quantities import errors_of, marks_of, observe, positions_at
 from archbench.reference import MARGIN, find_reference, limit_of, richardson
 from archbench.scene import load_scene
@@ -96,12 +96,6 @@ class TestGrowth:
         growth = growth_of(self.time, DIFFERENCE * noise[None, :], 1.0, 0.0)
         assert math.isinf(growth["horizon"])
         assert growth["low"] < 0.0 < growth["high"]
-
-    def test_interval_holds_the_true_slope_nine_times_in_ten(self):
-        generator, x = np.random.default_rng(5), np.arange(8.0)
-        found = [slope_interval(x, 0.7 * x + generator.normal(size=8)) for _ in range(1000)]
-        held = np.mean([low <= 0.7 <= high for _, low, high in found])
-        assert held == pytest.approx(0.9, abs=0.03)
 
 
 class TestTables:

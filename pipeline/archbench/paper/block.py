@@ -352,9 +352,7 @@ def rocking_impact(
     return contact_problem(block, before + metric(block) * [slip, 0.0, 0.0], friction, 0.0)
 
 
-def rocking_acceleration(
-    block: RigidBlock, side: int, rotation: float, active: Array
-) -> float:
+def rocking_acceleration(block: RigidBlock, side: int, rotation: float, active: Array) -> float:
     """Angular acceleration about a corner that sticks: Eq 15 along the mechanism [rad/s2]."""
     rotating = rocking_mechanism(block, corner_arm(block, side, rotation), 1.0)
     return power(active, rotating) / float(rotating @ rotating)

@@ -32,10 +32,7 @@ _IGNORED = {
 def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Blocks:
     """Read the blocks of a DXF drawing, text or binary; `layer` and `unit` as in `Arch.from_dxf`.
 
-    Raises
-    ------
-    GeometryError
-        Naming file, layer and handle of an entity that is no block.
+    `GeometryError` names file, layer and handle of an entity that is no block.
     """
     document = _document(Path(path))
     entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]

@@ -122,22 +122,12 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
 def polygon_ring(
     drawn: Blocks, tolerance: float | None = None
 ) -> tuple[Ring, list[FloatArray], bool]:
-    """Ring of blocks in any order: joints are the edges that two have in common.
+    """Ring of blocks in any order, their outlines in its order, and whether an end is free.
 
-    It runs from the end that stands further left, or up from the ground if one end is free.
-    `tolerance` [m] is `TOLERANCE` of the size if not given.
-
-    Returns
-    -------
-    ring : Ring
-    outlines : list of (m, 3) ndarray
-        In the ring's order, anticlockwise.
-    free_end : bool
-
-    Raises
-    ------
-    GeometryError
-        Naming the block that is no simple polygon, overlaps, or does not fit into one chain.
+    Joints are the edges that two blocks have in common. The ring runs from the end that stands
+    further left, or up from the ground if one end is free; outlines are anticlockwise.
+    `tolerance` [m] is `TOLERANCE` of the size if not given. `GeometryError` names the block that
+    is no simple polygon, overlaps, or does not fit into one chain.
     """
     outlines = drawn.outlines
     if not 0 < len(outlines) <= checks.MOST_VOUSSOIRS:

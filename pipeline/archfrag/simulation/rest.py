@@ -226,32 +226,13 @@ def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
-    """Rotation at which the mechanism of onset is in unstable equilibrium under its weight.
+    """Rotation at which the mechanism of onset is in unstable equilibrium under its weight [rad].
 
     Beyond it the arch falls though the ground is at rest, if its hinges stay where they are. It
     is the rotation of the voussoir that rotates most where the potential energy of the four-hinge
-    linkage (of the one body of a block or a column) is largest: of a block the angle between its
-    diagonal and its side, arctan(width / height).
-
-    Parameters
-    ----------
-    arch : Arch
-    start : Onset
-        Of `archfrag.onset`.
-
-    Returns
-    -------
-    float
-        The smaller of those of the two mechanisms [rad]; nan if they slide, or have neither one
-        hinge below a free end nor four hinges.
-
-    Examples
-    --------
-    >>> import archfrag as af
-    >>> from archfrag.simulation.rest import static_limit
-    >>> block = af.Block(width=0.2, height=1.0, friction=0.8)
-    >>> round(static_limit(block, af.onset(block)), 4)  # arctan(0.2)
-    0.1974
+    linkage (of the one body of a block or a column) is largest: of a block arctan(width / height).
+    The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
+    a free end nor four hinges.
     """
     ends = ((start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus))
     limits = [_limit(arch, hinges) for hinges, sliding in ends if hinges and not sliding]
@@ -295,10 +276,9 @@ def _limit(arch: Arch, hinges: list[Hinge]) -> float:
 def _linkage(
     points: NDArray[np.complex128], angle: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
-    """Where the first hinge of each of three bars is and how far the bar has rotated.
+    """Place of the first hinge of each of three bars, and how far the bar has rotated.
 
-    The first bar rotates by `angle` about the first of four hinges, the last hinge is fixed; nan
-    where the bars cannot reach.
+    The first bar rotates by `angle`; nan where the bars cannot reach.
     """
     first, second, third, last = points
     moved = first + np.exp(1j * angle) * (second - first)
