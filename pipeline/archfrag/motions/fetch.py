@@ -21,13 +21,12 @@ from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
-PASSING = ("timeout", "service")  # kinds of failure after which another attempt may help
+PASSING = ("service",)  # kinds of failure after which another attempt may help
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}")
 _KINDS = (
-    (fdsn.FDSNNoDataException, "no data"), (fdsn.FDSNRequestTooLargeException, "too large"),
-    ((fdsn.FDSNTimeoutException, TimeoutError), "timeout"),
+    (fdsn.FDSNNoDataException, "no data"),
     ((fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
-      fdsn.FDSNNotImplementedException), "unusable"),
+      fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException), "unusable"),
     ((fdsn.FDSNException, HTTPException, OSError), "service"),
 )  # fmt: skip
 Site = dict[str, Any]
@@ -53,7 +52,7 @@ class Request(NamedTuple):
 
 
 class Failure(Exception):
-    """Why something did not come: its kind (``no data``, ``service`` and so on) and a message."""
+    """Why something did not come: its kind (``no data``, ``unusable``, ``service``), a message."""
 
 
 def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, str]]:

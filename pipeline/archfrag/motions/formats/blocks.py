@@ -22,7 +22,7 @@ from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
-from archfrag.motions.formats.text import Source, Text, head_lines, on_even_steps
+from archfrag.motions.formats.text import Source, Text, begins_with, on_even_steps
 from archfrag.motions.partners import quadrant
 
 # SMC: lines of text; first line, number of lines, numbers and width of integers and reals.
@@ -62,15 +62,12 @@ _FACTS = {
 }  # fmt: skip
 
 
-def is_smc(source: Source) -> bool:
-    """Whether a file or open binary buffer is an SMC file, of whatever quantity."""
-    lines = head_lines(source)
-    if len(lines) < _NUMBERS["real"][0] or not _TITLE.match(lines[0]):
-        return False
-    stars = sum(line.strip() == "*" for line in lines[1:_TEXT])
-    integers = lines[_TEXT : _NUMBERS["real"][0]]
-    named = _COMPONENT.match(lines[5]) is not None
-    return stars >= 3 and named and all(re.fullmatch(r"[-+\d\s]+", line) for line in integers)
+# A title, lines of which some are only a star, the component, and lines of integers.
+is_smc = begins_with(
+    r"\A\s*[1-9]\s+[A-Z].*(?:\n.*){4}\n(?i:station\s*=.*component\s*=)(?:.*\n){6}"
+    r"(?:[-+\d \t]+\n){6}",
+    r"\A.*(?:(?:\n.*){0,7}?\n[ \t]*\*[ \t]*(?=\n)){3}",
+)
 
 
 def read_smc(source: Source, **_: Any) -> Stream:
@@ -139,15 +136,10 @@ def _time(year: float, day: float, hour: float, minute: float, second: float) ->
     return facts.moment(year, 1, 1, 24.0 * (day - 1) + hour, minute, second)
 
 
-def is_geonet(source: Source) -> bool:
-    """Whether a file begins with an accelerogram, a site and the number of points."""
-    lines = head_lines(source)[:_TEXT_LINES]
-    return (
-        len(lines) == _TEXT_LINES
-        and _START.match(lines[0]) is not None
-        and lines[1].lstrip().startswith("Site ")
-        and facts.search(_COUNT, "\n".join(lines)) != ""
-    )
+is_geonet = begins_with(
+    r"(?i)\A\s*(?:Un)?corrected accelerogram\b.*\n\s*(?-i:Site )(?:.*\n){1,13}"
+    r"\s*Number of points +\S"
+)
 
 
 def read_geonet(source: Source, **_: Any) -> Stream:
