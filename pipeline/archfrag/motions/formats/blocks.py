@@ -41,7 +41,6 @@ _REALS = {
 # GeoNet
 _TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
 _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
-_PLACE = r"(\d{1,3}) +(\d\d?) +(\d\d?)([NS]) +(\d{1,3}) +(\d\d?) +(\d\d?)([EW])"
 _COUNT = r"^\s*Number of points +(\S+)"
 _FIELDS = {
     "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
@@ -58,7 +57,7 @@ _FACTS = {
     "magnitude": (facts.number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
     "depth_km": (facts.number, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
     "epicentral_km": (facts.number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
-    "station": (str, r"^\s*Site +(\S+) +" + _PLACE),
+    "station": (str, r"^\s*Site +(\S+) +\d"),
 }  # fmt: skip
 
 
@@ -176,8 +175,8 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     record |= {"component": record.get("component", ""), "unit": unit, "announced": announced}
     record |= {"level": "raw" if raw else "processed"} | facts.known(
         event=text.lines[first + 6].strip(),
-        **_degrees(r"^\s*Epicentre +" + _PLACE, head, "event"),
-        **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
+        **facts.place(facts.search(r"^\s*Epicentre +(\d.*)", head), "event"),
+        **facts.place(facts.search(r"^\s*Site +\S+ +(\d.*)", head), "station"),
     )
     facts.judge_peak(record, field.get("peak", ""), samples, unit)
     step = facts.positive_step(facts.number(field.get("interval")), f"{place}: interval")
@@ -203,16 +202,3 @@ def _geonet_samples(
             "numbers"
         )
     return values[: counts[0]] if counts[1:].any() else values
-
-
-def _degrees(pattern: str, text: str, kind: str) -> dict[str, float]:
-    """Latitude and longitude of degrees, minutes, seconds and a letter each."""
-    found = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
-    if found is None:
-        return {}
-    values = {}
-    for name, group in (("latitude", 0), ("longitude", 4)):
-        degrees, minutes, seconds, letter = found.groups()[group : group + 4]
-        value = int(degrees) + int(minutes) / 60.0 + int(seconds) / 3600.0
-        values[f"{kind}_{name}"] = round(-value if letter in "SWsw" else value, 5)
-    return values
