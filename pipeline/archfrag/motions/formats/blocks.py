@@ -32,11 +32,7 @@ _TITLE = re.compile(r"\s*([1-9])\s+([A-Z].*)")
 _LEVELS = {"1": "raw", "2": "processed"}
 _COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
 _ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
-_REALS = {
-    "event_latitude": (float, 2), "event_longitude": (float, 3), "depth_km": (float, 4),
-    "magnitude": (facts.nonzero, 5, 7, 6, 8), "station_latitude": (float, 10),
-    "station_longitude": (float, 11), "epicentral_km": (float, 16),
-}  # fmt: skip
+_REALS = {"magnitude": (facts.nonzero, 5, 7, 6, 8), "epicentral_km": (float, 16)}
 
 # GeoNet
 _TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
@@ -55,7 +51,6 @@ _FACTS = {
                  r"^\s*Component +(\S+)"),
     "date": (facts.iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
     "magnitude": (facts.number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
-    "depth_km": (facts.number, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
     "epicentral_km": (facts.number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
     "station": (str, r"^\s*Site +(\S+) +\d"),
 }  # fmt: skip
@@ -119,7 +114,7 @@ def _smc_record(
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
         stated |= {"azimuth": float(azimuth), "vertical": False}
 
-    day = _time(*integers[1:3], 0, 0, 0)
+    day = _time(integers[1], integers[2], 0, 0, 0)
     known = [None if real == reals[0] else float(real) for real in reals]
     return stated | facts.read_fields(_REALS, known.__getitem__) | facts.known(
         event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
@@ -173,11 +168,8 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
     record |= {"component": record.get("component", ""), "unit": unit, "announced": announced}
-    record |= {"level": "raw" if raw else "processed"} | facts.known(
-        event=text.lines[first + 6].strip(),
-        **facts.place(facts.search(r"^\s*Epicentre +(\d.*)", head), "event"),
-        **facts.place(facts.search(r"^\s*Site +\S+ +(\d.*)", head), "station"),
-    )
+    event = text.lines[first + 6].strip()
+    record |= {"level": "raw" if raw else "processed"} | facts.known(event=event)
     facts.judge_peak(record, field.get("peak", ""), samples, unit)
     step = facts.positive_step(facts.number(field.get("interval")), f"{place}: interval")
     # Year, month, day, hour, minute and millisecond of the first sample.

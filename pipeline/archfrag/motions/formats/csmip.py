@@ -45,11 +45,7 @@ _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
 _NULL = -999.0
 _TEXT_LINES, _HEADER_NUMBERS, _LARGEST_HEADER = (5, 100), (64, 1000), 200
-_REALS = {
-    "station_latitude": (float, 0), "station_longitude": (float, 1),
-    "event_latitude": (float, 9), "event_longitude": (float, 10), "depth_km": (float, 11),
-    "magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16),
-}  # fmt: skip
+_REALS = {"magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16)}
 
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
@@ -293,10 +289,7 @@ def _dmg_record(text: list[str]) -> tuple[dict[str, Any], tuple[str, str, str]]:
         event="" if re.match(r"(?i)\s*RE?CO?RD OF", text[1]) else text[1].strip(),
         date=next(filter(None, dates), ""),
         magnitude=facts.magnitude(text[8]),
-        depth_km=facts.number(facts.search(r"\bH\s*=\s*(\d+\.?\d*)\s*KM", text[8])),
-        **facts.place(text[8], "event"),
         station=re.split(r"\s{3,}", text[5].strip())[0],
-        **facts.place(text[4], "station"),
         channel=number,
     )
     code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])

@@ -26,9 +26,6 @@ _DATES = (
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
 _MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
-_ANGLE = r"(\d+\.?\d*)(?: +(\d\d?) +(\d\d?))?\s*"
-_PLACE = re.compile(rf"{_ANGLE}([NS])\s*,?\s*{_ANGLE}([EW])\b")
-_SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
 _PEAK_WITHIN, _PEAK_REFUSED = 0.01, 0.1  # of the header's peak, besides its rounding
 _LONGEST = 10_000_000  # samples that a header may announce
 Table = Mapping[str, tuple[Any, ...]]
@@ -111,23 +108,6 @@ def magnitude(text: str) -> float | None:
     """Magnitude in a text, the first there is of moment, local, surface-wave and other ones."""
     found = (search(kind, text.upper()) for kind in _MAGNITUDES)
     return next((float(value) for value in found if value and 0.0 < float(value) < 10.0), None)
-
-
-def place(text: str, kind: str) -> dict[str, float]:
-    """Latitude and longitude [degrees] in a text, the first there are.
-
-    Such as ``34.2N, 118.5W``, ``34 12 0N 118 30 0W`` (minutes and seconds) or ``34.2 -118.5``.
-    """
-    values = []
-    if found := _PLACE.search(text.upper()):
-        for degrees, minutes, seconds, letter in (found.groups()[:4], found.groups()[4:]):
-            value = float(degrees) + int(minutes or 0) / 60.0 + int(seconds or 0) / 3600.0
-            values.append(round(-value if letter in "SW" else value, 5))
-    elif found := _SIGNED_PLACE.search(text):
-        values = [float(found[1]), float(found[2])]
-    if not values or abs(values[0]) > 90 or abs(values[1]) > 360:
-        return {}
-    return {f"{kind}_latitude": values[0], f"{kind}_longitude": values[1]}
 
 
 def direction(text: str) -> dict[str, Any]:

@@ -41,12 +41,7 @@ _DYNA = {
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
     "magnitude": (facts.number, "MAGNITUDE_W", "MAGNITUDE_L"),
-    "depth_km": (facts.number, "EVENT_DEPTH_KM"),
-    "event_latitude": (facts.number, "EVENT_LATITUDE_DEGREE"),
-    "event_longitude": (facts.number, "EVENT_LONGITUDE_DEGREE"),
     "station": (str, "STATION_CODE"),
-    "station_latitude": (facts.number, "STATION_LATITUDE_DEGREE"),
-    "station_longitude": (facts.number, "STATION_LONGITUDE_DEGREE"),
     "vs30_mps": (facts.number, "VS30_M/S", "VS30_MS"),
     "epicentral_km": (facts.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
@@ -58,12 +53,7 @@ _RESORCE = {
     "STATION CODE / NAME": "STATION_CODE",
 }  # fmt: skip
 # What obspy keeps of a K-NET header.
-_KNET = {
-    "date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag"),
-    "depth_km": (float, "evdp"), "event_latitude": (float, "evla"),
-    "event_longitude": (float, "evlo"), "station_latitude": (float, "stla"),
-    "station_longitude": (float, "stlo"),
-}  # fmt: skip
+_KNET = {"date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag")}
 
 
 # An acceleration with its unit, number of samples and time step.
