@@ -11,6 +11,7 @@ from archfrag.motions.read import read_motion
 from archfrag.study.file.records import read_sources
 from archfrag.study.file.schema import load_study
 from archfrag.study.file.sources import find_sources
+from tests.study.small import TEXT, small_study
 
 from .helpers import refused, wave
 
@@ -95,42 +96,28 @@ REFUSED = [
     ({"dt": 0.0}, "must have a positive dt, not 0"),
     ({"dt": 0.01, "skip": -1}, "must have skip of at least 0, not -1"),
 ]
-STUDY = """
-id: text
-title: Plain text
-arches: [{id: a, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
-          friction: 0.7}]
-motions:
-  files:
-    - {path: "*.txt", unit: g, columns: COLUMNS}
-intensity: {measure: PGA, unit: g, levels: [0.5]}
-"""
-
-
-def study(folder, given):
-    text = ",".join(f"{key}={value}" for key, value in given.items())
-    (folder / "study.yaml").write_text(STUDY.replace("COLUMNS", f'"{text}"'))
-    return load_study(folder / "study.yaml")
 
 
 @pytest.mark.parametrize(("given", "reason"), REFUSED)
-def test_columns_that_contradict_each_other(tmp_path, given, reason):
+def test_columns_that_contradict_each_other(given, reason):
     with pytest.raises(InputError, match=f"^columns {reason}$"):
         af.Columns(**given)
-    if given:
-        with pytest.raises(StudyError, match=rf"motions\.files\[0\]\.columns.* {reason}$"):
-            study(tmp_path, given)
-        mapping = STUDY.replace("COLUMNS", "{time: 1, acceleration: 2}")
-        (tmp_path / "study.yaml").write_text(mapping)
-        with pytest.raises(StudyError, match="in words, here columns: 'time=1,acceleration=2'"):
-            load_study(tmp_path / "study.yaml")
 
 
 def test_keys_of_a_file_in_a_study(tmp_path):
-    for name in ("one.txt", "two.txt"):
-        write(tmp_path, rows(), name)
-    found = study(tmp_path, {"time": 1, "acceleration": 2})
+    def study(columns):
+        files = f'{{path: "records/*.txt", unit: g, columns: {columns}}}'
+        path = small_study(tmp_path, TEXT.replace('"records/*.AT2"', files))
+        for name in ("one.txt", "two.txt"):
+            write(path.parent / "records", rows(), name)
+        return load_study(path)
+
+    found = study('"time=1,acceleration=2"')
     assert {source.columns for source in find_sources(found)} == {TIMED}
     motions = list(read_sources(found))
     assert [motion.id for motion in motions] == ["one", "two"]
     assert pga(motions[0]) == pytest.approx(np.abs(SAMPLES).max() * G)
+    for columns, reason in (('"time=1"', r"motions\.files\[0\]\.columns.* must have acceleration"),
+                            ("{time: 1}", "in words, here columns: 'time=1'")):  # fmt: skip
+        with pytest.raises(StudyError, match=reason):
+            study(columns)

@@ -56,8 +56,7 @@ def noise(count=2000, seed=1):
 
 class TestFlatfile:
     def test_columns_and_values(self, tmp_path):
-        facts = {"file": "a.AT2", "event": "Quake, 1999", "Mw": 6.5, "component": "090",
-                 "pulse": True}  # fmt: skip
+        facts = {"file": "a.AT2", "event": "Quake, 1999", "Mw": 6.5, "component": "090"}
         known = Motion(noise(), 0.01, id="known", metadata=facts)
         pair = Motion(noise(seed=3), 0.01, id="pair", transverse=noise(seed=4))
         table = measure_records([known, pair], periods=[0.1, 1.0])
@@ -71,8 +70,6 @@ class TestFlatfile:
         again = read_flatfile(tmp_path / "flat.csv")
         assert list(again.columns) == list(table.columns)
         assert (again["event"][0], again["component"][0]) == ("Quake, 1999", "090")
-        assert again["pulse"].isna().tolist() == [False, True]
-        assert bool(again["pulse"][0]) is True
         assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
 
     @pytest.mark.parametrize(

@@ -206,7 +206,7 @@ class TestMake:
     )  # fmt: skip
 
     def test_they_are_those_of_the_same_plan(self, tmp_path):
-        from archfrag.motions.synthetic import Plan, plan_motions
+        from archfrag.motions.synthetic import Plan, make_motion, plan_motions
 
         found = facts("make", "--out", tmp_path / "a", *self.PLAN)
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == [
@@ -216,7 +216,7 @@ class TestMake:
             2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        made = [recipe.make() for recipe in plan_motions(wanted)]
+        made = [make_motion(*recipe[1:]) for recipe in plan_motions(wanted)]
         for entry, motion in zip(load_index(tmp_path / "a"), made, strict=True):
             read = load_motion(entry)
             assert np.array_equal(read.acceleration, motion.acceleration)

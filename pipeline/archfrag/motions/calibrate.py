@@ -4,7 +4,7 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
     from archfrag.motions.index import IndexEntry
 
-    Given = str | Path | Inventory | None
+    Given: TypeAlias = str | Path | Inventory | None
 
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]

@@ -21,16 +21,15 @@ from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
-PASSING = ("timeout", "service")  # kinds of failure after which another attempt may help
+PASSING = ("service",)  # kinds of failure after which another attempt may help
+Site = dict[str, Any]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}")
 _KINDS = (
-    (fdsn.FDSNNoDataException, "no data"), (fdsn.FDSNRequestTooLargeException, "too large"),
-    ((fdsn.FDSNTimeoutException, TimeoutError), "timeout"),
+    (fdsn.FDSNNoDataException, "no data"),
     ((fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
-      fdsn.FDSNNotImplementedException), "unusable"),
+      fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException), "unusable"),
     ((fdsn.FDSNException, HTTPException, OSError), "service"),
 )  # fmt: skip
-Site = dict[str, Any]
 
 
 class Request(NamedTuple):
@@ -53,7 +52,7 @@ class Request(NamedTuple):
 
 
 class Failure(Exception):
-    """Why something did not come: its kind (``no data``, ``service`` and so on) and a message."""
+    """Why something did not come: its kind (``no data``, ``unusable``, ``service``), a message."""
 
 
 def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, str]]:
@@ -72,33 +71,32 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
     for event in request.events:
         place, failed = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
         sweep(place)
+        name = f"event {event}:"
         try:
-            sites = _sites(request, quakes, archive, event, place)
+            for site in _sites(request, quakes, archive, event, place)[: request.most]:
+                name = f"{event} {site['station']}:"
+                same = {key: site[key] for key in ("event", "station", "window_s")}
+                row = next((r for r in rows.values() if same.items() <= r.items()), None)
+                if row is not None and _is_complete(root / row["file"], row):
+                    yield "kept", row["id"]
+                    continue
+                try:
+                    row = _fetched(archive, site, place)
+                except Failure as failure:
+                    failed = failed + 1 if failure.args[0] in PASSING else 0
+                    if failed == MOST_FAILURES:
+                        raise
+                    yield failure.args[0], f"{name} {failure.args[1]}"
+                    continue
+                failed, rows[row["id"]] = 0, row
+                write_index(root, [rows[key] for key in sorted(rows)])
+                yield "new", row["id"]
         except Failure as failure:
-            yield failure.args[0], f"event {event}: {failure.args[1]}"
-            continue
-        for site in sites[: request.most]:
-            same = {key: site[key] for key in ("event", "station", "window_s")}
-            there = [row for row in rows.values() if same.items() <= row.items()]
-            if there and all(_is_complete(root, row) for row in there):
-                yield "kept", there[0]["id"]
-                continue
-            try:
-                row = _fetched(request, archive, site, place)
-            except Failure as failure:
-                yield failure.args[0], f"{event} {site['station']}: {failure.args[1]}"
-                failed = failed + 1 if failure.args[0] in PASSING else 0
-                if failed == MOST_FAILURES:
-                    yield "service", f"event {event}: {failed} requests in a row failed"
-                    break
-                continue
-            failed, rows[row["id"]] = 0, row
-            write_index(root, [rows[key] for key in sorted(rows)])
-            yield "new", row["id"]
+            rest = "; this service is left alone" if failed else ""
+            yield failure.args[0], f"{name} {failure.args[1]}{rest}"
 
 
-def _is_complete(root: Path, row: dict[str, Any]) -> bool:
-    path = root / row["file"]
+def _is_complete(path: Path, row: dict[str, Any]) -> bool:
     there = path.is_file() and path.with_name(f"{row['station']}.xml").is_file()
     return there and sha256_of(path) == row["sha256"]
 
@@ -117,65 +115,54 @@ def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Pa
     """The stations of an event, the nearest first: columns of the index, and what to ask."""
     catalogue = _ask(quakes.get_events, eventid=id)
     catalogue.write(str(place / "event.xml"), "QUAKEML")
-    origin = catalogue[0].preferred_origin() or next(iter(catalogue[0].origins), None)
+    quake = catalogue[0]
+    origin = quake.preferred_origin() or next(iter(quake.origins), None)
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
         raise Failure("unusable", f"{quakes.base_url}: the event has no origin")
-    listed = (catalogue[0].preferred_magnitude(), *catalogue[0].magnitudes)
-    magnitudes = [each for each in listed if each]
-    moments = (m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw"))
+    sizes = [m for m in (quake.preferred_magnitude(), *quake.magnitudes) if m]
+    moments = [m.mag for m in sizes if (m.magnitude_type or "").lower().startswith("mw")]
     window = {"starttime": origin.time - request.before, "endtime": origin.time + request.after}
     epicentre = float(origin.latitude), float(origin.longitude)
-    depth = None if origin.depth is None else float(origin.depth) / 1000.0
-    event = {
-        "event": id, "Mw": next(moments, None), "origin_time": str(origin.time),
-        "magnitude": magnitudes[0].mag if magnitudes else None, "depth_km": depth,
-        "window_s": f"-{request.before:g} {request.after:g}",
-    }  # fmt: skip
     inventory = _ask(
         archive.get_stations, level="channel", latitude=epicentre[0], longitude=epicentre[1],
-        channel=",".join(f"{kind[:2]}?" for kind in request.channels),
         # Degrees of a sphere; the distance on the ellipsoid decides.
         maxradius=kilometers2degrees(1.01 * request.radius), **window,
+        channel=",".join(f"{kind[:2]}?" for kind in request.channels),
     )  # fmt: skip
     sites: dict[str, Site] = {}
     for network, station in [(each, station) for each in inventory for station in each]:
-        at = float(station.latitude), float(station.longitude)
-        km = gps2dist_azimuth(*epicentre, *at)[0] / 1000.0
-        codes = {(channel.code[:2], channel.location_code) for channel in station}
-        if km > request.radius or not codes:
+        here = float(station.latitude), float(station.longitude)
+        km = gps2dist_azimuth(*epicentre, *here)[0] / 1000.0
+        own = [(number, channel.location_code) for number, kind in enumerate(request.channels)
+               for channel in station if channel.code[:2] == kind[:2]]  # fmt: skip
+        if km > request.radius or not own:
             continue
+        number, location = min(own)
+        deep = None if origin.depth is None else float(np.hypot(km, origin.depth / 1000.0))
         name = f"{network.code}.{station.code}"
-        site = sites.setdefault(name, event | {
-            "station": name, "epicentral_km": round(km, 3), "codes": set(), "window": window,
-            "distance_km": None if depth is None else round(float(np.hypot(km, depth)), 3),
+        sites.setdefault(name, {
+            "event": id, "Mw": next(iter(moments), None), "origin_time": str(origin.time),
+            "magnitude": sizes[0].mag if sizes else None,
+            "window_s": f"-{request.before:g} {request.after:g}", "station": name,
+            "epicentral_km": round(km, 3), "distance_km": deep and round(deep, 3),
             "terms": f"those of network {network.code}, fetched from {request.stations_from}",
+            "query": {"network": network.code, "station": station.code, **window,
+                      "location": location or "--", "channel": f"{request.channels[number][:2]}?"},
         })  # fmt: skip
-        site["codes"] |= codes  # of all its epochs
     return sorted(sites.values(), key=lambda site: (site["epicentral_km"], site["station"]))
 
 
-def _fetched(request: Request, archive: Client, site: Site, place: Path) -> dict[str, Any]:
+def _fetched(archive: Client, site: Site, place: Path) -> dict[str, Any]:
     """Fetch what one station recorded, and return its row of the index."""
     if not _NAME.fullmatch(site["station"]):
         raise Failure("unusable", "the codes of this station cannot name a file")
-    codes, query = site.pop("codes"), site.pop("window")
-    query |= dict(zip(("network", "station"), site["station"].split(".")))
-    own = sorted((n, where) for n, kind in enumerate(request.channels)
-                 for code, where in codes if code == kind[:2])  # fmt: skip
+    query = site["query"]
+    kind = f"{query['location'].strip('-')}.{query['channel'][:2]}"
+    id = f"{place.name}_{site['station']}.{kind}"
     with temporary_folder(place) as part:
-        xml = Path(part) / f"{site['station']}.xml"
-        for number, location in own:
-            kind = request.channels[number][:2]
-            id = f"{place.name}_{site['station']}.{location}.{kind}"
-            record = Path(part) / f"{id}.mseed"
-            query |= {"location": location or "--", "channel": f"{kind}?"}
-            try:
-                _ask(archive.get_waveforms, filename=str(record), **query)
-                break
-            except Failure as failure:
-                if failure.args[0] != "no data" or (number, location) == own[-1]:
-                    raise
-        _ask(archive.get_stations, level="response", filename=str(xml), **query)
+        xml, record = Path(part) / f"{site['station']}.xml", Path(part) / f"{id}.mseed"
+        _ask(archive.get_waveforms, filename=str(record), **query)
+        _ask(archive.get_stations, filename=str(xml), level="response", **query)
         try:
             motions = read_motions(record)
         except RecordError as error:
@@ -183,9 +170,9 @@ def _fetched(request: Request, archive: Client, site: Site, place: Path) -> dict
         for path in (xml, record):
             path.replace(place / path.name)
     about = [motion.metadata for motion in motions]
-    names = dict.fromkeys(m[key] for key in ("component", "vertical_component") for m in about)
-    return site | {
+    codes = dict.fromkeys(m[key] for key in ("component", "vertical_component") for m in about)
+    return {key: value for key, value in site.items() if key != "query"} | {
         "id": id, "file": f"{place.name}/{id}.mseed", "unit": "", "dt_s": motions[0].dt,
-        "sha256": sha256_of(place / f"{id}.mseed"), "channels": " ".join(filter(None, names)),
+        "sha256": sha256_of(place / f"{id}.mseed"), "channels": " ".join(filter(None, codes)),
         "start_time": about[0].get("start_time", ""),
     }  # fmt: skip

@@ -26,14 +26,13 @@ _INTEGRALS = (
     ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
 )  # fmt: skip
 # Column, its type, and the keys of a motion's metadata; the first one that is there counts.
-_FACTS = {
+_FACTS: dict[str, tuple[Any, ...]] = {
     "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
     "magnitude": (float, "Mw", "magnitude"),
     "distance_km": (float, "distance_km", "epicentral_km"),
     "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
 }  # fmt: skip
 _TEXTS = ["record", *(name for name, (kind, *_) in _FACTS.items() if kind == "string")]
-_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 
 
 def measure_records(
@@ -44,9 +43,9 @@ def measure_records(
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s``, ``HI_cm`` and ``pulse``; if a motion has both
-    horizontal components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known
-    of a record is missing. InputError if two periods would have the same column.
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``; if a motion has both horizontal
+    components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known of a record
+    is missing. InputError if two periods would have the same column.
     """
     import pandas as pd
 
@@ -72,8 +71,7 @@ def _row(motion: Motion, spectrum: Sequence[tuple[str, str, float]]) -> dict[str
     for column, (_, *keys) in _FACTS.items():
         row[column] = next((about[key] for key in keys if about.get(key) not in (None, "")), None)
     row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-    row |= {column: values[name] / unit for column, name, unit in listed}
-    return row | {"pulse": about.get("pulse")}
+    return row | {column: values[name] / unit for column, name, unit in listed}
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
@@ -105,12 +103,9 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
 
 
 def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
-    """The table with numbers, texts and truth values as such, whatever is missing."""
+    """The table with numbers and texts as such, whatever is missing."""
     import pandas as pd
 
-    if "pulse" in table:
-        words = table["pulse"].map(lambda word: _TRUTH.get(str(word).lower()))
-        table["pulse"] = words.astype("boolean")
     texts = table.columns.intersection(_TEXTS)
     table[texts] = table[texts].astype("string")
     for name in (name for name, (kind, *_) in _FACTS.items() if kind is float and name in table):

@@ -30,7 +30,7 @@ from archfrag.motions.units import STANDARD_GRAVITY
 
 Samples = NDArray[np.float64]
 AVERAGED_PERIODS = 10
-STANDARD_LEVEL, STANDARD_WINDOW = 0.025 * STANDARD_GRAVITY, 1.0  # of CAVstd [m/s2], [s]
+STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # of CAVstd [m/s2]
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _PART = 2**16  # samples at a time
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
@@ -101,23 +101,6 @@ def _largest(values: Samples) -> float:
     return float(max(values.max(), -values.min()))
 
 
-def _pgv(motion: Motion) -> float:
-    return _largest(integral(motion.acceleration, motion.dt))
-
-
-def _pgd(motion: Motion) -> float:
-    return _largest(integral(integral(motion.acceleration, motion.dt), motion.dt))
-
-
-def _arias(motion: Motion) -> float:
-    return float(_HUSID * integral(motion.acceleration**2, motion.dt)[-1])
-
-
-def _duration(motion: Motion) -> float:
-    begin, finish = arias_times(motion.acceleration, None, motion.dt, (0.05, 0.95))
-    return finish - begin
-
-
 def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
     """CAV of the parts of so many steps in which the acceleration reaches `least`."""
     record = motion.acceleration
@@ -135,18 +118,17 @@ def _absolute(part: Samples, dt: float) -> Samples:
     return 0.5 * dt * np.where(crossing, squares, together)
 
 
-def _cav_standardised(motion: Motion) -> float:
-    return _cav(motion, round(STANDARD_WINDOW / motion.dt) or 1, STANDARD_LEVEL)
-
-
 _KINDS = {
     "PGA": _Kind("m/s2", 1, pga),
-    "PGV": _Kind("m/s", 1, _pgv),
-    "PGD": _Kind("m", 1, _pgd),
-    "Arias": _Kind("m/s", 2, _arias),
+    "PGV": _Kind("m/s", 1, lambda m: _largest(integral(m.acceleration, m.dt))),
+    "PGD": _Kind("m", 1, lambda m: _largest(integral(integral(m.acceleration, m.dt), m.dt))),
+    "Arias": _Kind("m/s", 2, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
     "CAV": _Kind("m/s", 1, _cav),
-    "CAVstd": _Kind("m/s", 0, _cav_standardised),
-    "D5_95": _Kind("s", 0, _duration),
+    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, STANDARD_LEVEL)),
+    "D5_95": _Kind(
+        "s", 0,
+        lambda m: float(np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]),
+    ),
     "HI": _Kind(
         "m", 1, at=_HOUSNER.tolist,
         of_spectrum=lambda sa: float(np.trapezoid(sa * _HOUSNER / (2.0 * np.pi), _HOUSNER)),

@@ -25,8 +25,7 @@ from archfrag.motions.partners import (
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = (
-    "event", "date", "magnitude", "depth_km", "event_latitude", "event_longitude", "station",
-    "station_latitude", "station_longitude", "vs30_mps", "epicentral_km", "azimuth", "level",
+    "event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level",
 )  # fmt: skip
 
 

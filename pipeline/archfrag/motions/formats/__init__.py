@@ -19,7 +19,7 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from obspy import Stream, Trace
+from obspy import Trace
 from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
@@ -91,7 +91,16 @@ def read_as(path: str, name: str) -> list[Trace]:
     """Read the traces of a file in the format of that name, see `read_traces`."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        traces = list(_stream(path, name))
+        try:
+            traces = list(plug_in(name, "read", "readFormat")(path))
+        except RecordError:
+            raise
+        except MemoryError:
+            much = f"reading it as {name} takes more memory than allowed"
+            raise RecordError(f"{path}: {much}") from None
+        except Exception as error:
+            lines = str(error).strip().splitlines()
+            raise _damaged(path, lines[0] if lines else type(error).__name__) from None
     messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
     for message in messages:
         if "MSEED" in message.category.__name__:
@@ -101,39 +110,20 @@ def read_as(path: str, name: str) -> list[Trace]:
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
     shown = list(dict.fromkeys(texts))
     for trace in traces:
-        _check_blocks(trace, path, name)
+        blocks = trace.stats.get("mseed", {})
+        length = blocks.get("record_length") or _BLOCK.get(name)
+        size = blocks.get("filesize") or Path(path).stat().st_size
+        if length and size % length:
+            cut_off = f"truncated {'miniSEED' if name == 'MSEED' else name}: {size} bytes"
+            raise RecordError(f"{path}: {cut_off} are no multiple of records of {length} bytes")
         record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
         trace.stats._format, trace.stats.npts = name, len(trace.data)
         trace.stats.record = AttribDict({"held": trace.stats.npts, "messages": shown} | record)
     return traces
 
 
-def _stream(path: str, name: str) -> Stream:
-    try:
-        return plug_in(name, "read", "readFormat")(path)
-    except RecordError:
-        raise
-    except MemoryError:
-        raise RecordError(f"{path}: reading it as {name} takes more memory than allowed") from None
-    except Exception as error:
-        lines = str(error).strip().splitlines()
-        raise _damaged(path, lines[0] if lines else type(error).__name__) from None
-
-
 def _damaged(path: str, reason: str) -> RecordError:
     return RecordError(f"{path}: the file is damaged, truncated or not what it seems ({reason})")
-
-
-def _check_blocks(trace: Trace, path: str, name: str) -> None:
-    """Refuse a file whose last block or record is cut off."""
-    blocks = trace.stats.get("mseed", {})
-    length = blocks.get("record_length") or _BLOCK.get(name)
-    size = blocks.get("filesize") or Path(path).stat().st_size
-    if length and size % length:
-        what = "miniSEED" if name == "MSEED" else name
-        raise RecordError(
-            f"{path}: truncated {what}: {size} bytes are no multiple of records of {length} bytes"
-        )
 
 
 def read_apart(path: str) -> list[Trace]:

@@ -22,7 +22,7 @@ from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
-from archfrag.motions.formats.text import Source, Text, head_lines, on_even_steps
+from archfrag.motions.formats.text import Source, Text, begins_with, on_even_steps
 from archfrag.motions.partners import quadrant
 
 # SMC: lines of text; first line, number of lines, numbers and width of integers and reals.
@@ -32,16 +32,11 @@ _TITLE = re.compile(r"\s*([1-9])\s+([A-Z].*)")
 _LEVELS = {"1": "raw", "2": "processed"}
 _COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
 _ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
-_REALS = {
-    "event_latitude": (float, 2), "event_longitude": (float, 3), "depth_km": (float, 4),
-    "magnitude": (facts.nonzero, 5, 7, 6, 8), "station_latitude": (float, 10),
-    "station_longitude": (float, 11), "epicentral_km": (float, 16),
-}  # fmt: skip
+_REALS = {"magnitude": (facts.nonzero, 5, 7, 6, 8), "epicentral_km": (float, 16)}
 
 # GeoNet
 _TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
 _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
-_PLACE = r"(\d{1,3}) +(\d\d?) +(\d\d?)([NS]) +(\d{1,3}) +(\d\d?) +(\d\d?)([EW])"
 _COUNT = r"^\s*Number of points +(\S+)"
 _FIELDS = {
     "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
@@ -56,21 +51,17 @@ _FACTS = {
                  r"^\s*Component +(\S+)"),
     "date": (facts.iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
     "magnitude": (facts.number, r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$"),
-    "depth_km": (facts.number, r"^\s*Epicentre .*\bDepth +([\d.]+) *km"),
     "epicentral_km": (facts.number, r"^\s*Epicentre .*\bDist +([\d.]+) *km"),
-    "station": (str, r"^\s*Site +(\S+) +" + _PLACE),
+    "station": (str, r"^\s*Site +(\S+) +\d"),
 }  # fmt: skip
 
 
-def is_smc(source: Source) -> bool:
-    """Whether a file or open binary buffer is an SMC file, of whatever quantity."""
-    lines = head_lines(source)
-    if len(lines) < _NUMBERS["real"][0] or not _TITLE.match(lines[0]):
-        return False
-    stars = sum(line.strip() == "*" for line in lines[1:_TEXT])
-    integers = lines[_TEXT : _NUMBERS["real"][0]]
-    named = _COMPONENT.match(lines[5]) is not None
-    return stars >= 3 and named and all(re.fullmatch(r"[-+\d\s]+", line) for line in integers)
+# A title, lines of which some are only a star, the component, and lines of integers.
+is_smc = begins_with(
+    r"\A\s*[1-9]\s+[A-Z].*(?:\n.*){4}\n(?i:station\s*=.*component\s*=)(?:.*\n){6}"
+    r"(?:[-+\d \t]+\n){6}",
+    r"\A.*(?:(?:\n.*){0,7}?\n[ \t]*\*[ \t]*(?=\n)){3}",
+)
 
 
 def read_smc(source: Source, **_: Any) -> Stream:
@@ -123,7 +114,7 @@ def _smc_record(
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
         stated |= {"azimuth": float(azimuth), "vertical": False}
 
-    day = _time(*integers[1:3], 0, 0, 0)
+    day = _time(integers[1], integers[2], 0, 0, 0)
     known = [None if real == reals[0] else float(real) for real in reals]
     return stated | facts.read_fields(_REALS, known.__getitem__) | facts.known(
         event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
@@ -139,15 +130,10 @@ def _time(year: float, day: float, hour: float, minute: float, second: float) ->
     return facts.moment(year, 1, 1, 24.0 * (day - 1) + hour, minute, second)
 
 
-def is_geonet(source: Source) -> bool:
-    """Whether a file begins with an accelerogram, a site and the number of points."""
-    lines = head_lines(source)[:_TEXT_LINES]
-    return (
-        len(lines) == _TEXT_LINES
-        and _START.match(lines[0]) is not None
-        and lines[1].lstrip().startswith("Site ")
-        and facts.search(_COUNT, "\n".join(lines)) != ""
-    )
+is_geonet = begins_with(
+    r"(?i)\A\s*(?:Un)?corrected accelerogram\b.*\n\s*(?-i:Site )(?:.*\n){1,13}"
+    r"\s*Number of points +\S"
+)
 
 
 def read_geonet(source: Source, **_: Any) -> Stream:
@@ -182,11 +168,8 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
     record |= {"component": record.get("component", ""), "unit": unit, "announced": announced}
-    record |= {"level": "raw" if raw else "processed"} | facts.known(
-        event=text.lines[first + 6].strip(),
-        **_degrees(r"^\s*Epicentre +" + _PLACE, head, "event"),
-        **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
-    )
+    event = text.lines[first + 6].strip()
+    record |= {"level": "raw" if raw else "processed"} | facts.known(event=event)
     facts.judge_peak(record, field.get("peak", ""), samples, unit)
     step = facts.positive_step(facts.number(field.get("interval")), f"{place}: interval")
     # Year, month, day, hour, minute and millisecond of the first sample.
@@ -211,16 +194,3 @@ def _geonet_samples(
             "numbers"
         )
     return values[: counts[0]] if counts[1:].any() else values
-
-
-def _degrees(pattern: str, text: str, kind: str) -> dict[str, float]:
-    """Latitude and longitude of degrees, minutes, seconds and a letter each."""
-    found = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
-    if found is None:
-        return {}
-    values = {}
-    for name, group in (("latitude", 0), ("longitude", 4)):
-        degrees, minutes, seconds, letter = found.groups()[group : group + 4]
-        value = int(degrees) + int(minutes) / 60.0 + int(seconds) / 3600.0
-        values[f"{kind}_{name}"] = round(-value if letter in "SWsw" else value, 5)
-    return values

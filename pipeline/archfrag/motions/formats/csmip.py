@@ -28,8 +28,8 @@ from archfrag.motions.formats.text import (
     END_OF_DATA,
     Source,
     Text,
+    begins_with,
     format_width,
-    head_lines,
     on_even_steps,
 )
 
@@ -37,9 +37,7 @@ _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
-_FORMAT = re.compile(
-    r"\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)", re.IGNORECASE
-)
+_FORMAT = re.compile(r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)")
 _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
@@ -47,15 +45,10 @@ _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
 _NULL = -999.0
 _TEXT_LINES, _HEADER_NUMBERS, _LARGEST_HEADER = (5, 100), (64, 1000), 200
-_REALS = {
-    "station_latitude": (float, 0), "station_longitude": (float, 1),
-    "event_latitude": (float, 9), "event_longitude": (float, 10), "depth_km": (float, 11),
-    "magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16),
-}  # fmt: skip
+_REALS = {"magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16)}
 
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
-_SECOND_LINE = re.compile(r"\s*UNCORRECTED ACCELEROGRAM DATA", re.IGNORECASE)
 _COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNORECASE)
 _POINTS = re.compile(r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE)
 _UNITS = (
@@ -94,11 +87,7 @@ def _stream(source: Source, channel: Callable[[Text, int], _Channel]) -> Stream:
     return facts.stream_of(traces)
 
 
-def is_cosmos(source: Source) -> bool:
-    """Whether a file or open binary buffer is a COSMOS file of a time series."""
-    lines = head_lines(source)
-    integers = re.compile(r"\s*\d+\s+Integer-header values follow", re.IGNORECASE)
-    return bool(lines and _FORMAT.match(lines[0])) and any(map(integers.match, lines[1:]))
+is_cosmos = begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 
 def read_cosmos(source: Source, **_: Any) -> Stream:
@@ -210,15 +199,11 @@ def _cosmos_record(
     return record, (network, code, location or position)
 
 
-def is_dmg(source: Source) -> bool:
-    """Whether a file or open binary buffer holds volume 1 or 2 of CSMIP."""
-    lines = head_lines(source)
-    found = _TITLE.match(lines[0]) if len(lines) > 13 else None
-    if found is None:
-        return False
-    if found.group(1):
-        return any(map(_COUNT_LINE.search, lines[8:13]))
-    return _SECOND_LINE.match(lines[1]) is not None
+# Volume 1 has its number of points in one of the lines 9 to 13.
+is_dmg = begins_with(
+    rf"(?i)\A\s*UNCORRECTED ACCELEROGRAM\b(?:.*\n){{8,12}}.*{_COUNT_LINE.pattern}"
+    r"|\A\s*CORRECTED ACCELEROGRAM\b.*\n\s*UNCORRECTED ACCELEROGRAM DATA"
+)
 
 
 def read_dmg(source: Source, **_: Any) -> Stream:
@@ -304,10 +289,7 @@ def _dmg_record(text: list[str]) -> tuple[dict[str, Any], tuple[str, str, str]]:
         event="" if re.match(r"(?i)\s*RE?CO?RD OF", text[1]) else text[1].strip(),
         date=next(filter(None, dates), ""),
         magnitude=facts.magnitude(text[8]),
-        depth_km=facts.number(facts.search(r"\bH\s*=\s*(\d+\.?\d*)\s*KM", text[8])),
-        **facts.place(text[8], "event"),
         station=re.split(r"\s{3,}", text[5].strip())[0],
-        **facts.place(text[4], "station"),
         channel=number,
     )
     code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])

@@ -26,8 +26,6 @@ _DATES = (
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
 _MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
-_PLACE = re.compile(r"(\d+\.?\d*)\s*([NS])\s*,?\s*(\d+\.?\d*)\s*([EW])\b")
-_SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
 _PEAK_WITHIN, _PEAK_REFUSED = 0.01, 0.1  # of the header's peak, besides its rounding
 _LONGEST = 10_000_000  # samples that a header may announce
 Table = Mapping[str, tuple[Any, ...]]
@@ -110,18 +108,6 @@ def magnitude(text: str) -> float | None:
     """Magnitude in a text, the first there is of moment, local, surface-wave and other ones."""
     found = (search(kind, text.upper()) for kind in _MAGNITUDES)
     return next((float(value) for value in found if value and 0.0 < float(value) < 10.0), None)
-
-
-def place(text: str, kind: str) -> dict[str, float]:
-    """Latitude and longitude in a text such as ``34.2N, 118.5W`` or ``34.2 -118.5`` [degrees]."""
-    if found := _PLACE.search(text.upper()):
-        latitude = float(found[1]) * (1 if found[2] == "N" else -1)
-        longitude = float(found[3]) * (1 if found[4] == "E" else -1)
-    elif found := _SIGNED_PLACE.search(text):
-        latitude, longitude = float(found[1]), float(found[2])
-    if found is None or abs(latitude) > 90 or abs(longitude) > 360:
-        return {}
-    return {f"{kind}_latitude": latitude, f"{kind}_longitude": longitude}
 
 
 def direction(text: str) -> dict[str, Any]:

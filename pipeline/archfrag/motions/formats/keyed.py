@@ -22,7 +22,7 @@ from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
-from archfrag.motions.formats.text import Source, Text, head_lines
+from archfrag.motions.formats.text import Source, Text, begins_with
 from archfrag.motions.partners import AZIMUTHS
 
 _AT2_LINES = 4
@@ -33,7 +33,6 @@ _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
-_LONGEST_HEADER = 40  # lines of RESORCE
 _VERTICALS = ("Z", "UP", "V", "UD")
 _SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
 # The keys of DYNA by what they state, the first there is.
@@ -42,12 +41,7 @@ _DYNA = {
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
     "magnitude": (facts.number, "MAGNITUDE_W", "MAGNITUDE_L"),
-    "depth_km": (facts.number, "EVENT_DEPTH_KM"),
-    "event_latitude": (facts.number, "EVENT_LATITUDE_DEGREE"),
-    "event_longitude": (facts.number, "EVENT_LONGITUDE_DEGREE"),
     "station": (str, "STATION_CODE"),
-    "station_latitude": (facts.number, "STATION_LATITUDE_DEGREE"),
-    "station_longitude": (facts.number, "STATION_LONGITUDE_DEGREE"),
     "vs30_mps": (facts.number, "VS30_M/S", "VS30_MS"),
     "epicentral_km": (facts.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
@@ -59,24 +53,18 @@ _RESORCE = {
     "STATION CODE / NAME": "STATION_CODE",
 }  # fmt: skip
 # What obspy keeps of a K-NET header.
-_KNET = {
-    "date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag"),
-    "depth_km": (float, "evdp"), "event_latitude": (float, "evla"),
-    "event_longitude": (float, "evlo"), "station_latitude": (float, "stla"),
-    "station_longitude": (float, "stlo"),
-}  # fmt: skip
+_KNET = {"date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag")}
 
 
-def is_at2(source: Source) -> bool:
-    """Whether an acceleration with its unit, number of samples and time step is announced."""
-    lines = head_lines(source)[:_AT2_LINES]
-    return (
-        len(lines) == _AT2_LINES
-        and "".join(lines).isascii()
-        and "ACCELERATION" in lines[2].upper()
-        and _UNIT.search(lines[2]) is not None
-        and all(_count_and_step(lines[3]))
-    )
+# An acceleration with its unit, number of samples and time step.
+is_at2 = begins_with(
+    r"(?i)\A(?:[^\n\x80-\xff]*\n){2}(?=.*ACCELERATION)"
+    r"[^\n\x80-\xff]*?UNITS?[ \t]+OF[ \t]+[^\s.,;].*\n"
+    rf"(?:(?=.*{_NPTS}).*{_DT}|{_TRAILING[1:]})"
+)
+# The event, and the time step or the number of samples in a later line.
+is_dyna = begins_with(r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:")
+is_resorce = begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
 
 
 def read_at2(source: Source, **_: Any) -> Stream:
@@ -122,14 +110,6 @@ def _at2_names(line: str) -> dict[str, Any]:
     }
 
 
-def is_dyna(source: Source) -> bool:
-    """Whether the first line names an event and a later one the time step or the samples."""
-    lines = head_lines(source)
-    keys = {match[1] for match in map(_KEY.match, lines) if match}
-    first = bool(lines) and re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) is not None
-    return first and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
-
-
 def read_dyna(source: Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
     text = Text(source)
@@ -145,13 +125,6 @@ def read_dyna(source: Source, **_: Any) -> Stream:
         header[key], places[key] = _readable(match[2]), f"{place}, {key}"
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
     return _keyed(text, header, places, len(header), codes)
-
-
-def is_resorce(source: Source) -> bool:
-    """Whether the first line is the event's and a later one names a time series and its unit."""
-    lines = head_lines(source)[:_LONGEST_HEADER]
-    first = bool(lines) and lines[0].startswith("Event Date & Time")
-    return first and any(map(_SERIES.match, lines))
 
 
 def read_resorce(source: Source, **_: Any) -> Stream:

@@ -87,13 +87,18 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
     return content
 
 
-def head_lines(source: Source) -> list[str]:
-    """Lines at the beginning of a file; none if it is not plain text or cannot be read."""
-    try:
-        content = _read_bytes(source, 4096)
-    except (OSError, ValueError):
-        return []
-    return [] if b"\0" in content else _lines(content)
+def begins_with(*patterns: str) -> Callable[[Source], bool]:
+    """A test of a file or open binary buffer: plain text in whose first 4096 bytes all match."""
+
+    def begins(source: Source) -> bool:
+        try:
+            content = _read_bytes(source, 4096)
+        except (OSError, ValueError):
+            return False
+        text = "\n".join(_lines(content))
+        return b"\0" not in content and all(re.search(pattern, text) for pattern in patterns)
+
+    return begins
 
 
 def _lines(content: bytes) -> list[str]:

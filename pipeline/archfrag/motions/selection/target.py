@@ -48,9 +48,8 @@ class Rupture:
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
-            raise InputError(
-                f"mechanism {self.mechanism!r} of a rupture must be one of {', '.join(MECHANISMS)}"
-            )
+            allowed = f"must be one of {', '.join(MECHANISMS)}"
+            raise InputError(f"mechanism {self.mechanism!r} of a rupture {allowed}")
         for name in ("magnitude", "distance_km", "vs30_mps"):
             check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
 
@@ -102,9 +101,8 @@ def predict(rupture: Rupture, model: str, periods: ArrayLike) -> Prediction:
     # A period of the table's end may differ from the one typed by rounding.
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
-    return Prediction(
-        prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside), notes
-    )
+    ln_median = prediction.interp_ln_spec_accels(inside)
+    return Prediction(ln_median, prediction.interp_ln_stds(inside), notes)
 
 
 def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
@@ -113,9 +111,8 @@ def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
         word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
         options = getattr(parameter, "options", None)
         if options and value not in options:
-            raise InputError(
-                f"{word} {value!r} is none of the model {model}, which has {', '.join(options)}"
-            )
+            has = f"the model {model}, which has {', '.join(options)}"
+            raise InputError(f"{word} {value!r} is none of {has}")
         for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
             limit = getattr(parameter, name, None)
             if limit is not None and sign * value < sign * limit:
@@ -187,12 +184,9 @@ class Target:
 
 
 def conditional_spectrum(
-    rupture: Rupture,
-    level: float,
-    conditioning: float,
-    periods: ArrayLike = PERIODS,
+    rupture: Rupture, level: float, conditioning: float, periods: ArrayLike = PERIODS,
     model: str = "CY14",
-) -> Target:
+) -> Target:  # fmt: skip
     """Mean and covariance of ln Sa, given Sa at one period.
 
     With median exp(mu), standard deviation sigma and correlation rho, and epsilon =
@@ -245,26 +239,22 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    rows, zeros = [], np.zeros(given.shape)
-    for values, name in ((median, "median Sa"), (zeros if sd is None else sd, "sd")):
-        row = np.asarray(values, dtype=np.float64)
+    columns = {"median Sa": median, "sd": np.zeros(given.shape) if sd is None else sd}
+    rows = [np.asarray(column, dtype=np.float64) for column in columns.values()]
+    for name, row in zip(columns, rows):
         if row.shape != given.shape or not np.isfinite(row).all():
             needed = f"must be finite numbers, one for each of {given.size} periods"
             raise InputError(f"{source}: {name} {row.tolist()} {needed}")
-        rows.append(row[np.argsort(given)])
-    sa, scatter = rows
-    if not (sa > 0.0).all():
-        raise InputError(f"{source}: median Sa {sa.min():g} g must be above 0")
-    if (scatter < 0.0).any():
-        raise InputError(f"{source}: sd {scatter.min():g} must not be below 0")
+    sa, scatter = (row[np.argsort(given)] for row in rows)
+    if not (sa > 0.0).all() or (scatter < 0.0).any():
+        low = f"median Sa {sa.min():g} g must be above 0 and sd {scatter.min():g} not below 0"
+        raise InputError(f"{source}: {low}")
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
     if zero.size > 1:
-        raise InputError(
-            f"{source}: sd is 0 at {zero.size} periods; it may be at one, which then is the "
-            "conditioning period, or at all"
-        )
+        allowed = "it may be at one, which then is the conditioning period, or at all"
+        raise InputError(f"{source}: sd is 0 at {zero.size} periods; {allowed}")
     rho = correlation(rising[:, None], rising)
     if zero.size:
         star = rho[zero[0]]

@@ -81,7 +81,8 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
     magnitudes = np.resize(plan.magnitude, plan.events)
     if plan.drawn_magnitude:
-        magnitudes = generator.uniform(*plan.magnitude, plan.events).round(6)
+        low, high = plan.magnitude
+        magnitudes = generator.uniform(low, high, plan.events).round(6)
     distances = np.resize(plan.distance, count)
     if plan.drawn_distance:
         low, high = np.log(np.maximum(plan.distance, 1e-3)).tolist()
