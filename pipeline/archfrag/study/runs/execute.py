@@ -24,8 +24,8 @@ from tqdm import tqdm
 from archfrag.errors import WorkerError
 from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
-from archfrag.study.checks import check_arches
 from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.members import check_standing
 from archfrag.study.file.records import PreparedRecord, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, available_cores, machine
@@ -112,17 +112,13 @@ def run_batch(
     quiet : bool
         Show no progress.
     plan : Plan, optional
-        Of the study, where it is known.
+        Of the study, if it is known.
 
     Returns
     -------
     (BatchLog, pandas.DataFrame)
         And a row for each run of the batch: arch, record, level, verdict, steps, wall time [s].
-
-    Raises
-    ------
-    WorkerError
-        If workers cannot be started or are lost; finished parts are kept.
+        WorkerError if workers cannot be started or are lost; finished parts are kept.
     """
     import pandas as pd
 
@@ -248,7 +244,7 @@ class _Makers:
                 if not kernels_are_compiled(name):  # else each worker loads them for itself
                     warmup(name, progress=bar.set_description)
             bar.set_description("simulations", refresh=False)
-            check_arches(self._plan.study, len(self._plan.records))
+            check_standing(self._plan.arches)
 
     def _alone(self) -> bool:
         cheap = self._count == 1 or self._cpu < IN_PROCESS
