@@ -17,7 +17,7 @@ from archfrag.study.answer.cautions import (
     coarse_levels,
     design_cautions,
     events_caution,
-    standing_again,
+    non_monotone,
     undecided,
 )
 from archfrag.study.answer.comparisons import _above, dispersion_split
@@ -178,8 +178,7 @@ class TestDispersionOfAClass:
         capacity = np.exp(arch + record + own)
         levels = LEVELS[largest > LEVELS]
         runs = [
-            Runs("a", Stripes(), (levels >= row[:, None]).astype(int), levels)
-            for row in capacity
+            Runs("a", Stripes(), (levels >= row[:, None]).astype(int), levels) for row in capacity
         ]
         parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
         return runs, [Answer(fit, fit) for fit in map(likeliest, runs)], parts
@@ -256,8 +255,8 @@ def of_events(count):
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (standing_again(AGAIN), ""),
-        (standing_again(MORE), "3 of 10 records do not cause"),
+        (non_monotone(AGAIN), ""),
+        (non_monotone(MORE), "3 of 10 records do not cause"),
         (coarse_levels(np.array([1.0, 1.2, 1.5]), CURVE), ""),
         (coarse_levels(np.array([1.0, 1.2, 1.5]), replace(CURVE, beta=0.2)), "the levels n"),
         (of_events(4), ""),

@@ -173,8 +173,6 @@ class TestIda:
         assert np.all(np.abs(np.mean(off, axis=0)) < [0.01, 0.05, 0.05])
 
 
-
-
 FINE = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 
 

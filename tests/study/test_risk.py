@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import FITS, fit_cube
-from archfrag.study.answer.risk import risk_of
+from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import write_text
@@ -48,13 +49,20 @@ class TestGrid:
             assert split.rate.sum() + split.unassigned.sum() == pytest.approx(rate, rel=1e-12)
             assert split.counts.sum() == (grid[0]["verdict"].values == 1).sum()
 
-    def test_records_of_a_magnitude_that_never_fell_bring_nothing(self, grid):
+    def test_a_mechanism_seen_once_is_told_without_a_band(self, grid):
         data, fits = grid
-        never = np.all(data["verdict"].values[0] != 1, axis=1)
-        magnitude = np.where(never, 8.0, 6.2)
-        data = data.assign(magnitude=("record", magnitude))
-        found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
-        assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
+        collapsed = data["verdict"].values == 1
+        once = collapsed & (np.cumsum(collapsed).reshape(collapsed.shape) == 1)
+        joint = data["collapse_joint"].dims, np.where(once, 7, np.where(collapsed, 2, -1))
+        mode = data["collapse_mode"].dims, collapsed.astype(np.int8)
+        data = data.assign(collapse_joint=joint, collapse_mode=mode)
+        study = SimpleNamespace(intensity=SimpleNamespace(factor=9.80665, unit="g"))
+        facts = risk_facts(risk_of(data, fits, HAZARD), study)
+        assert [part["collapses"] == 1 for part in facts["arches"]["ring"]["by_mechanism"]] == [
+            False, True
+        ]  # fmt: skip
+        (line,) = [line for line in risk_text(facts).splitlines() if "joint 7" in line]
+        assert line.endswith(", 1 collapse")
 
     def test_short_hazard_curve_is_cautioned(self, grid):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})

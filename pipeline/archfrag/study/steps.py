@@ -111,18 +111,9 @@ class Options:
 def make_step(
     study: Study, step: str, note: Note, options: Options = Options(), plan: Plan | None = None
 ) -> None:
-    """Make one step, whose inputs are there, unless it is current; leave its stamp.
+    """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    Parameters
-    ----------
-    study : Study
-    step : str
-        Of `step_names`.
-    note : callable
-        Takes a line for the user.
-    options : Options
-    plan : Plan, optional
-        Of the study, where it is known; of no use to the first step.
+    `note` takes a line for the user; `plan` is that of the study, if it is known.
     """
     if step == "motions":
         if current_plan(study)[0] is not None:
@@ -173,13 +164,7 @@ def finish(study: Study, step: str, plan: Plan | None = None) -> None:
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
-    """See that the results of a step are those of the study as it is.
-
-    Raises
-    ------
-    InputError
-        Saying which file is not.
-    """
+    """See that the results of a step are those of the study as it is; else InputError."""
     if wrong := out_of_date(study, step, plan):
         raise InputError(f"{wrong}; `archfrag {step}` on the study file makes it again")
 

@@ -12,14 +12,13 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.schema import Study
-from archfrag.study.runs import design_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
-MOST_STANDING = 0.25  # fraction of the records
+MOST_SURVIVING = 0.25  # fraction of the records
 MOST_AGAIN = 0.2  # fraction of the records
 LEAST_EVENTS = 4
 MOST_NAMED = 12  # arches; of more only their number
@@ -27,26 +26,23 @@ MOST_NAMED = 12  # arches; of more only their number
 
 def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
     """All that a study's cube and curves give reason to caution, levels in the study's unit."""
+    on_levels = cube["intensity"].ndim == 1
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
-    if cube["intensity"].ndim > 1:
-        levels = ["levels of their own"]
     design = json.loads(cube.attrs["archfrag_design"])
-    names = cube["arch"].values.astype(str).tolist()
-    verdict = cube["verdict"].transpose("arch", "record", "level").values
-    counts = [undecided(count_verdicts(own), levels) for own in verdict]
-    found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
-    if cube["intensity"].ndim == 1:
-        every_level = not design_of(design).adaptive
-        for name, own in zip(names, verdict):
-            messages = [
-                standing(own, levels[-1]),
-                standing_again(own) if every_level else "",
-                coarse_levels(cube["intensity"].values, answers[name].curve),
-            ]
-            found += [f"{name}: {message}" for message in messages if message]
-    found += unit_warnings(study, study.members(cube.sizes["record"])) + uncorrected(study)
-    found += design_cautions(design)
-    return found + [each for each in (scaled_far(cube), events_caution(cube)) if each]
+    verdicts = cube["verdict"].transpose("arch", "record", "level").values
+    own = list(zip(cube["arch"].values.astype(str).tolist(), verdicts))
+    if not on_levels:
+        levels = ["levels of their own"]
+    found = [(name, undecided(count_verdicts(verdict), levels)) for name, verdict in own]
+    for name, verdict in own if on_levels else ():
+        found.append((name, surviving(verdict, levels[-1])))
+        if not study.design.adaptive:
+            found.append((name, non_monotone(verdict)))
+        found.append((name, coarse_levels(cube["intensity"].values, answers[name].curve)))
+    of_arches = [f"{name}: {message}" for name, message in found if message]
+    members = study.members(cube.sizes["record"])
+    of_study = [*unit_warnings(study, members), *uncorrected(study), *design_cautions(design)]
+    return [*of_arches, *of_study, *filter(None, (scaled_far(cube), events_caution(cube)))]
 
 
 def events_caution(cube: "xr.Dataset") -> str:
@@ -90,26 +86,26 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def standing(verdict: NDArray[np.int8], highest: str) -> str:
+def surviving(verdict: NDArray[np.int8], highest: str) -> str:
     """Message on records that survive all levels, (n_record, n_level); else empty."""
     known = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
-    fell = (verdict == Verdict.COLLAPSED).any(axis=1)
-    stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
-    if stood.sum() <= MOST_STANDING * known.sum():
+    collapsed = (verdict == Verdict.COLLAPSED).any(axis=1)
+    survived = (verdict[:, -1] == Verdict.STANDING) & ~collapsed
+    if survived.sum() <= MOST_SURVIVING * known.sum():
         return ""
-    if not fell.any():
+    if not collapsed.any():
         return f"no record caused collapse up to {highest}, the highest level; add higher levels"
     return (
-        f"{stood.sum()} of {known.sum()} records do not cause collapse at {highest}, the highest "
-        "level, so the upper part of the curve is extrapolated; add higher levels"
+        f"{survived.sum()} of {known.sum()} records do not cause collapse at {highest}, the "
+        "highest level, so the upper part of the curve is extrapolated; add higher levels"
     )
 
 
-def standing_again(verdict: NDArray[np.int8]) -> str:
-    """Message on records that are not monotone, (n_record, n_level); else empty."""
+def non_monotone(verdict: NDArray[np.int8]) -> str:
+    """Message on records that collapse below a level that they survive; else empty."""
     known = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
-    fell = np.maximum.accumulate(verdict == Verdict.COLLAPSED, axis=1)
-    again = (fell & (verdict == Verdict.STANDING)).any(axis=1)
+    collapsed = np.maximum.accumulate(verdict == Verdict.COLLAPSED, axis=1)
+    again = (collapsed & (verdict == Verdict.STANDING)).any(axis=1)
     if again.sum() <= MOST_AGAIN * known.sum():
         return ""
     return (

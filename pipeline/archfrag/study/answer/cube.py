@@ -34,18 +34,8 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 def write_cube(study: Study, plan: Plan | None = None) -> Path:
     """Gather the parts of a study into its cube, written completely or not at all.
 
-    Parameters
-    ----------
-    study : Study
-    plan : Plan, optional
-        Of the study, where it is known.
-
-    Raises
-    ------
-    InputError
-        If results of runs are missing.
-    OutputError
-        If the file cannot be written.
+    InputError if results of runs are missing, OutputError if the file cannot be written. `plan`
+    is that of the study, if it is known.
     """
     refuse_foreign_cube(study)
     plan = plan or make_plan(study)

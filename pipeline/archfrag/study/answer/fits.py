@@ -25,15 +25,7 @@ FITS, CURVE = "fits.json", "curve.csv"
 
 
 def open_cube(study: Study) -> "xr.Dataset":
-    """The cube of a study.
-
-    Raises
-    ------
-    InputError
-        If there is none yet, or it is damaged.
-    OutputError
-        If it is another study's.
-    """
+    """The cube of a study; InputError if there is none, OutputError if it is another study's."""
     import xarray as xr
 
     path = study.folder / CUBE
@@ -168,10 +160,7 @@ def fit_text(study: Study, name: str, found: Answer) -> str:
 def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
     """Answers that `fit_cube` stored, by arch or, with ``of="classes"``, by class.
 
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged.
+    InputError if the file is missing or damaged.
     """
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))[of]

@@ -201,7 +201,7 @@ def _runs_of(part: xr.Dataset) -> tuple[FloatArray, NDArray[np.bool_], NDArray, 
     at = part["intensity"].transpose("record", "level").values.astype(float)
     done = simulated & (at > 0.0)
     ends = np.array([at[done].min(), at[done].max()])
-    edges = np.geomspace(*ends, (_SCATTERED_BINS if ends[1] > ends[0] else 1) + 1)
+    edges = np.geomspace(ends[0], ends[1], 1 + (_SCATTERED_BINS if ends[1] > ends[0] else 1))
     levels = np.sqrt(edges[1:] * edges[:-1])
     row, place = np.nonzero(done)
     column = np.searchsorted(level_edges(levels), at[row, place], side="right")

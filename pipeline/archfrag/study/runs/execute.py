@@ -112,17 +112,13 @@ def run_batch(
     quiet : bool
         Show no progress.
     plan : Plan, optional
-        Of the study, where it is known.
+        Of the study, if it is known.
 
     Returns
     -------
     (BatchLog, pandas.DataFrame)
         And a row for each run of the batch: arch, record, level, verdict, steps, wall time [s].
-
-    Raises
-    ------
-    WorkerError
-        If workers cannot be started or are lost; finished parts are kept.
+        WorkerError if workers cannot be started or are lost; finished parts are kept.
     """
     import pandas as pd
 
@@ -239,7 +235,8 @@ class _Makers:
 
     def _prepare(self) -> None:
         """See that the kernels are compiled and that all arches stand."""
-        from archfrag.warmup import every, kernels_are_compiled, warmup
+        from archfrag.simulate import kernels_are_compiled, warmup
+        from archfrag.simulation.warm import every
 
         bar, self.used = self._bar, 1
         with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
@@ -247,7 +244,7 @@ class _Makers:
                 if not kernels_are_compiled(name):  # else each worker loads them for itself
                     warmup(name, progress=bar.set_description)
             bar.set_description("simulations", refresh=False)
-            check_standing(self._plan.study.members(len(self._plan.records)))
+            check_standing(self._plan.arches)
 
     def _alone(self) -> bool:
         cheap = self._count == 1 or self._cpu < IN_PROCESS

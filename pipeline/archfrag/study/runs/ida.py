@@ -221,7 +221,7 @@ def look(
     width = half_width(found, requested.confidence, groups)
     enough = width <= requested.theta
     narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
-    facts = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
+    facts: dict[str, Any] = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
     available = grid.records.size - done
     allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
     more = min(more_needed(width, requested.theta, done), allowed, available)

@@ -13,7 +13,7 @@ from archfrag.mechanics.status import CollapseMode, Count, Energy, Loss, Model, 
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.methods.time_stepping.service import Results
+    from archfrag.mechanics.types import Results
     from archfrag.motions.motion import Motion
     from archfrag.simulate import Response
 
