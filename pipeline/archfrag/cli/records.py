@@ -69,7 +69,7 @@ def inspect(
         from archfrag.report.motions import channels
         from archfrag.study.files import write_text
 
-        write_text(figure, channels(commands.inspection_motions(found)).file)
+        write_text(figure, channels(commands.inspection_motions(found)))
     if found or as_json:
         show(facts, "\n".join(map(commands.inspection_text, found)), as_json)
     for message in unreadable:
@@ -108,7 +108,7 @@ def measure(
         from archfrag.report.motions import measured_spectra
         from archfrag.study.files import write_text
 
-        write_text(figure, measured_spectra(table_spectra(table)).file)
+        write_text(figure, measured_spectra(table_spectra(table)))
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
@@ -154,7 +154,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         from archfrag.report.motions import selected_spectra
         from archfrag.study.files import write_text
 
-        write_text(figure, selected_spectra(selection).file)
+        write_text(figure, selected_spectra(selection))
     for caution in selection.cautions:
         warn(f"caution: {caution}")
     show(selection.facts(), selection_text(selection, out), as_json)

@@ -1,4 +1,4 @@
-"""Axes on a sheet: what is drawn in a panel is given in its units, not in pixels."""
+"""Panels with axes on a sheet: what is drawn in one is given in its units, not in pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.report import drawing as look
-from archfrag.report.drawing import BELOW, BESIDE, Box, Entry, FloatArray, Sheet, number
+from archfrag.report.drawing import LEFT, Box, Entry, FloatArray, Sheet, number, text_width
+
+Range = tuple[float, float]
 
 
 @dataclass
@@ -16,8 +18,8 @@ class Panel:
 
     sheet: Sheet
     box: Box
-    x: tuple[float, float]
-    y: tuple[float, float]
+    x: Range
+    y: Range
     log_x: bool = False
     log_y: bool = False
 
@@ -35,23 +37,22 @@ class Panel:
     ) -> None:  # fmt: skip
         """Join points, with a gap at each nan."""
         self.sheet.path(
-            look.trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour,
-            stroke_width=width, stroke_dasharray=dash, stroke_opacity=opacity,
-            stroke_linejoin="round",
+            look.trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
+            stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
         )  # fmt: skip
 
     def band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
     ) -> None:
         """Fill between two curves."""
-        across, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
-        d = look.trace(np.append(across, across[::-1]), np.append(upper, lower[::-1]))
+        place, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
+        d = look.trace(np.append(place, place[::-1]), np.append(upper, lower[::-1]))
         self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
 
     def dots(
         self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
     ) -> None:
-        """Marks at points."""
+        """Mark points."""
         points = zip(self.at_x(x), self.at_y(y), strict=True)
         self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
 
@@ -59,13 +60,11 @@ class Panel:
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str,
         mark: str = "area",
     ) -> None:  # fmt: skip
-        """Rectangles of one colour, as one path."""
-        edges = np.broadcast_arrays(
-            self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
-        )
+        """Fill rectangles with one colour, as one path."""
+        sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
         d = "".join(
             f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
-            for a, b, c, e in zip(*(np.ravel(edge) for edge in edges), strict=True)
+            for a, b, c, e in np.stack([np.ravel(s) for s in np.broadcast_arrays(*sides)], axis=1)
         )
         self.sheet.fill(d, colour, mark)
 
@@ -73,7 +72,7 @@ class Panel:
         self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
         edges: FloatArray | None = None, half: float = 0.5,
     ) -> None:  # fmt: skip
-        """Cells of a mask, (n_row, n_column), about 0, 1, 2, ...; neighbours of a row are joined.
+        """Fill cells of a mask, (n_row, n_column), at 0, 1, 2, ...; neighbours of a row join.
 
         `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
         """
@@ -83,7 +82,7 @@ class Panel:
         self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
-        """Columns at 0, 1, 2, ... of parts (n_column,) over each other."""
+        """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
         base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
             here = np.flatnonzero(part)
@@ -94,18 +93,17 @@ class Panel:
     def axis_x(
         self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
     ) -> None:
-        """Ticks below; a label that would come too close to the one before is left out."""
+        """Draw ticks below; labels too close to the one before are left out."""
         left, top, right, bottom = self.box
-        places = self.at_x(np.atleast_1d(ticks))
-        texts = labels or [f"{tick:g}" for tick in np.atleast_1d(ticks)]
+        places = self.at_x(ticks)
         if grid:
             lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
             self.sheet.path("".join(lines), kind="gr")
         marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
         self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
         end = -np.inf
-        for x, label in zip(places, texts, strict=True):
-            half = 0.5 * look.text_width(label, look.SMALL)
+        for x, label in zip(places, labels or _labels(ticks), strict=True):
+            half = 0.5 * text_width(label, look.SMALL)
             if x - half >= end + 5.0:
                 self.sheet.text(x, bottom + 14.0, label, "s m")
                 end = x + half
@@ -115,47 +113,34 @@ class Panel:
     def axis_y(
         self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = True
     ) -> None:
-        """Ticks on the left, the title upright beside them."""
+        """Draw ticks on the left, and the title upright left of them."""
         left, top, right, bottom = self.box
-        places = self.at_y(np.atleast_1d(ticks))
-        texts = labels or [f"{tick:g}" for tick in np.atleast_1d(ticks)]
+        places = self.at_y(ticks)
         if grid:
             lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
             self.sheet.path("".join(lines), kind="gr")
         self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
         end, widest = np.inf, 0.0
-        for y, label in zip(places, texts, strict=True):
+        for y, label in zip(places, labels or _labels(ticks), strict=True):
             if y <= end - 11.0:
                 self.sheet.text(left - 5.0, y + 3.5, label, "s e")
-                widest, end = max(widest, look.text_width(label, look.SMALL)), y
+                widest, end = max(widest, text_width(label, look.SMALL)), y
         if title:
             self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
 
     def heading(self, words: str) -> None:
-        """A title over the left end."""
+        """Write a title over the left end."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
 
 
 def panel_below(
-    sheet: Sheet, entries: Sequence[Entry], height: float, x: tuple[float, float],
-    y: tuple[float, float], *, left: float = BESIDE, top: float = 0.0, log: bool = False,
+    sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
+    left: float = LEFT, top: float = 0.0, log: bool = False,
 ) -> Panel:  # fmt: skip
     """A legend, and below it the last panel of a sheet, over its full width."""
     top = sheet.legend(left, top, entries) + 6.0
-    sheet.height = top + height + BELOW
+    sheet.height = top + height + look.BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
-
-
-def _scaled(
-    values: ArrayLike, ends: tuple[float, float], log: bool, start: float, stop: float
-) -> FloatArray:
-    given: FloatArray = np.asarray(values, dtype=float)
-    low, high = ends
-    if log:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            given = np.log(given)
-        low, high = float(np.log(low)), float(np.log(high))
-    return np.asarray(start + (given - low) / (high - low) * (stop - start), dtype=float)
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
@@ -173,3 +158,15 @@ def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) 
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     ticks = np.unique(np.outer(decades, subs).ravel())
     return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
+
+
+def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        given, low, high = (
+            np.log(each) if log else np.asarray(each, dtype=float) for each in (values, *ends)
+        )
+    return np.asarray(start + (given - low) / (high - low) * (stop - start))
+
+
+def _labels(ticks: ArrayLike) -> list[str]:
+    return [f"{tick:g}" for tick in np.atleast_1d(ticks)]

@@ -1,12 +1,13 @@
-"""Sheets that figures are drawn on as SVG, once for the page's column and once for a phone.
+"""Figures as SVG, drawn once for the page's column and once for a phone.
 
-Texts are measured by a width that is above that of the fonts they are shown in.
+No font is known here: the width of a text is estimated from above.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from html import escape
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,10 +15,10 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
-WIDE, NARROW = 760.0, 358.0  # widths that figures are drawn for [px]
+WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
 LINE = 15.0  # [px]
-BELOW, BESIDE = 36.0, 48.0  # pixels that labels and title need below a panel and left of it
+BELOW, LEFT = 36.0, 48.0  # space for labels and title below a panel and left of it [px]
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE = "#D55E00", "#CC79A7"
@@ -29,13 +30,14 @@ HATCHES = {
     "dots": '<path d="M2 2h2v2h-2z" fill="#fff"/>',
     "cross": '<path d="M0 0L6 6M6 0L0 6" stroke="#fff" stroke-width="1.1"/>',
 }
-# What the page holds once for all of its figures: their style and their hatches.
+# The page holds the style and the hatches once, for all of its figures.
 STYLE = (
     'svg text{font:11.5px "Helvetica Neue",Helvetica,Arial,"Liberation Sans","DejaVu Sans",'
     f"sans-serif;fill:{INK}}}"
     "svg .s{font-size:10px}svg .b{font-weight:600}"
     "svg .m{text-anchor:middle}svg .e{text-anchor:end}"
-    f"svg .q{{fill:{SOFT}}}svg .w{{fill:#fff}}"
+    f"svg .q{{fill:{SOFT}}}"
+    "svg .stone{fill:#e9e4da;stroke:#8d8473}"
     f"svg .ax{{stroke:{GREY};stroke-width:.8;fill:none}}"
     f"svg .gr{{stroke:{PALE};stroke-width:.6;fill:none}}"
 )
@@ -56,11 +58,17 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure ready for the page."""
+    """A figure with its caption."""
 
-    svg: str  #: inline SVG, or HTML that holds several
-    caption: str  #: what stands under it
-    narrow: str = ""  #: drawn anew for narrow screens; empty where `svg` serves all widths
+    svg: str  #: or HTML
+    caption: str
+    narrow: str = ""  #: for narrow screens; empty where `svg` serves all widths
+
+    def __html__(self) -> str:
+        shown = self.svg
+        if self.narrow:
+            shown = f'<div class="broad">{shown}</div><div class="slim">{self.narrow}</div>'
+        return f"<figure>\n{shown}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
 
     @property
     def file(self) -> str:
@@ -75,11 +83,10 @@ class Picture:
 
 
 def figure(draw: Callable[..., tuple[str, str] | None]) -> Callable[..., Any]:
-    """Make a figure of a function that draws on a sheet.
+    """Make a function that draws on a sheet return a `Picture`, drawn for both widths.
 
-    The function gets the sheet before its other arguments. It returns the figure's alternative
-    text and its caption, or None if there is nothing to show. What is made returns a `Picture` or
-    None.
+    `draw` gets the sheet before its other arguments. It returns the alternative text and the
+    caption, or None if there is nothing to show; so does the function made of it.
     """
 
     @wraps(draw)
@@ -130,8 +137,8 @@ class Sheet:
         self, points: Sequence[tuple[float, float]], radius: float, colour: str, mark: str = "dot"
     ) -> None:
         """Add circles of one colour: full (dot), with a white edge (hinge) or empty (ring)."""
-        r, across = number(radius), number(2.0 * radius)
-        circle = f"a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0z"
+        r, diameter = number(radius), number(2.0 * radius)
+        circle = f"a{r} {r} 0 1 0 {diameter} 0a{r} {r} 0 1 0 -{diameter} 0z"
         d = "".join(f"M{number(x - radius)} {number(y)}{circle}" for x, y in points)
         edge = {"ring": colour, "hinge": "#fff"}.get(mark, "")
         self.path(d, fill="#fff" if mark == "ring" else colour, stroke=edge)
@@ -139,7 +146,7 @@ class Sheet:
     def legend(
         self, x: float, y: float, entries: Sequence[Entry], width: float | None = None
     ) -> float:
-        """Rows of marks and labels from y downwards, as wide as the sheet; where they end."""
+        """Draw rows of marks and labels from y downwards; return where they end."""
         row = 0
         for row, place, (label, colour, mark) in legend_rows(
             entries, width or self.width - x - 10.0
@@ -157,27 +164,25 @@ class Sheet:
             self.text(left + 20.0, top + 10.0, label)
         return y + (row + 1) * LINE + 3.0 if entries else y
 
-    def panes(
-        self, count: int, top: float, height: float, gap: float = 10.0, left: float = BESIDE
-    ) -> tuple[list[Box], float]:
-        """Boxes of panels, beside each other or on a narrow sheet below each other.
+    def boxes(
+        self, count: int, top: float, height: float, gap: float = 10.0, left: float = LEFT
+    ) -> list[Box]:
+        """Place panels with headings in a row, or on a narrow sheet in a column.
 
-        The first panel begins with its heading at `top`; `height` is without heading, labels and
-        title, `left` is for the axis of each. And where what comes below may begin [px].
+        The first heading begins at `top`; `height` is without heading, labels and title; `left`
+        is for the axis of each.
         """
         start = top + LINE + 3.0
         if self.narrow:
             step = height + BELOW + LINE + gap
             tops = [start + i * step for i in range(count)]
-            boxes = [(left, y, self.width - 14.0, y + height) for y in tops]
-        else:
-            each = (self.width - count * left - (count - 1) * gap - 14.0) / count
-            lefts = [left + i * (each + gap + left) for i in range(count)]
-            boxes = [(x, start, x + each, start + height) for x in lefts]
-        return boxes, boxes[-1][3] + BELOW
+            return [(left, y, self.width - 14.0, y + height) for y in tops]
+        each = (self.width - count * left - (count - 1) * gap - 14.0) / count
+        lefts = [left + i * (each + gap + left) for i in range(count)]
+        return [(x, start, x + each, start + height) for x in lefts]
 
     def svg(self, alternative: str) -> str:
-        """All of it as an <svg> element with a name."""
+        """The drawing as an <svg> element with an alternative text."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
@@ -212,22 +217,18 @@ def text_width(words: str, size: float = SIZE) -> float:
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """A text that fits a width, its middle left out where it is too long."""
+    """A text that fits a width; a long one loses its middle."""
     if text_width(words, size) <= width:
         return words
-    keep = len(words)
-    while keep > 4 and text_width(words[:keep], size) + size > width:
-        keep -= 1
+    fitting = (n for n in range(len(words), 4, -1) if text_width(words[:n], size) + size <= width)
+    keep = next(fitting, 4)
     return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
 
 def trace(x: FloatArray, y: FloatArray) -> str:
     """Path through points, with a gap where one is not finite."""
-    parts, pen = [], False
-    for a, b in zip(x.tolist(), y.tolist(), strict=True):
-        if not np.isfinite(a + b):
-            pen = False
-            continue
-        parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
-        pen = True
-    return " ".join(parts).replace(" M", "M").replace(" -", "-")
+    points = (
+        f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y, strict=True)
+    )
+    lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
+    return "".join(lines).replace(" -", "-")
