@@ -66,7 +66,7 @@ def inspect(
             unreadable.append(str(error))
             facts.append({"file": str(file), "error": str(error)})
     if figure is not None and found:
-        from archfrag.report.motions import channels
+        from archfrag.cli.record_figures import channels
         from archfrag.study.files import write_text
 
         write_text(figure, channels(commands.inspection_motions(found)))
@@ -105,7 +105,7 @@ def measure(
     table = measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
-        from archfrag.report.motions import measured_spectra
+        from archfrag.cli.record_figures import measured_spectra
         from archfrag.study.files import write_text
 
         write_text(figure, measured_spectra(table_spectra(table)))
@@ -151,7 +151,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
     selection = select_from(flatfile, options)
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
-        from archfrag.report.motions import selected_spectra
+        from archfrag.cli.record_figures import selected_spectra
         from archfrag.study.files import write_text
 
         write_text(figure, selected_spectra(selection))

@@ -15,10 +15,10 @@ from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.axes import Panel, even_ticks
-from archfrag.report.drawing import NARROW, Entry, FloatArray, Picture, Sheet, figure
-from archfrag.report.html import digits, onset_text
+from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, even_ticks, figure
+from archfrag.report.html import TEXTS, Picture, digits, onset_text
 from archfrag.report.inputs import ArchResults, ReportInputs, study_config
+from archfrag.report.motions import envelope
 from archfrag.simulate import Onset
 from archfrag.simulation.response import Response
 from archfrag.study.runs.outcome import simulate_case
@@ -29,7 +29,6 @@ _MOST_TRANSFORMS = 2400  # voussoirs by frames: about 50 bytes each
 _CANDIDATES = 600
 _HOLD = 1.5  # [s] that the last frame stays
 _STRIP = 46.0  # [px] of the ground's acceleration
-_TRACE = 240
 Chosen = tuple[int, int, str]  # record, level, and why this run
 Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
@@ -64,9 +63,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     return (
         f"{name} with hinges and thrust line at onset: {onset_text(onset.plus)} towards +x, "
         f"{onset_text(onset.minus)} towards −x",
-        "Mechanism with which the motion begins at the onset acceleration. Filled circles: "
-        "hinges. Numbers: joints. The lines join the centres of contact of the joints. Under "
-        "self-weight alone (dashed) a closed arch is hyperstatic, and the line is one of many.",
+        TEXTS["arch_at_onset"]["caption"],
     )
 
 
@@ -257,24 +254,31 @@ def film(example: Example, name: str, title: str) -> Picture | None:
         shapes=[look.trace(*pixels(outline, scale, at).T) for outline, at in outlines],
         rest=pixels(centroid, scale, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
         percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
-        stills=stills, ground=Markup("".join(_ground(example, time, height))),
+        stills=stills, ground=Markup("".join(_strip(example, time, height))),
     )  # fmt: skip
-    return Picture(
-        svg,
-        f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
-        f"time, {time[0]:.2f} to {time[-1]:.2f} s; linear between {time.size} key frames. "
-        "Outlined: at rest.",
+    caption = TEXTS["film"]["caption"].format(
+        what=what, reason=example.reason, start=time[0], end=time[-1], frames=time.size
     )
+    return Picture(svg, caption)
 
 
-def _ground(example: Example, time: FloatArray, top: float) -> list[str]:
+def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
     """Acceleration of the ground below a film."""
-    sheet, times = Sheet(NARROW), np.linspace(time[0], time[-1], _TRACE)
-    values = np.interp(times, *example.ground, right=0.0)
-    reach = max(float(np.abs(values).max()), 1e-9)
-    box = (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP)
-    panel = Panel(sheet, box, (float(time[0]), float(time[-1])), (-reach, reach))
-    panel.line(times, values, look.GREY, 0.8)
-    title = f"time [s], with the ground acceleration (peak {reach:.2g} g)"
-    panel.axis_x(even_ticks(*panel.x, 6), title)
+    sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
+    panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
+    peak = draw_ground(panel, example, 240)
+    title = f"time [s], with the ground acceleration (peak {peak:.2g} g)"
+    panel.axis_x(even_ticks(*ends, 6), title)
     return sheet.parts
+
+
+def draw_ground(panel: Panel, example: Example, bins: int) -> float:
+    """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
+    times, acceleration = example.ground
+    start, end = panel.x
+    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
+    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    peak = max(float(np.abs([low, high]).max()), 1e-9)
+    panel.y = (-1.05 * peak, 1.05 * peak)
+    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)
+    return peak

@@ -7,8 +7,8 @@ import numpy as np
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import drawing as look
-from archfrag.report.axes import Panel, even_ticks, panel_below
-from archfrag.report.drawing import COLOURS, SMALL, Entry, Picture, Sheet, figure
+from archfrag.report.drawing import Entry, Panel, Sheet, figure
+from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ArchResults, Scale
 from archfrag.study.answer.curves import Answer, curve_of_dict
 
@@ -17,19 +17,6 @@ MOST_THIN = 60  # curves of arches that are drawn for their class
 _SHADED = 6  # curves that are drawn with their bands
 _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
 _DAMAGE = ("#fdca26", "#fb9f3a", "#ed7953", "#d8576b", "#bd3786", "#9c179e")  # light to severe
-_SEARCHED = (
-    "Steps: distribution of the capacities of the records. The capacity of a record lies between "
-    "two neighbouring levels; the step is at their geometric mean. The levels that were run "
-    "differ between records, so a fraction of the runs has no meaning."
-)
-_GROUPED = (
-    "Each run has its own motion and its own intensity. Each point is a group of neighbouring "
-    "runs: collapsed / (collapsed + standing). Bars: Clopper–Pearson intervals."
-)
-_STRIPES = (
-    "Points: collapsed / (collapsed + standing) at each level. Bars: Clopper–Pearson intervals "
-    "for the records at that level."
-)
 
 
 def probability_panel(
@@ -38,10 +25,10 @@ def probability_panel(
 ) -> Panel:  # fmt: skip
     """Axes of probabilities over levels from 0 to `reach`, below a legend."""
     height = 250.0 if sheet.narrow else 300.0
-    panel = panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
+    panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     ticks = np.linspace(0.0, 1.0, 6)
     panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
-    panel.axis_x(even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+    panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
     return panel
 
 
@@ -70,7 +57,7 @@ def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = 
     panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)
 
 
-def stroke(name: str, place: int, colours: Sequence[str] = COLOURS) -> Entry:
+def stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
     """Colour and dashes of the curve at a place, with its name."""
     dashed = place // len(colours) % 2
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
@@ -100,7 +87,10 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     """
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
     searched, highest = results.design.adaptive, float(results.levels.max())
-    caption = _SEARCHED if searched else _STRIPES if results.own_levels is None else _GROUPED
+    texts = TEXTS["curve"]
+    caption = texts["stripes" if results.own_levels is None else "grouped"]
+    if searched:
+        caption = texts["searched"]
     data = Entry("capacities of the records", look.INK, "line")
     if not searched:
         data = Entry(f"fraction, exact {percent} interval", look.INK, "dot")
@@ -116,7 +106,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     isotonic = None if searched else answer.more.get("free", {}).get("isotonic")
     if isotonic:
         entries.append(Entry("isotonic", look.GREY, "line"))
-        caption += " Thin and grey: the isotonic curve, which rises but has no other given shape."
+        caption += texts["isotonic"]
     panel = probability_panel(sheet, entries, reach, scale.label)
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
     draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
@@ -127,7 +117,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         _mark_median(panel, scale, fit.theta)
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
-        caption += " Dotted: the highest level that was run; beyond it the curve is extrapolated."
+        caption += texts["extrapolated"]
     _draw_data(panel, results, answer.confidence)
     return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
 
@@ -135,7 +125,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
 def _mark_median(panel: Panel, scale: Scale, theta: float) -> None:
     median, words = theta * scale.factor, f"θ = {scale.text(theta)}"
     panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-    x, room = float(panel.at_x(median)), look.text_width(words, SMALL) + 8.0
+    x, room = float(panel.at_x(median)), look.text_width(words, look.SMALL) + 8.0
     fits = x + room < panel.box[2]
     panel.sheet.text(
         x + (4.0 if fits else -4.0), panel.box[3] - 6.0, words, "s" if fits else "s e"
@@ -204,11 +194,9 @@ def all_curves(
     strokes = [stroke(name, i) for i, name in enumerate(named)]
     shown = [a if len(named) <= _SHADED else a.curve for a in named.values()]
     fits = {k: a.curve for k, a in (*named.items(), *list(known.items())[:40])}
-    caption = "Lognormal curves" + (" with their bands." if len(named) <= _SHADED else ".")
-    if classes:
-        caption += " Bold: an arch drawn at random from a class. Thin: arches of the class."
-    if at is not None:
-        caption += " Dotted: the level set by the key report.at."
+    words = TEXTS["all_curves"]
+    caption = words["bands" if len(named) <= _SHADED else "curves"]
+    caption += words["classes"] * bool(classes) + words["at"] * (at is not None)
     texts = (
         f"Fragility curves of {len(known)} arches against {scale.label}. "
         f"Medians: {_medians(fits, scale)}",
@@ -234,8 +222,7 @@ def limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Pic
     texts = (
         f"Curves of limit states of {name} against {scale.label}. Medians: "
         f"{_medians(dict(curves), scale)}",
-        "Lognormal curves from the same runs, one for each limit state. Where two curves are "
-        "equal, only the more severe state is visible.",
+        TEXTS["limit_states"]["caption"],
     )
     title = "probability of reaching it"
     found: Picture = _several(scale, 1.05 * highest, known, texts, title=title)
@@ -256,9 +243,7 @@ def two_studies(names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]
     texts = (
         f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies. "
         f"Medians: {medians}",
-        "Points: fraction of the records that collapse at each level. Shaded: the band of each "
-        "study. The bands include the variation between records. If both studies have the same "
-        "records, the change between them is known better than the bands suggest.",
+        TEXTS["two_studies"]["caption"],
     )
     curves = [(own, answer) for own, (_, answer) in zip(strokes, sides)]
     found: Picture = _several(

@@ -1,6 +1,7 @@
 """Figures as SVG, drawn once for the page's column and once for a phone.
 
-No font is known here: the width of a text is estimated from above.
+A `Sheet` takes pixels; a `Panel` on it takes the units of its axes. No font is known here: the
+width of a text is estimated from above.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -11,9 +12,12 @@ from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.report.html import Picture, number
 
 FloatArray = NDArray[np.float64]
+Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
@@ -24,28 +28,7 @@ BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE = "#D55E00", "#CC79A7"
 INK, SOFT, GREY, PALE = "#1f2933", "#52606d", "#7b8794", "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-# White patterns that lie over a colour.
-HATCHES = {
-    "slash": '<path d="M-1 7L7 -1M-1 1L1 -1M5 7L7 5" stroke="#fff" stroke-width="1.3"/>',
-    "dots": '<path d="M2 2h2v2h-2z" fill="#fff"/>',
-    "cross": '<path d="M0 0L6 6M6 0L0 6" stroke="#fff" stroke-width="1.1"/>',
-}
-# The page holds the style and the hatches once, for all of its figures.
-STYLE = (
-    'svg text{font:11.5px "Helvetica Neue",Helvetica,Arial,"Liberation Sans","DejaVu Sans",'
-    f"sans-serif;fill:{INK}}}"
-    "svg .s{font-size:10px}svg .b{font-weight:600}"
-    "svg .m{text-anchor:middle}svg .e{text-anchor:end}"
-    f"svg .q{{fill:{SOFT}}}"
-    "svg .stone{fill:#e9e4da;stroke:#8d8473}"
-    f"svg .ax{{stroke:{GREY};stroke-width:.8;fill:none}}"
-    f"svg .gr{{stroke:{PALE};stroke-width:.6;fill:none}}"
-)
-PATTERNS = "".join(
-    f'<pattern id="hatch-{name}" width="6" height="6" patternUnits="userSpaceOnUse">{shape}'
-    "</pattern>"
-    for name, shape in HATCHES.items()
-)
+HATCHES = ("slash", "dots", "cross")  # white patterns over a colour, drawn by the page's template
 
 
 class Entry(NamedTuple):
@@ -54,32 +37,6 @@ class Entry(NamedTuple):
     label: str
     colour: str
     mark: str = "area"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its caption."""
-
-    svg: str  #: or HTML
-    caption: str
-    narrow: str = ""  #: for narrow screens; empty where `svg` serves all widths
-
-    def __html__(self) -> str:
-        shown = self.svg
-        if self.narrow:
-            shown = f'<div class="broad">{shown}</div><div class="slim">{self.narrow}</div>'
-        return f"<figure>\n{shown}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
-
-    @property
-    def file(self) -> str:
-        """The figure with its caption as the text of an SVG file of its own."""
-        spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        inside = (
-            f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
-            '<rect width="100%" height="100%" fill="white"/>'
-        )
-        svg = self.svg.replace("<svg ", f"<svg {spaces} ", 1)
-        return svg.replace(">", f">{inside}", 1) + "\n"
 
 
 def figure(draw: Callable[..., tuple[str, str] | None]) -> Callable[..., Any]:
@@ -189,6 +146,154 @@ class Sheet:
         )
 
 
+@dataclass
+class Panel:
+    """Axes on a sheet: a box in pixels and the ranges that it shows."""
+
+    sheet: Sheet
+    box: Box
+    x: Range
+    y: Range
+    log_x: bool = False
+    log_y: bool = False
+
+    def at_x(self, values: ArrayLike) -> FloatArray:
+        """Pixels of values of x."""
+        return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
+
+    def at_y(self, values: ArrayLike) -> FloatArray:
+        """Pixels of values of y."""
+        return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
+
+    def line(
+        self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
+        dash: str = "", opacity: float | None = None,
+    ) -> None:  # fmt: skip
+        """Join points, with a gap at each nan."""
+        self.sheet.path(
+            trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
+            stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
+        )  # fmt: skip
+
+    def band(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
+    ) -> None:
+        """Fill between two curves."""
+        place, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
+        d = trace(np.append(place, place[::-1]), np.append(upper, lower[::-1]))
+        self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
+
+    def dots(
+        self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
+    ) -> None:
+        """Mark points."""
+        points = zip(self.at_x(x), self.at_y(y), strict=True)
+        self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
+
+    def boxes(
+        self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str,
+        mark: str = "area",
+    ) -> None:  # fmt: skip
+        """Fill rectangles with one colour, as one path."""
+        sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
+        d = "".join(
+            f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
+            for a, b, c, e in np.stack([np.ravel(s) for s in np.broadcast_arrays(*sides)], axis=1)
+        )
+        self.sheet.fill(d, colour, mark)
+
+    def cells(
+        self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
+        edges: FloatArray | None = None, half: float = 0.5,
+    ) -> None:  # fmt: skip
+        """Fill cells of a mask, (n_row, n_column), at 0, 1, 2, ...; neighbours of a row join.
+
+        `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
+        """
+        x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
+        steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
+        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        self.boxes(x[first], x[last], row - half, row + half, colour, mark)
+
+    def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
+        """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
+        base = np.zeros(len(parts[0][1]) if parts else 0)
+        for (_, colour, mark), part in parts:
+            here = np.flatnonzero(part)
+            low, high = base[here], base[here] + part[here]
+            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
+            base = base + part
+
+    def axis_x(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
+    ) -> None:
+        """Draw ticks below; labels too close to the one before are left out."""
+        left, top, right, bottom = self.box
+        places = self.at_x(ticks)
+        if grid:
+            lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
+            self.sheet.path("".join(lines), kind="gr")
+        marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
+        self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
+        end = -np.inf
+        for x, label in zip(places, labels or _labels(ticks), strict=True):
+            half = 0.5 * text_width(label, SMALL)
+            if x - half >= end + 5.0:
+                self.sheet.text(x, bottom + 14.0, label, "s m")
+                end = x + half
+        if title:
+            self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
+
+    def axis_y(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = True
+    ) -> None:
+        """Draw ticks on the left, and the title upright left of them."""
+        left, top, right, bottom = self.box
+        places = self.at_y(ticks)
+        if grid:
+            lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
+            self.sheet.path("".join(lines), kind="gr")
+        self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
+        end, widest = np.inf, 0.0
+        for y, label in zip(places, labels or _labels(ticks), strict=True):
+            if y <= end - 11.0:
+                self.sheet.text(left - 5.0, y + 3.5, label, "s e")
+                widest, end = max(widest, text_width(label, SMALL)), y
+        if title:
+            self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
+
+    def heading(self, words: str) -> None:
+        """Write a title over the left end."""
+        self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
+
+
+def panel_below(
+    sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
+    left: float = LEFT, top: float = 0.0, log: bool = False,
+) -> Panel:  # fmt: skip
+    """A legend, and below it the last panel of a sheet, over its full width."""
+    top = sheet.legend(left, top, entries) + 6.0
+    sheet.height = top + height + BELOW
+    return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
+
+
+def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
+    """Round numbers from low to high, at most about so many."""
+    span = max(high - low, 1e-300)
+    step = 10.0 ** np.floor(np.log10(span / most))
+    step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
+    first = np.ceil(low / step - 1e-9)
+    ticks = step * np.arange(first, np.floor(high / step + 1e-9) + 1)
+    return np.asarray(ticks + 0.0, dtype=float)  # no -0
+
+
+def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
+    """1, 2, 5 in each decade from low to high."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    ticks = np.unique(np.outer(decades, subs).ravel())
+    return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
+
+
 def legend_rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, float, Entry]]:
     """Row and distance from its start of each line of a legend, with a label that fits."""
     row, place = 0, 0.0
@@ -199,11 +304,6 @@ def legend_rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, f
             row, place = row + 1, 0.0
         yield row, place, entry._replace(label=label)
         place += need + 12.0
-
-
-def number(value: float) -> str:
-    """A coordinate to a tenth of a pixel."""
-    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
 
 
 def text_width(words: str, size: float = SIZE) -> float:
@@ -232,3 +332,15 @@ def trace(x: FloatArray, y: FloatArray) -> str:
     )
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
+
+
+def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        given, low, high = (
+            np.log(each) if log else np.asarray(each, dtype=float) for each in (values, *ends)
+        )
+    return np.asarray(start + (given - low) / (high - low) * (stop - start))
+
+
+def _labels(ticks: ArrayLike) -> list[str]:
+    return [f"{tick:g}" for tick in np.atleast_1d(ticks)]

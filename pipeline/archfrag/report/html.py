@@ -1,18 +1,56 @@
-"""Parts of the page, and how numbers are written on it."""
+"""Parts of the page: texts, tables and pictures, and how numbers are written on it."""
 
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+from numpy.typing import NDArray
 
-from archfrag.report.drawing import FloatArray, number
-
+_TEMPLATES = files("archfrag.report") / "templates"
+STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
+TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
 _ENVIRONMENT = Environment(
     loader=PackageLoader("archfrag.report"), autoescape=True, undefined=StrictUndefined,
     trim_blocks=True, lstrip_blocks=True,
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption."""
+
+    svg: str  #: or HTML
+    caption: str
+    narrow: str = ""  #: for narrow screens; empty where `svg` serves all widths
+
+    def __html__(self) -> str:
+        shown = self.svg
+        if self.narrow:
+            shown = f'<div class="broad">{shown}</div><div class="slim">{self.narrow}</div>'
+        return f"<figure>\n{shown}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
+
+    @property
+    def file(self) -> str:
+        """The figure with its caption as the text of an SVG file of its own."""
+        spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+        inside = (
+            f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
+            '<rect width="100%" height="100%" fill="white"/>'
+        )
+        svg = self.svg.replace("<svg ", f"<svg {spaces} ", 1)
+        return svg.replace(">", f">{inside}", 1) + "\n"
+
+
+def number(value: float) -> str:
+    """A coordinate to a tenth of a pixel."""
+    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
+
+
 _ENVIRONMENT.filters["px"] = number
 
 
@@ -117,7 +155,7 @@ def chance(value: float) -> str:
     return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
 
 
-def median_and_largest(values: FloatArray) -> str:
+def median_and_largest(values: NDArray[np.float64]) -> str:
     """Of magnitudes, with a power of ten."""
     values = np.abs(values[np.isfinite(values)])
     return f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"

@@ -1,9 +1,8 @@
-"""Figures of ground motions: how they look and their response spectra, also of record files."""
+"""Figures of ground motions."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
-from io import StringIO
 from itertools import pairwise
 from typing import Any
 
@@ -11,26 +10,20 @@ import numpy as np
 from markupsafe import Markup
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import velocity
 from archfrag.report import drawing as look
-from archfrag.report.axes import log_ticks, panel_below
-from archfrag.report.drawing import Entry, FloatArray, Picture, Sheet, figure
-from archfrag.report.html import digits, measured, paragraph, table
+from archfrag.report.drawing import Entry, FloatArray, Sheet, figure, log_ticks, panel_below
+from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.study.answer.cautions import accepted_records
 
-PERIODS = np.geomspace(0.02, 5.0, 80)
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
 _MOST_THUMBNAILS = 60
 _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_SPECTRA = 80
-_NORMAL_975 = 1.959964  # quantile of the standard normal
-MOST = 24  # channels in a figure of a file
 
 
 def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -91,80 +84,6 @@ def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -
     )
 
 
-def measured_spectra(found: Mapping[float, FloatArray]) -> str:
-    """Response spectra of a flatfile, period [s] to Sa [g] (n_record,), as SVG."""
-    periods = sorted(found)
-    if len(periods) < 2:
-        raise InputError(f"a figure of spectra needs two periods or more; there is {len(periods)}")
-    rows = np.stack([found[period] for period in periods])
-    chart, axes = _chart()
-    axes.plot(periods, rows, color=look.GREY, linewidth=0.5)
-    low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=1)
-    axes.fill_between(periods, low, high, color=look.SKY, alpha=0.35, label="16 to 84 %")
-    axes.plot(periods, median, color=look.BLUE, linewidth=2.0, label="median")
-    return _svg(chart, axes)
-
-
-def selected_spectra(selection: Any) -> str:
-    """Spectra of selected, scaled records and their target: medians, 2.5 and 97.5 %, as SVG."""
-    target, (chart, axes) = selection.target, _chart()
-    axes.plot(target.periods, np.exp(selection.ln_sa).T, color=look.GREY, linewidth=0.5)
-    selected = selection.ln_sa.mean(axis=0), selection.sd, look.VERMILION, "selected"
-    for mean, sd, colour, label in (selected, (target.ln_mean, target.sd, look.BLUE, "target")):
-        axes.plot(target.periods, np.exp(mean), color=colour, linewidth=2.0, label=label)
-        for end in (-_NORMAL_975, _NORMAL_975):
-            spectrum = np.exp(mean + end * np.nan_to_num(sd))
-            axes.plot(target.periods, spectrum, color=colour, linewidth=0.8)
-    return _svg(chart, axes)
-
-
-def channels(traces: Sequence[tuple[str, Motion]]) -> str:
-    """Acceleration and velocity of labelled channels as read, and their spectra, as SVG."""
-    if not 1 <= len(traces) <= MOST:
-        raise InputError(
-            f"a figure shows 1 to {MOST} channels with a known unit; there are {len(traces)}"
-        )
-    rows = len(traces)
-    chart, axes = _chart(4.5 + 1.4 * rows, (rows + 1, 2), [1.0] * rows + [3.0])
-    for row, (label, motion) in enumerate(traces):
-        acceleration = np.asarray(motion.acceleration) / STANDARD_GRAVITY
-        time = np.arange(acceleration.size) * motion.dt
-        histories = {
-            f"{label}: acceleration [g]": acceleration,
-            "velocity [cm/s]": 100.0 * velocity(motion),
-        }
-        for column, (title, values) in enumerate(histories.items()):
-            own = chart.add_subplot(axes.get_gridspec()[row, column])
-            own.plot(time, values, color=look.BLUE, linewidth=0.6)
-            own.set_title(title, loc="left", fontsize="small")
-        sa = spectral_acceleration(motion, PERIODS) / STANDARD_GRAVITY
-        axes.plot(PERIODS, sa, linewidth=1.2, label=label)
-    return _svg(chart, axes)
-
-
-def _chart(
-    height: float = 4.5, shape: tuple[int, int] = (1, 1), heights: Sequence[float] = (1.0,)
-) -> tuple[Any, Any]:
-    """A figure of matplotlib with axes of spectra, which have the last row of a grid."""
-    from matplotlib.figure import Figure
-
-    chart = Figure(figsize=(9.0, height), layout="constrained")
-    axes = chart.add_subplot(chart.add_gridspec(*shape, height_ratios=heights)[-1, :])
-    axes.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
-    axes.grid(alpha=0.3)
-    return chart, axes
-
-
-def _svg(chart: Any, axes: Any) -> str:
-    import matplotlib
-
-    axes.legend(frameon=False)
-    text = StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "archfrag"}):
-        chart.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
-
-
 def motion_parts(inputs: ReportInputs, scale: Scale) -> Iterator[Any]:
     """Figures and table of the ground motions."""
     cube = inputs.cube
@@ -178,11 +97,7 @@ def motion_parts(inputs: ReportInputs, scale: Scale) -> Iterator[Any]:
     yield spectra(_FEW_PERIODS, np.stack(scaled), words)
     yield _motion_table(inputs)
     if events:
-        yield paragraph(
-            "The band assumes that records of one earthquake are alike and that earthquakes are "
-            "independent. The names of earthquakes are those of the files, or of the column event "
-            "of the index.", "note",
-        )  # fmt: skip
+        yield paragraph(TEXTS["notes"]["events"], "note")
         yield table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
     if accepted := accepted_records(cube):
         yield paragraph(f"{accepted[0].upper()}{accepted[1:]}.", "caution")

@@ -2,25 +2,18 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 
 from archfrag.errors import InputError, attempt
 from archfrag.fragility.curve import Fragility
-from archfrag.report import curves, drawing, html
-from archfrag.report.drawing import Picture
-from archfrag.report.html import (
-    cautions,
-    chance,
-    folded,
-    pairs,
-    paragraph,
-    table,
-)
+from archfrag.report import curves, html
+from archfrag.report.html import TEXTS, Picture, paragraph, table
 from archfrag.report.inputs import (
     ReportInputs,
     Scale,
@@ -91,10 +84,14 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         ("motions", "Ground motions", motion_parts(inputs, scale)),
         ("provenance", "Provenance", _provenance(cube.attrs)),
     ]
+    named = [name for name, _, _ in inputs.arches]
+    of_none = [c for c in inputs.cautions if not any(cautions_of([c], name) for name in named)]
     text = html.template(
-        "report.html.j2", inputs=inputs, head=list(_head(inputs, scale)), sections=sections,
+        "report.html.j2", inputs=inputs, scale=scale, sections=sections,
+        n_level=cube.sizes["level"], n_arch=len(inputs.answers),
+        answers=_answers(inputs, scale), cautions=html.cautions(of_none),
+        methods=dict.fromkeys(a.method for a in inputs.answers.values() if a.method),
         loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",  # gap over joint length
-        style=Markup(drawing.STYLE), patterns=Markup(drawing.PATTERNS),
     )  # fmt: skip
     if len(inputs.answers) > SHOWN:
         figures = {ALL_CURVES: every} if every is not None else {}
@@ -109,37 +106,20 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
     return made
 
 
-def _head(inputs: ReportInputs, scale: Scale) -> Iterable[Any]:
-    """The table of answers: classes, arches that are of none, other arches; and cautions."""
+def _answers(inputs: ReportInputs, scale: Scale) -> Markup:
+    """Table of classes, of arches that are of none, and of other arches."""
     cube, count = inputs.cube, Counter(arch_classes(inputs.cube).values())
     listed = {
         f"{name}, {count[name]} arches" if name in inputs.classes else name: answer
         for name, answer in quoted(cube, inputs.answers, inputs.classes).items()
     } | dict(inputs.answers)
+    rows = [[name, *_row(answer, scale, inputs.at)] for name, answer in listed.items()]
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads += [f"dispersion β ({inputs.percent})", "θ, β by maximum likelihood"]
     if inputs.at is not None:
         heads.insert(1, f"P(collapse) at {scale.text(inputs.at / scale.factor)}")
-    rows = [[name, *_row(answer, scale, inputs.at)] for name, answer in listed.items()]
-    yield table("Answer for each arch", heads, rows[:_MOST_ROWS], "compact")
-    sizes = [f"{len(inputs.answers)} arches" if len(inputs.answers) > 1 else "1 arch"]
-    n_record, n_level = cube.sizes["record"], cube.sizes["level"]
-    sizes.append(f"{n_record} ground motion{'s' * (n_record > 1)}")
-    words = [", ".join(sizes) + f" at {n_level} levels of {scale.measure}" * (n_level > 1) + "."]
-    words.append(f"θ: {scale.measure} at which half of the motions cause collapse.")
-    words.append("β: standard deviation of the logarithm of the capacity.")
-    if inputs.classes:
-        words.append("β of a class includes the differences between its arches.")
-    methods = dict.fromkeys(a.method for a in listed.values() if a.method)
-    words.append(f"In parentheses: {inputs.percent} intervals ({'; '.join(methods)}).")
-    if len(rows) > _MOST_ROWS:
-        words.append(f"The table shows the first {_MOST_ROWS} rows.")
-    if len(inputs.arches) < len(inputs.answers):
-        words.append("The weakest, the middle and the strongest arch by θ have a section.")
-    link = Markup('<a href="{0}">{0}</a>').format(SUMMARY)
-    yield paragraph(Markup("{} Numbers for programs: {}.").format(" ".join(words), link), "note")
-    names = [name for name, _, _ in inputs.arches]
-    yield cautions(c for c in inputs.cautions if not any(cautions_of([c], n) for n in names))
+    more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
+    return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
 
 def _row(answer: Answer, scale: Scale, at: float | None) -> list[str]:
@@ -147,7 +127,7 @@ def _row(answer: Answer, scale: Scale, at: float | None) -> list[str]:
     if isinstance(fit, str):
         return [*asked, "no curve", "–", "–"]
     if at is not None:
-        value, *ends = map(chance, answer.probability(at / scale.factor))
+        value, *ends = map(html.chance, answer.probability(at / scale.factor))
         asked = [f"{value} ({' to '.join(dict.fromkeys(ends))})"]
     theta, most = map(scale.digits, answer.theta), "–"
     if isinstance(likeliest, Fragility):
@@ -171,15 +151,13 @@ def _compared(inputs: ReportInputs, scale: Scale) -> Iterable[Any]:
     if not common:
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     one, other = (set(cube["record"].values.tolist()) for cube in cubes)
-    yield paragraph(
-        f"{names[0]} has {len(one)} ground motions, {names[1]} has {len(other)}; "
-        f"{len(one & other)} have the same name in both.", "note",
-    )  # fmt: skip
-    settings = [_settings(cube, common) for cube in cubes]
+    sizes = {"names": names, "sizes": [len(one), len(other)], "common": len(one & other)}
+    yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
+    settings = [_settings(cube) for cube in cubes]
     keys = sorted({**settings[0], **settings[1]})
     rows = [[key, *(each.get(key, "–") for each in settings)] for key in keys]
     differing = [row for row in rows if row[1] != row[2]]
-    yield table("Settings in which the studies differ", ["key", *names], differing, "pairs")
+    yield table("Settings in which the studies differ", ["key", *names], differing, "html.pairs")
     for arch in common:
         yield html.heading(arch)
         sides = [(arch_results(cube, arch, scale), answers[arch]) for cube, answers in studies]
@@ -193,17 +171,15 @@ def _compared(inputs: ReportInputs, scale: Scale) -> Iterable[Any]:
             yield card(answer, scale, inputs.percent, results=results)
 
 
-def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:
+def _settings(cube: xr.Dataset) -> dict[str, str]:
+    """Keys of a study file, such as ``arches.ring.thickness``, that its results depend on."""
     config = study_config(cube)
-    parts = {name: config.get(name, {}) for name in ("intensity", "method")}
-    entries = {entry["id"]: entry for entry in config.get("arches", ())}
-    parts |= {f"arches.{name}": entries[name] for name in arches if name in entries}
-    found = {
-        f"{part}.{key}": json.dumps(value, ensure_ascii=False)
-        for part, values in parts.items()
-        for key, value in values.items()
+    parts = {
+        key: config[key] for key in ("intensity", "motions", "design", "method") if key in config
     }
-    return found | {"vertical component": cube.attrs.get("vertical_component", "not stated")}
+    parts["arches"] = {entry["id"]: entry for entry in config.get("arches", ())}
+    flat = pd.json_normalize(parts).iloc[0]
+    return {str(key): str(value) for key, value in flat.items()}
 
 
 def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
@@ -218,5 +194,5 @@ def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
             long[name] = json.dumps(found, indent=2, ensure_ascii=False)
         else:
             short[name] = found
-    yield pairs("Provenance", short.items(), "attribute of the cube")
-    yield from (folded(name, text) for name, text in long.items())
+    yield html.pairs("Provenance", short.items(), "attribute of the cube")
+    yield from (html.folded(name, text) for name, text in long.items())

@@ -10,8 +10,8 @@ from markupsafe import Markup
 from archfrag.fragility.contributions import NOT_KNOWN
 from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.axes import Panel, even_ticks, log_ticks, panel_below
-from archfrag.report.drawing import BELOW, Entry, FloatArray, Sheet, figure
+from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
+from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import LOOKS, level_axis
 from archfrag.study.answer.risk import OTHER, ArchRisk, StudyRisk
@@ -125,14 +125,11 @@ def hazard_and_fragility(
                 panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
-    sheet.height = third.box[3] + BELOW
+    sheet.height = third.box[3] + look.BELOW
     return (
         f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
         f"collapse {'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year",
-        "From above: how often a year an intensity is exceeded (points: as given), the "
-        "probability of collapse, and the rate of collapse by motions of an intensity. The area "
-        "below the last curve is the rate of collapse. It has kinks where the slope of the hazard "
-        "curve changes. Dotted: ends of the hazard curve, extended with its last slope.",
+        TEXTS["hazard_and_fragility"]["caption"],
     )
 
 
@@ -151,17 +148,12 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
         parts.append((Entry("no collapse seen", look.PALE), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
     ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
-    panel = panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel = look.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    return (
-        f"Rate of collapse of {arch.arch} by level and mechanism",
-        "Rate of collapse by motions nearest to each level. It is divided as the collapses at "
-        "that level; pale: levels at which no collapse was seen. The table divides the rate by "
-        "magnitude and distance too, where they are known. This holds for these records and is "
-        "not a deaggregation of the hazard.",
-    )
+    words = f"Rate of collapse of {arch.arch} by level and mechanism"
+    return words, TEXTS["contributions"]["caption"]
 
 
 def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:

@@ -9,12 +9,10 @@ from archfrag.fragility.contributions import Deaggregation, deaggregate
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
-from archfrag.report.arch import Example
-from archfrag.report.axes import Panel, even_ticks, log_ticks, panel_below
-from archfrag.report.drawing import BELOW, LEFT, LINE, SMALL, Entry, FloatArray, Sheet, figure
-from archfrag.report.html import digits
+from archfrag.report.arch import Example, draw_ground
+from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, FloatArray, Panel, Sheet, figure
+from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults, IntArray, Scale
-from archfrag.report.motions import envelope
 from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
 from archfrag.study.answer.curves import Answer
 
@@ -46,7 +44,7 @@ _MODELS = ((look.PALE, "area"), (look.SKY, "area"), (look.GREEN, "dots"), (look.
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS, _MOST_PANELS = 4, 9
 _HIGH = 150.0  # of a panel [px]
-_BINS, _TRACE = 600, 300  # of the log, and of the ground motion
+_BINS = 600  # of the log
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
@@ -67,7 +65,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     if not results.simulated.all():
         entries.append(Entry("blank: not simulated", "#ffffff"))
     labelled = len(names) <= _LABELLED
-    longest = max(look.text_width(name, SMALL) for name in names)
+    longest = max(look.text_width(name, look.SMALL) for name in names)
     left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
     top = sheet.legend(left, 0.0, entries, sheet.width - left - 8.0) + 2.0
     bottom = top + (14.0 if labelled else min(14.0, 620.0 / len(names))) * len(names)
@@ -80,16 +78,14 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     sheet.path(lines, stroke="#fff", stroke_width=1)
     if labelled:
         for y, name in zip(panel.at_y(np.arange(len(names))), names, strict=True):
-            sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, SMALL), "s e")
+            sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, look.SMALL), "s e")
     else:
         words = f"{len(names)} records, most fragile at the bottom"
         sheet.text(left - 8.0, 0.5 * (top + bottom), words, "m", angle=-90)
     level_axis(panel, results.levels, results.scale.label)
     sheet.height = bottom + BELOW
-    return (
-        f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} levels",
-        "Every run. The records are ordered by the lowest level at which the arch collapsed.",
-    )
+    words = f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} levels"
+    return words, TEXTS["verdict_map"]["caption"]
 
 
 @figure
@@ -108,17 +104,16 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     low = float(10.0 ** np.floor(np.log10(max(seen.min(), 1e-6))))
     high = max(float(10.0 ** np.ceil(np.log10(seen.max()))), 10.0 * low)
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
-    panel = panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
-    panel.axis_x(log_ticks(*x), results.scale.label, grid=True)
-    panel.axis_y(log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
+    panel = look.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
+    panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
+    panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
     for code, (_, colour, _) in looks.items():
         own = verdict == code
         height = np.clip(np.where(moved, reach, low), low, high)
         panel.dots(level[own], height[own], colour, radius=2.6)
     return (
         f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict",
-        "Every run: the largest displacement of a voussoir against the intensity of the run. "
-        f"Displacements below {low:g} m are drawn at {low:g} m.",
+        TEXTS["single_runs"]["caption"].format(low=low),
     )
 
 
@@ -164,17 +159,10 @@ def fractions(
         level_axis(panel, results.levels, results.scale.label)
         panel.heading(title)
         sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
-    column = "the fraction of the runs at a level that collapse (of those that collapse or stand)"
-    if not every:
-        column = (
-            "all collapses at a level. It does not show how many runs collapse, because the "
-            "records were run at levels of their own"
-        )
+    texts = TEXTS["fractions"]
     return (
         f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
-        f"Each column is {column}. It is split by the motion of the joint that lost all "
-        "contact, and by the number of this joint. Joint 0 is the left springing, or the base of "
-        "a free-standing block.",
+        texts["runs" if every else "collapses"] + texts["split"],
     )
 
 
@@ -216,15 +204,14 @@ def theta_panels(
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
-        panel.axis_x(even_ticks(*reach, 4))
-        panel.axis_y(even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
+        panel.axis_x(look.even_ticks(*reach, 4))
+        panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
         panel.dots(values[known], theta, look.BLUE, radius=2.4)
         panel.heading(look.shortened(title, each - LEFT - 8.0))
     sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
     return (
         f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}",
-        "Points: median capacities of the arches of the class against the values in which the "
-        "arches differ.",
+        TEXTS["theta_panels"]["caption"],
     )
 
 
@@ -249,7 +236,9 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     entries += [model._replace(label=f"model: {model.label}") for model in used.values()]
     top = sheet.legend(LEFT, 0.0, entries) + LINE + 4.0
     right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
-    _ground(Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0)), example)
+    upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
+    draw_ground(upper, example, 300)
+    upper.axis_y(look.even_ticks(*upper.y, 4), "ground [g]")
     ended = response.status.name.lower().replace("_", " ")
     if response.collapsed:
         ended = f"contact lost at {response.collapse_time:.2f} s, joint {response.collapse_joint}"
@@ -265,22 +254,16 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     for code, (_, colour, mark) in used.items():
         lowest.cells(models[None] == code, colour, mark, edges)
     sheet.text(LEFT - 5.0, bottom + 11.0, "model", "s e")
-    lowest.axis_x(even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+    lowest.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
     if response.collapsed:
         line = f"M{float(lowest.at_x(response.collapse_time)):.1f} {top:.1f}V{bottom:.1f}"
         sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
     sheet.height = bottom + 14.0 + BELOW
-    differs = "" if example.same else (
-        " This repetition did not end as the run of the study did: the versions or the machine "
-        "are not those that made the cube."
-    )  # fmt: skip
+    texts, motion = TEXTS["timeline"], example.motion.id
+    caption = texts["caption"].format(motion=motion, level=example.level, reason=example.reason)
     return (
-        f"Mechanism over time under {example.motion.id}: hinges, sliding and open joints, and the "
-        "model",
-        f"Log of the mechanism under {example.motion.id} at {example.level}, {example.reason}. "
-        "Each row is a joint; a bar shows when the joint is a hinge, slides or is open. Without a "
-        "bar the joint is closed and sticks. Joint 0 is the left springing, or the base of a "
-        f"free-standing block. Dashed: contact is lost for good.{differs}",
+        f"Mechanism over time under {motion}: hinges, sliding and open joints, and the model",
+        caption + texts["differs"] * (not example.same),
     )
 
 
@@ -301,14 +284,3 @@ def sampled(
     middle = 0.5 * (edges[:-1] + edges[1:])
     since = np.searchsorted([change.time for change in changes], middle, side="right") - 1
     return states[np.maximum(since, 0)], models[np.maximum(since, 0)]
-
-
-def _ground(panel: Panel, example: Example) -> None:
-    times, acceleration = example.ground
-    start, end = panel.x
-    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), _TRACE)
-    reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
-    panel.y = (-reach, reach)
-    panel.axis_y(even_ticks(-reach, reach, 4), "ground [g]")
-    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)

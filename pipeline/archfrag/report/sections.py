@@ -1,6 +1,5 @@
 """Sections of the page on an arch and on a class, part by part in the order of the page."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -14,7 +13,7 @@ from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
-from archfrag.report.html import digits, heading, interval, measured, pairs, paragraph, table
+from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.simulate import Onset
 from archfrag.simulation.mechanism import MODEL_WORDS
@@ -29,12 +28,6 @@ _UNITS = {
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
     "embrace": " [deg]", "density": " [kg/m³]", "dead_load": " [N]",
 }  # fmt: skip
-_EFFICIENCY = (
-    "Efficiency: dispersion of the measure at collapse. If it is smaller, fewer records give the "
-    "same accuracy of the median. A measure is sufficient if magnitude and distance add nothing "
-    "(p of magnitude and p of distance above 0.05). θ is the maximum-likelihood estimate of the "
-    "median capacity, only to compare measures. The result of the study is the fragility curve."
-)
 
 
 def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
@@ -52,9 +45,7 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
-    design = json.loads(inputs.cube.attrs["archfrag_design"]).get("arches", {}).get(name)
-    if design:
-        yield pairs(f"Design of the runs of {name}", _design(design, results), "design")
+    yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
     yield _levels(results, answer, percent)
     if "cloud" in more:
         yield _cloud(more["cloud"], name, scale)
@@ -66,12 +57,12 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield (runs.verdict_map if results.own_levels is None else runs.single_runs)(results)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
-    yield pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
+    yield html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
     yield heading("Mechanisms of collapse")
     yield from _mechanisms(runs.groupings(results, inputs.confidence), results, percent)
     yield from _repeated(inputs, results, place, animated)
     yield heading("How it was computed")
-    yield pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
+    yield html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
 
 
 def class_parts(inputs: ReportInputs, name: str, scale: Scale) -> Parts:
@@ -88,7 +79,7 @@ def class_parts(inputs: ReportInputs, name: str, scale: Scale) -> Parts:
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
     elif split:
-        yield pairs(f"Dispersion of the class {name}", [
+        yield html.pairs(f"Dispersion of the class {name}", [
             ("from record to record", f"{split['beta_record_to_record']:.3f}"),
             ("between the arches of the class", f"{split['beta_model']:.3f}"),
         ], "part of β")  # fmt: skip
@@ -126,7 +117,8 @@ def card(
         figures = [
             [f"median capacity θ ({scale.measure})", scale.text(fit.theta),
              f"{percent}: {low} to {high} {scale.unit}"],
-            ["dispersion β", f"{fit.beta:#.3g}", f"{percent}: {interval(answer.beta, '#.3g')}"],
+            ["dispersion β", f"{fit.beta:#.3g}",
+             f"{percent}: {html.interval(answer.beta, '#.3g')}"],
         ]  # fmt: skip
         if isinstance(likeliest, Fragility):
             figures[0].append(f"maximum likelihood: {scale.text(likeliest.theta)}")
@@ -144,21 +136,6 @@ def card(
     shown = [[label, str(count)] for label, count in counts.items() if count]
     parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
-
-
-def _design(note: Mapping[str, Any], results: ArchResults) -> Rows:
-    yield f"design {results.design.kind}", results.design.text
-    yield "runs", note["runs"]
-    if "records" in note:
-        yield "records", f"{note['records']} of {len(results.records)}"
-    if note.get("checked"):
-        checks = f"{note['contradictions']} of {note['checked']}"
-        yield "checks near the border that contradict the capacity of their record", checks
-    if isinstance(note.get("half_width"), float | int) and note["half_width"] < 1e300:
-        label = "half width of the median's interval, as the design estimates it"
-        yield label, f"{100 * note['half_width']:.2g} %"
-        reached = "yes" if note.get("reached") else f"no: {note.get('why', '')}"
-        yield "precision reached", reached
 
 
 def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
@@ -190,7 +167,7 @@ def _cloud(found: Mapping[str, Any], name: str, scale: Scale) -> Markup:
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
     return paragraph(
         f"Logistic regression of collapse against ln intensity: θ {theta} {scale.unit} ({low} to "
-        f"{high}), β {fit['beta']:.2f} ({interval(fit['beta_interval'])}).", "note",
+        f"{high}), β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])}).", "note",
     )  # fmt: skip
 
 
@@ -201,9 +178,7 @@ def _limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Pa
     if "none" in states:
         yield paragraph(f"They could not be found: {states['none']}.")
         return
-    yield paragraph(
-        "Maximum-likelihood fits of all states together. For collapse quote the curve above."
-    )
+    yield paragraph(TEXTS["notes"]["states"])
     yield curves.limit_states(answer, name, scale, highest)
     yield paragraph(states["message"])
     rows = []
@@ -236,7 +211,7 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
     yield paragraph(found["message"])
     heads = ["measure", "efficiency", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
-    yield paragraph(_EFFICIENCY, "note")
+    yield paragraph(TEXTS["notes"]["efficiency"], "note")
 
 
 def _geometry(parameters: Mapping[str, Any]) -> Rows:
@@ -255,20 +230,17 @@ def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: 
         yield paragraph("No run collapsed.")
         return
     yield runs.fractions(groups, results)
-    rows = [["all", collapsed.sum(), "", "", *collapsed.tolist()]]
+    rows = [["all", collapsed.sum(), "", ""]]
     for group in groups:
         for i in np.flatnonzero(group.counts.any(axis=1)):
-            limits = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-            rows.append([group.categories[i], group.counts[i].sum(), f"{group.overall[i]:.2f}",
-                         limits, *group.counts[i].tolist()])  # fmt: skip
-    levels = list(map(digits, results.levels.tolist()))
-    heads = ["collapses", "all levels", "fraction", f"{percent} interval", *levels]
-    yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "dense narrow")
-    note = f"The interval of a fraction counts the {collapsed.sum()} collapses as "
-    note += f"{groups[0].n_effective:.1f} independent ones"
+            limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
+            fraction = f"{group.overall[i]:.2f}"
+            rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
+    heads = ["motion or joint", "collapses", "fraction", f"{percent} html.interval"]
+    yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None:
-        note += ", because the same records are run at several levels"
-    yield paragraph(f"{note}.", "note")
+        numbers = {"collapses": collapsed.sum(), "effective": groups[0].n_effective}
+        yield paragraph(TEXTS["notes"]["effective"].format(**numbers), "note")
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
