@@ -14,6 +14,7 @@ from IPython.display import HTML
 
 import archfrag as af
 from archfrag.report.arch import arch_at_onset
+from archfrag.report.html import STYLE
 
 WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone
 
@@ -69,14 +70,13 @@ def arch(shape: af.Arch, caption: str = "") -> HTML:
 def from_report(report: Path | str, caption: str) -> HTML:
     """The figure of a report whose caption begins with these words."""
     text = Path(report).read_text(encoding="utf-8")
-    style = re.search(r"svg text\{font.*?(?=\n)", text)
     for figure in re.findall(r"<figure>.*?</figure>", text, flags=re.DOTALL):
         words = re.search(r"<figcaption>(.*?)</figcaption>", figure, flags=re.DOTALL)
         if words and words[1].startswith(caption):
             drawn = re.findall(r"<svg.*?</svg>", figure, flags=re.DOTALL)
-            if style is None or not drawn:
+            if not drawn:
                 break
-            inside = rf"\1<style>{style[0]}</style>"  # of the page: it serves both
+            inside = rf"\1<style>{STYLE}</style>"
             svg = re.sub(r"(<svg[^>]*>)", inside, drawn[0], count=1)
             return picture(svg, words[1], "".join(drawn[1:2]))
     raise LookupError(f"{report}: no figure whose caption begins with {caption!r}")

@@ -2,8 +2,7 @@
 
 import pytest
 
-from archfrag.report.axes import Panel
-from archfrag.report.drawing import Sheet
+from archfrag.report.drawing import Panel, Sheet
 
 
 @pytest.fixture

@@ -50,10 +50,10 @@ _figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_figu
 
 def _draw(path: Path, kind: str, shown: Any) -> None:
     """Write a figure of records."""
-    from archfrag.report import motions
+    from archfrag.cli import record_figures
     from archfrag.study.files import write_text
 
-    write_text(path, getattr(motions, kind)(shown).file)
+    write_text(path, getattr(record_figures, kind)(shown))
 
 
 @click.group()

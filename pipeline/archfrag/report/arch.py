@@ -1,29 +1,35 @@
-"""An arch drawn with hinges and thrust lines at onset, and in motion.
+"""An arch with hinges and thrust lines at onset, and in motion: a run simulated again.
 
-In motion, CSS moves each voussoir from key frame to key frame without a script. Readers who ask
-for reduced motion, and paper, get four of the frames instead.
+CSS moves each voussoir from key frame to key frame without a script. Paper, and readers who ask
+for reduced motion, get four still frames.
 """
 
-from html import escape
+from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
-from archfrag.arch import Arch
+from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.fragility.counts import Verdict
+from archfrag.methods.registry import AUTO
+from archfrag.motions.motion import Motion
 from archfrag.report import drawing as look
-from archfrag.report.axes import Panel, even_ticks
-from archfrag.report.drawing import NARROW, Entry, FloatArray, Picture, Sheet, figure, number
-from archfrag.report.example import Example
-from archfrag.report.results import onset_text
+from archfrag.report import html
+from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, even_ticks, figure
+from archfrag.report.html import TEXTS, Picture, digits, onset_text
+from archfrag.report.inputs import ArchResults, ReportInputs, study_config
+from archfrag.report.motions import envelope
 from archfrag.simulate import Onset
+from archfrag.simulation.response import Response
+from archfrag.study.runs.outcome import simulate_case
 
-STONE, EDGE = "#e9e4da", "#8d8473"
 LONGEST = 8.0  # [s] of a run, shown in real time
 _MOST_FRAMES = 40
 _MOST_TRANSFORMS = 2400  # voussoirs by frames: about 50 bytes each
 _CANDIDATES = 600
 _HOLD = 1.5  # [s] that the last frame stays
 _STRIP = 46.0  # [px] of the ground's acceleration
-_TRACE = 240
+Chosen = tuple[int, int, str]  # record, level, and why this run
 Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
 
@@ -37,10 +43,8 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, 0)
-        return (
-            f"{name}, which does not stand under its own weight",
-            "The arch does not stand under its own weight; there is no onset to show.",
-        )
+        caption = "The arch does not stand under its own weight, so there is no onset."
+        return f"{name}, which does not stand under its own weight", caption
     key = [
         Entry("thrust at onset", look.VERMILION, "line"),
         Entry("thrust, self-weight", look.SOFT, "dash"),
@@ -59,10 +63,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     return (
         f"{name} with hinges and thrust line at onset: {onset_text(onset.plus)} towards +x, "
         f"{onset_text(onset.minus)} towards −x",
-        "Mechanism with which the motion begins at the onset acceleration. Filled circles: "
-        "hinges. Lines join the contact centres of the joints: solid at onset, dashed under "
-        "self-weight alone, where an arch with all joints closed is hyperstatic and the line "
-        "is one admissible choice. Numbers: joints.",
+        TEXTS["arch_at_onset"]["caption"],
     )
 
 
@@ -82,7 +83,7 @@ def _at_onset(
         sheet.path(look.trace(*pixels(points, scale, origin).T) + end, **attributes)
 
     for outline in arch.outlines:
-        path(outline, "z", fill=STONE, stroke=EDGE, stroke_width=0.8)
+        path(outline, "z", kind="stone", stroke_width=0.8)
     if sign:
         path(np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
              stroke_dasharray="4 2.5")  # fmt: skip
@@ -112,32 +113,101 @@ def _at_onset(
     sheet.height = max(sheet.height, ground + 24.0)
 
 
+@dataclass(frozen=True)
+class Example:
+    """A run that was simulated again."""
+
+    arch: Arch
+    motion: Motion  #: unscaled
+    factor: float  #: on the motion
+    level: str  #: intensity, with its measure and unit
+    response: Response
+    reason: str  #: why this run was chosen
+    same: bool  #: whether it ended as in the study: status, steps and time of collapse
+
+    @property
+    def ground(self) -> tuple[FloatArray, FloatArray]:
+        """Times of the samples [s] and the ground's acceleration [g]."""
+        ground = np.asarray(self.motion.acceleration, dtype=float) * self.factor
+        return np.asarray(np.arange(ground.size) * self.motion.dt), ground / STANDARD_GRAVITY
+
+
+def choose(results: ArchResults, median: float | None) -> Chosen | None:
+    """Run whose capacity, the lowest collapsing level, is nearest the median of the arch.
+
+    Without a curve the median of these capacities counts, without a collapse the largest
+    displacement of a standing run; None if no run collapsed or stood.
+    """
+    collapsed = results.verdict == Verdict.COLLAPSED
+    records = np.flatnonzero(collapsed.any(axis=1))
+    if not records.size:
+        return farthest(results, "peak_displacement", "displacement", -0.5)
+    first = collapsed[records].argmax(axis=1)
+    logs = np.log(results.levels[first])
+    centre = np.median(logs) if median is None else np.log(median)
+    place = int(np.abs(logs - centre).argmin())
+    reason = "the record with the capacity nearest the median, at its lowest collapsing level"
+    return int(records[place]), int(first[place]), reason
+
+
+def farthest(
+    results: ArchResults, name: str = "peak_rotation", words: str = "rotation of a voussoir",
+    above: float = 0.0,
+) -> Chosen | None:  # fmt: skip
+    """The standing run with the largest value of a table; None if none is above some value."""
+    standing = results.verdict == Verdict.STANDING
+    reach = np.where(standing, np.nan_to_num(results[name]), -1.0)
+    record, level = np.unravel_index(int(reach.argmax()), reach.shape)
+    if not reach[record, level] > above:
+        return None
+    return int(record), int(level), f"the standing run with the largest {words}"
+
+
+def repeat(
+    inputs: ReportInputs, results: ArchResults, arch: Arch, chosen: Chosen | None
+) -> Example | None:
+    """Simulate a run of a study again, with the study's method and its history."""
+    method = study_config(inputs.cube).get("method")
+    if method is None or chosen is None:
+        return None
+    record, level, reason = chosen
+    motion = next(m for m in inputs.motions if m.id == results.records[record])
+    factor = float(results["scale_factor"][record, level])
+    then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
+    # `auto` may take a history by events; the study's verdict came by steps.
+    for name in (method["name"], "time_stepping"):
+        response = simulate_case({**method, "name": name}, arch, motion, factor, history=True)
+        same = then[:2] == [response.status, response.steps] and bool(
+            np.isclose(then[2], response.collapse_time, equal_nan=True)
+        )
+        if same or method["name"] != AUTO:
+            break
+    shown = f"{results.scale.measure} = {digits(results.levels[level])} {results.scale.unit}"
+    if results.own_levels is not None:
+        shown = f"about {shown}"
+    return Example(arch, motion, factor, shown, response, reason, same)
+
+
 def key_frames(example: Example) -> Frames | None:
     """Frames between which linear motion comes closest to the run's; None if nothing moves.
 
-    Of a collapse the last seconds are taken, of another run those about its largest rotation.
-    Frames are added one by one where the motion between two neighbours is farthest from linear.
+    They show the last seconds of a collapse, else the seconds about the largest rotation.
     """
     history = example.response.history
-    if history is None:
-        return None
-    time = np.asarray(history["time"].values, dtype=float)
-    shift = np.asarray(history["displacement"].values, dtype=float)
-    rotation = np.asarray(history["rotation"].values, dtype=float)
+    assert history is not None
+    names = ("time", "displacement", "rotation")
+    time, shift, rotation = (np.asarray(history[name].values, dtype=float) for name in names)
     size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
-    state = np.concatenate([shift, 0.1 * size * rotation[..., None]], axis=2)
-    state = state.reshape(time.size, -1)
+    state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
     moving = np.flatnonzero(np.abs(state).max(axis=1) > 1e-5 * size)
     if moving.size < 2:
         return None
     start, end = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
     if example.response.collapsed:
         end = float(time[-1])
-        start = max(start, end - LONGEST)
-    else:
-        peak = float(time[int(np.abs(rotation).max(axis=1).argmax())])
-        start = max(start, min(peak - 0.5 * LONGEST, end - LONGEST))
-        end = min(end, start + LONGEST)
+    peak = end if example.response.collapsed else time[np.abs(rotation).max(axis=1).argmax()]
+    start = max(start, min(float(peak) - 0.5 * LONGEST, end - LONGEST))
+    end = min(end, start + LONGEST)
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
     rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
@@ -147,7 +217,7 @@ def key_frames(example: Example) -> Frames | None:
 
 
 def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
-    """Rows between which linear interpolation is closest to all rows, first and last included."""
+    """Rows with first and last, added one by one where the state is farthest from linear."""
     kept = np.array([0, len(time) - 1])
     while kept.size < min(most, len(time)):
         right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
@@ -174,89 +244,41 @@ def film(example: Example, name: str, title: str) -> Picture | None:
     scale = min(NARROW / wide, 300.0 / tall)
     origin = (float(low[0]) - 0.5 * (NARROW / scale - wide), float(high[1]))
     height = scale * tall
-    shapes = "".join(
-        f'<path id="{name}-{i}" d="{look.trace(*pixels(outline, scale, centroid[i]).T)}z"/>'
-        for i, outline in enumerate(map(np.asarray, arch.outlines))
-    )
-    ghosts = "".join(
-        f'<use href="#{name}-{i}" transform="translate({number(x)} {number(y)})"/>'
-        for i, (x, y) in enumerate(pixels(centroid, scale, origin))
-    )
-    moves = time, pixels(place, scale, origin), rotation
-    moving, still = _moving(example, moves, name, height), _still(moves, name, height)
+    moves = np.dstack([pixels(place, scale, origin), -np.rad2deg(rotation)])
+    duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
+    stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
-    label, window = escape(what, quote=True), f"{time[0]:.2f} to {time[-1]:.2f} s"
-    return Picture(
-        '<div class="motion"><label><input type="checkbox"> pause</label>'
-        f'<svg class="moving" viewBox="0 0 {number(NARROW)} {number(height + _STRIP + 40.0)}"'
-        f' role="img" aria-label="{label}, moving"><defs>{shapes}</defs>'
-        f'<g id="{name}-rest" fill="none" stroke="{look.GREY}" stroke-width=".7">'
-        f'{ghosts}</g>{moving}</svg>'
-        f'<svg class="still" viewBox="0 0 {number(NARROW)} {number(height + 40.0)}" '
-        f'role="img" aria-label="{label}, four frames from {window}">{still}</svg></div>',
-        f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
-        f"time, {window}; {time.size} key frames, linear between them. Outlined: at rest. "
-        "Still frames: before the largest rotation.",
+    outlines = zip(map(np.asarray, arch.outlines), centroid)
+    svg = html.template(
+        "film.html.j2", name=name, label=what, width=NARROW, height=height, strip=_STRIP,
+        shapes=[look.trace(*pixels(outline, scale, at).T) for outline, at in outlines],
+        rest=pixels(centroid, scale, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
+        percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
+        stills=stills, ground=Markup("".join(_strip(example, time, height))),
+    )  # fmt: skip
+    caption = TEXTS["film"]["caption"].format(
+        what=what, reason=example.reason, start=time[0], end=time[-1], frames=time.size
     )
+    return Picture(svg, caption)
 
 
-def _moving(example: Example, moves: Frames, name: str, height: float) -> str:
-    """Voussoirs with their key frames [px], the ground's acceleration and a line at the time."""
-    time, place, rotation = moves
-    span = float(time[-1] - time[0])
-    percent = [f"{number(p)}%" for p in 100.0 * (time - time[0]) / (span + _HOLD)]
-    percent[-1] += ",to"
-    rules, bodies = [], []
-    for i in range(place.shape[1]):
-        steps = "".join(
-            f"{p}{{transform:{_transform(at, angle, 'px', 'deg')}}}"
-            for p, at, angle in zip(percent, place[:, i], rotation[:, i])
-        )
-        rules.append(f"@keyframes {name}-k{i}{{{steps}}}")
-        rules.append(f"#{name}-b{i}{{animation-name:{name}-k{i}}}")
-        bodies.append(f'<use href="#{name}-{i}" id="{name}-b{i}"/>')
-    sheet, box = Sheet(NARROW), (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
-    times = np.linspace(time[0], time[-1], _TRACE)
-    values = np.interp(times, *example.ground, right=0.0)
-    reach = max(float(np.abs(values).max()), 1e-9)
-    panel = Panel(sheet, box, (float(time[0]), float(time[-1])), (-reach, reach))
-    panel.line(times, values, look.GREY, 0.8)
-    panel.axis_x(even_ticks(*panel.x, 6), "time [s], with the ground acceleration")
-    rules.append(
-        f"@keyframes {name}-t{{{percent[-1]}{{transform:translate({box[2] - box[0]:.1f}px)}}}}"
-        f"#{name}-line{{animation-name:{name}-t}}"
-        f"#{name}-run *{{animation-duration:{span + _HOLD:.2f}s;animation-timing-function:"
-        "linear;animation-iteration-count:infinite}"
-    )
-    return (
-        f"<style>{''.join(rules)}</style>{''.join(sheet.parts)}"
-        f'<g id="{name}-run"><g fill="{STONE}" stroke="{EDGE}">{"".join(bodies)}</g>'
-        f'<path id="{name}-line" d="M12 {number(height + 2)}v{number(_STRIP)}" '
-        f'stroke="{look.VERMILION}" stroke-width="1.6"/></g>'
-    )
+def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
+    """Acceleration of the ground below a film."""
+    sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
+    panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
+    peak = draw_ground(panel, example, 240)
+    title = f"time [s], with the ground acceleration (peak {peak:.2g} g)"
+    panel.axis_x(even_ticks(*ends, 6), title)
+    return sheet.parts
 
 
-def _still(moves: Frames, name: str, height: float) -> str:
-    """Four frames up to the largest rotation, two in a row."""
-    time, place, rotation = moves
-    sheet, reach = Sheet(NARROW), np.abs(rotation).max(axis=1)
-    for i, part in enumerate((0.0, 0.33, 0.67, 1.0)):
-        k = int(np.argmax(reach >= part * reach.max()))
-        left, top = 0.5 * NARROW * (i % 2), (0.5 * height + 20.0) * (i // 2)
-        bodies = "".join(
-            f'<use href="#{name}-{body}" transform="{_transform(at, angle, "", "")}"/>'
-            for body, (at, angle) in enumerate(zip(place[k], rotation[k]))
-        )
-        sheet.parts.append(
-            f'<g transform="translate({number(left)} {number(top + 14.0)}) scale(.5)" '
-            f'fill="{STONE}" stroke="{EDGE}" stroke-width="1.6"><use href="#{name}-rest"/>'
-            f"{bodies}</g>"
-        )
-        sheet.text(left + 6.0, top + 12.0, f"{time[k]:.2f} s", "b")
-    return "".join(sheet.parts)
-
-
-def _transform(at: FloatArray, rotation: float, px: str, deg: str) -> str:
-    """Translation [px] and counter-clockwise rotation [rad], as CSS with units or as SVG."""
-    x, y, angle = number(at[0]), number(at[1]), number(-float(np.rad2deg(rotation)))
-    return f"translate({x}{px},{y}{px})rotate({angle}{deg})"
+def draw_ground(panel: Panel, example: Example, bins: int) -> float:
+    """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
+    times, acceleration = example.ground
+    start, end = panel.x
+    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
+    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    peak = max(float(np.abs([low, high]).max()), 1e-9)
+    panel.y = (-1.05 * peak, 1.05 * peak)
+    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)
+    return peak

@@ -1,32 +1,22 @@
-"""Figures of fragility curves: of an arch with its data, of a class, of all; of limit states."""
+"""Figures of fragility curves: of an arch, a class, all arches, limit states and two studies."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import drawing as look
-from archfrag.report.axes import Panel, even_ticks, panel_below
-from archfrag.report.drawing import COLOURS, Entry, Picture, Sheet, figure
-from archfrag.report.results import ArchResults, Scale
+from archfrag.report.drawing import Entry, Panel, Sheet, figure
+from archfrag.report.html import TEXTS, Picture
+from archfrag.report.inputs import ArchResults, Scale
 from archfrag.study.answer.curves import Answer, curve_of_dict
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
 _SHADED = 6  # curves that are drawn with their bands
 _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
-# What the data of each kind of design are, under the curve.
-_DATA = {
-    "bisected": "Steps: distribution of the capacities of the records, each at the middle in "
-    "logarithms of the two neighbouring levels between which it was found; the levels that were "
-    "run differ between records, so that fractions of runs mean nothing.",
-    "grouped": "Every run has a motion and an intensity of its own; each point stands for a group "
-    "of neighbours: collapsed / (collapsed + standing), bars: Clopper–Pearson.",
-    "stripes": "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, "
-    "of the records at that level.",
-}
+_DAMAGE = ("#fdca26", "#fb9f3a", "#ed7953", "#d8576b", "#bd3786", "#9c179e")  # light to severe
 
 
 def probability_panel(
@@ -35,51 +25,50 @@ def probability_panel(
 ) -> Panel:  # fmt: skip
     """Axes of probabilities over levels from 0 to `reach`, below a legend."""
     height = 250.0 if sheet.narrow else 300.0
-    panel = panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
+    panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     ticks = np.linspace(0.0, 1.0, 6)
     panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
-    panel.axis_x(even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+    panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
     return panel
 
 
 def draw_curve(
     panel: Panel, shown: Answer | Fragility | str, scale: Scale, stroke: Entry, width: float = 1.8
 ) -> None:
-    """A lognormal curve, that of an answer over its band; nothing if there is none."""
+    """Draw a lognormal curve, and the band of an answer; nothing if there is no curve."""
+    fit = shown.curve if isinstance(shown, Answer) else shown
+    if isinstance(fit, str):
+        return
     if isinstance(shown, Answer):
         im = scale.factor * np.array(shown.im)
         seen = im <= panel.x[1]
-        if isinstance(shown.curve, Fragility):
-            low, high = (np.array(side)[seen] for side in (shown.lower, shown.upper))
-            shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
-            panel.band(im[seen], low, high, shade, 0.25)
-        shown = shown.curve
-    if isinstance(shown, Fragility):
-        im = np.linspace(0.0, panel.x[1], 100)
-        dash = "5 2.5" if stroke.mark == "dash" else ""
-        panel.line(im, shown.probability(im / scale.factor), stroke.colour, width, dash)
+        low, high = (np.array(side)[seen] for side in (shown.lower, shown.upper))
+        shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
+        panel.band(im[seen], low, high, shade, 0.25)
+    im = np.linspace(0.0, panel.x[1], 100)
+    dash = "5 2.5" if stroke.mark == "dash" else ""
+    panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
 
 
 def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
-    """The observed fraction of collapses at each level."""
+    """Draw the observed fraction of collapses at each level."""
     known = results.known
     used = known.n > 0
     panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)
 
 
-def stroke(name: str, place: int) -> Entry:
+def stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
     """Colour and dashes of the curve at a place, with its name."""
-    dashed = place // len(COLOURS) % 2
-    return Entry(name, COLOURS[place % len(COLOURS)], "dash" if dashed else "line")
+    dashed = place // len(colours) % 2
+    return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
 
 
 def thinned(answers: Sequence[Answer]) -> list[Fragility]:
     """Curves of at most `MOST_THIN` arches, evenly from the weakest to the strongest."""
     known = [a.curve for a in answers if isinstance(a.curve, Fragility)]
     known.sort(key=lambda fit: fit.theta)
-    if len(known) <= MOST_THIN:
-        return known
-    return [known[i] for i in np.linspace(0, len(known) - 1, MOST_THIN).round().astype(int)]
+    places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
+    return [known[i] for i in places.round().astype(int)]
 
 
 def band_words(answer: Answer) -> str:
@@ -93,29 +82,31 @@ def band_words(answer: Answer) -> str:
 def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]:
     """Fragility curve of an arch with its band, and the data behind it.
 
-    The data are observed fractions with exact intervals if every record was run at every level or
-    the runs have levels of their own, and the distribution of the capacities of the records if the
-    levels were bisected.
+    The data are the distribution of the capacities of the records if the design searched for
+    them, else observed fractions with exact intervals.
     """
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
-    kind = "stripes" if results.own_levels is None else "grouped"
-    kind = "bisected" if results.bisected else kind
-    entries = [
-        Entry("capacities of the records", look.INK, "line") if results.bisected
-        else Entry(f"fraction, exact {percent} interval", look.INK, "dot")
-    ]  # fmt: skip
-    highest = float(results.levels.max())
-    reach, what = 1.05 * highest, "no lognormal curve could be fitted"
+    searched, highest = results.design.adaptive, float(results.levels.max())
+    texts = TEXTS["curve"]
+    caption = texts["stripes" if results.own_levels is None else "grouped"]
+    if searched:
+        caption = texts["searched"]
+    data = Entry("capacities of the records", look.INK, "line")
+    if not searched:
+        data = Entry(f"fraction, exact {percent} interval", look.INK, "dot")
+    entries, reach, what = [data], 1.05 * highest, "no lognormal curve could be fitted"
     if isinstance(fit, Fragility):
         entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
         reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
+        caption += band_words(answer)
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
     if isinstance(answer.likelihood, Fragility):
         entries.append(likeliest)
-    isotonic = None if results.bisected else answer.more.get("free", {}).get("isotonic")
+    isotonic = None if searched else answer.more.get("free", {}).get("isotonic")
     if isotonic:
         entries.append(Entry("isotonic", look.GREY, "line"))
+        caption += texts["isotonic"]
     panel = probability_panel(sheet, entries, reach, scale.label)
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
     draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
@@ -123,20 +114,26 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         im = scale.factor * np.array(isotonic["im"])
         panel.line(im, isotonic["probability"], look.GREY, 0.9)
     if isinstance(fit, Fragility) and fit.theta * scale.factor <= reach:
-        median = fit.theta * scale.factor
-        panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-    caption = _DATA[kind]
-    if answer.method:
-        caption += f"{band_words(answer)} Thin: the curve without a given shape, of the same runs."
+        _mark_median(panel, scale, fit.theta)
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
-        caption += " Dotted: the highest level that was run; beyond it only the shape is known."
+        caption += texts["extrapolated"]
     _draw_data(panel, results, answer.confidence)
     return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
 
 
+def _mark_median(panel: Panel, scale: Scale, theta: float) -> None:
+    median, words = theta * scale.factor, f"θ = {scale.text(theta)}"
+    panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+    x, room = float(panel.at_x(median)), look.text_width(words, look.SMALL) + 8.0
+    fits = x + room < panel.box[2]
+    panel.sheet.text(
+        x + (4.0 if fits else -4.0), panel.box[3] - 6.0, words, "s" if fits else "s e"
+    )
+
+
 def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
-    if results.bisected:
+    if results.design.adaptive:
         capacity = results.capacities
         seen = np.sort(capacity[capacity <= panel.x[1]])
         height = np.arange(seen.size + 1) / max(capacity.size, 1)
@@ -151,24 +148,15 @@ def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
     draw_fractions(panel, results, look.INK)
 
 
-_COLLAPSE = "probability of collapse"
-Named = Sequence[tuple[Entry, Answer | Fragility]]
-Thin = Sequence[tuple[str, Sequence[Fragility]]]
-Axes = tuple[Scale, float, float | None, str]
-
-
 @figure
 def _several(
-    sheet: Sheet, named: Named, thin: Thin, key: Sequence[Entry], axes: Axes,
-    texts: tuple[str, str],
+    sheet: Sheet, scale: Scale, reach: float, named: Sequence[tuple[Entry, Answer | Fragility]],
+    texts: tuple[str, str], *, thin: Sequence[tuple[str, Sequence[Fragility]]] = (),
+    key: Sequence[Entry] = (), at: float | None = None, title: str = "probability of collapse",
+    data: Sequence[ArchResults] = (),
 ) -> tuple[str, str]:  # fmt: skip
-    """Curves with names, over thin ones of one colour each.
-
-    `axes` are the scale of levels, the highest of them, one that is marked, and the title of the
-    probabilities.
-    """
-    scale, reach, at, title = axes
-    panel = probability_panel(sheet, key, reach, scale.label, title)
+    """Curves with names and data, over thin ones of one colour each; a level is marked."""
+    panel = probability_panel(sheet, key or [own for own, _ in named], reach, scale.label, title)
     if at is not None and 0.0 < at < reach:
         panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
     im = np.linspace(0.0, reach, 34)
@@ -178,6 +166,8 @@ def _several(
             panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
     for own, shown in named:
         draw_curve(panel, shown, scale, own)
+    for (own, _), results, mark in zip(named, data, ("dot", "ring")):
+        draw_fractions(panel, results, own.colour, mark)
     return texts
 
 
@@ -185,17 +175,17 @@ def all_curves(
     answers: Mapping[str, Answer], classes: Mapping[str, Answer], of_class: Mapping[str, str],
     scale: Scale, highest: float, at: float | None = None,
 ) -> Picture | None:  # fmt: skip
-    """Curves of all arches in one figure; None if there are fewer than two.
+    """Curves of arches and classes in one figure; None if there are fewer than two.
 
     Classes are drawn with their bands, their arches (by `of_class`) thinly; other arches by name
     if they are not many. The axis ends at the `highest` level; the level `at` is marked.
     """
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
-    if len(known) < 2:
-        return None
     named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
+    if len(known) + len(named) < 2:
+        return None
     single = {k: a for k, a in known.items() if of_class.get(k) not in classes}
-    members = [[a for k, a in known.items() if of_class.get(k) == name] for name in named]
+    members = [[a for k, a in known.items() if of_class.get(k) == name] for name in classes]
     thin = [(stroke("", i).colour, thinned(own)) for i, own in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
@@ -203,78 +193,40 @@ def all_curves(
         thin.append((look.GREY, thinned(list(single.values()))))
     strokes = [stroke(name, i) for i, name in enumerate(named)]
     shown = [a if len(named) <= _SHADED else a.curve for a in named.values()]
-    key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
     fits = {k: a.curve for k, a in (*named.items(), *list(known.items())[:40])}
+    words = TEXTS["all_curves"]
+    caption = words["bands" if len(named) <= _SHADED else "curves"]
+    caption += words["classes"] * bool(classes) + words["at"] * (at is not None)
     texts = (
         f"Fragility curves of {len(known)} arches against {scale.label}. "
         f"Medians: {_medians(fits, scale)}",
-        "Lognormal curves. Shaded, where they are not many: their bands. Of classes: bold, of an "
-        "arch of the class that is drawn at random; thin, arches of it. Dotted: the level that "
-        "the probability is asked for.",
+        caption + "".join(map(band_words, classes.values())),
     )
-    curves = list(zip(strokes, shown, strict=True))
-    return _several(curves, thin, key, (scale, 1.05 * highest, at, _COLLAPSE), texts)
-
-
-def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Scale) -> Picture:
-    """Curve of a class with its band, over those of its arches."""
-    thin, own = thinned(members), Entry("an arch of the class", look.BLUE, "line")
-    ends = [scale.factor * each.im[-1] for each in (answer, *members) if each.im]
-    key = [Entry("arches of the class", _THIN, "line")]
-    if isinstance(answer.curve, Fragility):
-        key += [own, Entry(f"{100 * answer.confidence:.0f} % band", _BAND)]
-    texts = (
-        f"Probability of collapse of an arch of the class {name} against {scale.label}, and the "
-        f"curves of {len(thin)} of its arches",
-        "Bold: probability of collapse of an arch of the class of which nothing more is known, so "
-        "that both records and arches differ. Thin: its arches, of many some from the weakest to "
-        f"the strongest.{band_words(answer)}",
-    )
-    axes = scale, max(ends, default=1.0), None, _COLLAPSE
-    return _several([(own, answer)], [(look.GREY, thin)], key, axes, texts)
+    key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
+    curves, reach = list(zip(strokes, shown, strict=True)), 1.05 * highest
+    found: Picture = _several(scale, reach, curves, texts, thin=thin, key=key, at=at)
+    return found
 
 
 def limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Picture | None:
-    """Curves of the limit states of an arch or a class; None if none has one.
-
-    They are drawn to the `highest` level in the reader's unit.
-    """
+    """Curves of the limit states of an arch or a class up to a level; None if none has one."""
     states = answer.more.get("limit_states", {}).get("states", ())
-    found = {each["name"].replace("_", " "): curve_of_dict(each["curve"]) for each in states}
-    fits = {name: fit for name, fit in found.items() if isinstance(fit, Fragility)}
-    if not fits:
+    curves = [(each["name"].replace("_", " "), curve_of_dict(each["curve"])) for each in states]
+    known = [
+        (stroke(state, i, _DAMAGE), fit)
+        for i, (state, fit) in enumerate(curves)
+        if isinstance(fit, Fragility)
+    ]
+    if not known:
         return None
     texts = (
         f"Curves of limit states of {name} against {scale.label}. Medians: "
-        f"{_medians(fits, scale)}",
-        "Lognormal curves from the same runs, one for each limit state.",
+        f"{_medians(dict(curves), scale)}",
+        TEXTS["limit_states"]["caption"],
     )
-    strokes = [stroke(name, i) for i, name in enumerate(fits)]
-    curves = list(zip(strokes, fits.values(), strict=True))
-    axes = scale, 1.05 * highest, None, "probability of reaching it"
-    return _several(curves, [], strokes, axes, texts)
-
-
-@figure
-def two_studies(
-    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]
-) -> tuple[str, str]:
-    """Curves of an arch in two studies with their bands, and the observed fractions."""
-    scale = sides[0][0].scale
-    reach = 1.05 * max(results.levels.max() for results, _ in sides)
-    strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
-    panel = probability_panel(sheet, strokes, reach, scale.label)
-    for (results, answer), own, mark in zip(sides, strokes, ("dot", "ring")):
-        draw_curve(panel, answer, scale, own)
-        draw_fractions(panel, results, own.colour, mark)
-    medians = _medians({name: answer.curve for name, (_, answer) in zip(names, sides)}, scale)
-    return (
-        f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies. "
-        f"Medians: {medians}",
-        "Points: fraction of the records that collapse at each level. Shaded: bands, of each "
-        "study by itself. Where both have the same records the change is known better than the "
-        "bands, which hold the variation between records, suggest.",
-    )
+    title = "probability of reaching it"
+    found: Picture = _several(scale, 1.05 * highest, known, texts, title=title)
+    return found
 
 
 def _medians(fits: Mapping[str, Fragility | str], scale: Scale) -> str:
@@ -282,11 +234,19 @@ def _medians(fits: Mapping[str, Fragility | str], scale: Scale) -> str:
     return "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in known.items())
 
 
-def efficient_first(answer: Answer) -> list[Mapping[str, Any]]:
-    """Measures that were compared, the most efficient first, those without efficiency last."""
-    rows = answer.more.get("measures", {}).get("rows", ())
-    return sorted(rows, key=lambda row: np.nan_to_num(_efficiency(row), nan=np.inf))
-
-
-def _efficiency(row: Mapping[str, Any]) -> float:
-    return np.nan if row["efficiency"] is None else float(row["efficiency"])
+def two_studies(names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]) -> Picture:
+    """Curves of an arch in two studies with their bands, and the observed fractions."""
+    scale = sides[0][0].scale
+    reach = 1.05 * max(results.levels.max() for results, _ in sides)
+    strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
+    medians = _medians({name: answer.curve for name, (_, answer) in zip(names, sides)}, scale)
+    texts = (
+        f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies. "
+        f"Medians: {medians}",
+        TEXTS["two_studies"]["caption"],
+    )
+    curves = [(own, answer) for own, (_, answer) in zip(strokes, sides)]
+    found: Picture = _several(
+        scale, reach, curves, texts, key=strokes, data=[results for results, _ in sides]
+    )
+    return found

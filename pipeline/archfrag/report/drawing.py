@@ -1,49 +1,34 @@
-"""Sheets that figures are drawn on as SVG, once for the page's column and once for a phone.
+"""Figures as SVG, drawn once for the page's column and once for a phone.
 
-Texts are measured by a width that is above that of the fonts they are shown in.
+A `Sheet` takes pixels; a `Panel` on it takes the units of its axes. No font is known here: the
+width of a text is estimated from above.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from html import escape
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.report.html import Picture, number
 
 FloatArray = NDArray[np.float64]
+Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
-WIDE, NARROW = 760.0, 358.0  # widths that figures are drawn for [px]
+WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
 LINE = 15.0  # [px]
-BELOW, BESIDE = 36.0, 48.0  # pixels that labels and title need below a panel and left of it
+BELOW, LEFT = 36.0, 48.0  # space for labels and title below a panel and left of it [px]
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE = "#D55E00", "#CC79A7"
 INK, SOFT, GREY, PALE = "#1f2933", "#52606d", "#7b8794", "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-# White patterns that lie over a colour.
-HATCHES = {
-    "slash": '<path d="M-1 7L7 -1M-1 1L1 -1M5 7L7 5" stroke="#fff" stroke-width="1.3"/>',
-    "dots": '<path d="M2 2h2v2h-2z" fill="#fff"/>',
-    "cross": '<path d="M0 0L6 6M6 0L0 6" stroke="#fff" stroke-width="1.1"/>',
-}
-# What the page holds once for all of its figures: their style and their hatches.
-STYLE = (
-    'svg text{font:11.5px "Helvetica Neue",Helvetica,Arial,"Liberation Sans","DejaVu Sans",'
-    f"sans-serif;fill:{INK}}}"
-    "svg .s{font-size:10px}svg .b{font-weight:600}"
-    "svg .m{text-anchor:middle}svg .e{text-anchor:end}"
-    f"svg .q{{fill:{SOFT}}}svg .w{{fill:#fff}}"
-    f"svg .ax{{stroke:{GREY};stroke-width:.8;fill:none}}"
-    f"svg .gr{{stroke:{PALE};stroke-width:.6;fill:none}}"
-)
-PATTERNS = "".join(
-    f'<pattern id="hatch-{name}" width="6" height="6" patternUnits="userSpaceOnUse">{shape}'
-    "</pattern>"
-    for name, shape in HATCHES.items()
-)
+HATCHES = ("slash", "dots", "cross")  # white patterns over a colour, drawn by the page's template
 
 
 class Entry(NamedTuple):
@@ -54,32 +39,11 @@ class Entry(NamedTuple):
     mark: str = "area"
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure ready for the page."""
-
-    svg: str  #: inline SVG, or HTML that holds several
-    caption: str  #: what stands under it
-    narrow: str = ""  #: drawn anew for narrow screens; empty where `svg` serves all widths
-
-    @property
-    def file(self) -> str:
-        """The figure with its caption as the text of an SVG file of its own."""
-        spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        inside = (
-            f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
-            '<rect width="100%" height="100%" fill="white"/>'
-        )
-        svg = self.svg.replace("<svg ", f"<svg {spaces} ", 1)
-        return svg.replace(">", f">{inside}", 1) + "\n"
-
-
 def figure(draw: Callable[..., tuple[str, str] | None]) -> Callable[..., Any]:
-    """Make a figure of a function that draws on a sheet.
+    """Make a function that draws on a sheet return a `Picture`, drawn for both widths.
 
-    The function gets the sheet before its other arguments. It returns the figure's alternative
-    text and its caption, or None if there is nothing to show. What is made returns a `Picture` or
-    None.
+    `draw` gets the sheet before its other arguments. It returns the alternative text and the
+    caption, or None if there is nothing to show; so does the function made of it.
     """
 
     @wraps(draw)
@@ -130,8 +94,8 @@ class Sheet:
         self, points: Sequence[tuple[float, float]], radius: float, colour: str, mark: str = "dot"
     ) -> None:
         """Add circles of one colour: full (dot), with a white edge (hinge) or empty (ring)."""
-        r, across = number(radius), number(2.0 * radius)
-        circle = f"a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0z"
+        r, diameter = number(radius), number(2.0 * radius)
+        circle = f"a{r} {r} 0 1 0 {diameter} 0a{r} {r} 0 1 0 -{diameter} 0z"
         d = "".join(f"M{number(x - radius)} {number(y)}{circle}" for x, y in points)
         edge = {"ring": colour, "hinge": "#fff"}.get(mark, "")
         self.path(d, fill="#fff" if mark == "ring" else colour, stroke=edge)
@@ -139,7 +103,7 @@ class Sheet:
     def legend(
         self, x: float, y: float, entries: Sequence[Entry], width: float | None = None
     ) -> float:
-        """Rows of marks and labels from y downwards, as wide as the sheet; where they end."""
+        """Draw rows of marks and labels from y downwards; return where they end."""
         row = 0
         for row, place, (label, colour, mark) in legend_rows(
             entries, width or self.width - x - 10.0
@@ -157,31 +121,177 @@ class Sheet:
             self.text(left + 20.0, top + 10.0, label)
         return y + (row + 1) * LINE + 3.0 if entries else y
 
-    def panes(
-        self, count: int, top: float, height: float, gap: float = 10.0, left: float = BESIDE
-    ) -> tuple[list[Box], float]:
-        """Boxes of panels, beside each other or on a narrow sheet below each other.
+    def boxes(
+        self, count: int, top: float, height: float, gap: float = 10.0, left: float = LEFT
+    ) -> list[Box]:
+        """Place panels with headings in a row, or on a narrow sheet in a column.
 
-        The first panel begins with its heading at `top`; `height` is without heading, labels and
-        title, `left` is for the axis of each. And where what comes below may begin [px].
+        The first heading begins at `top`; `height` is without heading, labels and title; `left`
+        is for the axis of each.
         """
         start = top + LINE + 3.0
         if self.narrow:
             step = height + BELOW + LINE + gap
             tops = [start + i * step for i in range(count)]
-            boxes = [(left, y, self.width - 14.0, y + height) for y in tops]
-        else:
-            each = (self.width - count * left - (count - 1) * gap - 14.0) / count
-            lefts = [left + i * (each + gap + left) for i in range(count)]
-            boxes = [(x, start, x + each, start + height) for x in lefts]
-        return boxes, boxes[-1][3] + BELOW
+            return [(left, y, self.width - 14.0, y + height) for y in tops]
+        each = (self.width - count * left - (count - 1) * gap - 14.0) / count
+        lefts = [left + i * (each + gap + left) for i in range(count)]
+        return [(x, start, x + each, start + height) for x in lefts]
 
     def svg(self, alternative: str) -> str:
-        """All of it as an <svg> element with a name."""
+        """The drawing as an <svg> element with an alternative text."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
         )
+
+
+@dataclass
+class Panel:
+    """Axes on a sheet: a box in pixels and the ranges that it shows."""
+
+    sheet: Sheet
+    box: Box
+    x: Range
+    y: Range
+    log_x: bool = False
+    log_y: bool = False
+
+    def at_x(self, values: ArrayLike) -> FloatArray:
+        """Pixels of values of x."""
+        return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
+
+    def at_y(self, values: ArrayLike) -> FloatArray:
+        """Pixels of values of y."""
+        return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
+
+    def line(
+        self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
+        dash: str = "", opacity: float | None = None,
+    ) -> None:  # fmt: skip
+        """Join points, with a gap at each nan."""
+        self.sheet.path(
+            trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
+            stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
+        )  # fmt: skip
+
+    def band(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
+    ) -> None:
+        """Fill between two curves."""
+        place, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
+        d = trace(np.append(place, place[::-1]), np.append(upper, lower[::-1]))
+        self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
+
+    def dots(
+        self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
+    ) -> None:
+        """Mark points."""
+        points = zip(self.at_x(x), self.at_y(y), strict=True)
+        self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
+
+    def boxes(
+        self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str,
+        mark: str = "area",
+    ) -> None:  # fmt: skip
+        """Fill rectangles with one colour, as one path."""
+        sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
+        d = "".join(
+            f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
+            for a, b, c, e in np.stack([np.ravel(s) for s in np.broadcast_arrays(*sides)], axis=1)
+        )
+        self.sheet.fill(d, colour, mark)
+
+    def cells(
+        self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
+        edges: FloatArray | None = None, half: float = 0.5,
+    ) -> None:  # fmt: skip
+        """Fill cells of a mask, (n_row, n_column), at 0, 1, 2, ...; neighbours of a row join.
+
+        `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
+        """
+        x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
+        steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
+        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        self.boxes(x[first], x[last], row - half, row + half, colour, mark)
+
+    def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
+        """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
+        base = np.zeros(len(parts[0][1]) if parts else 0)
+        for (_, colour, mark), part in parts:
+            here = np.flatnonzero(part)
+            low, high = base[here], base[here] + part[here]
+            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
+            base = base + part
+
+    def axis_x(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
+    ) -> None:
+        """Draw ticks below; labels too close to the one before are left out."""
+        left, top, right, bottom = self.box
+        places = self.at_x(ticks)
+        if grid:
+            lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
+            self.sheet.path("".join(lines), kind="gr")
+        marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
+        self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
+        end = -np.inf
+        for x, label in zip(places, labels or _labels(ticks), strict=True):
+            half = 0.5 * text_width(label, SMALL)
+            if x - half >= end + 5.0:
+                self.sheet.text(x, bottom + 14.0, label, "s m")
+                end = x + half
+        if title:
+            self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
+
+    def axis_y(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = True
+    ) -> None:
+        """Draw ticks on the left, and the title upright left of them."""
+        left, top, right, bottom = self.box
+        places = self.at_y(ticks)
+        if grid:
+            lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
+            self.sheet.path("".join(lines), kind="gr")
+        self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
+        end, widest = np.inf, 0.0
+        for y, label in zip(places, labels or _labels(ticks), strict=True):
+            if y <= end - 11.0:
+                self.sheet.text(left - 5.0, y + 3.5, label, "s e")
+                widest, end = max(widest, text_width(label, SMALL)), y
+        if title:
+            self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
+
+    def heading(self, words: str) -> None:
+        """Write a title over the left end."""
+        self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
+
+
+def panel_below(
+    sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
+    left: float = LEFT, top: float = 0.0, log: bool = False,
+) -> Panel:  # fmt: skip
+    """A legend, and below it the last panel of a sheet, over its full width."""
+    top = sheet.legend(left, top, entries) + 6.0
+    sheet.height = top + height + BELOW
+    return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
+
+
+def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
+    """Round numbers from low to high, at most about so many."""
+    span = max(high - low, 1e-300)
+    step = 10.0 ** np.floor(np.log10(span / most))
+    step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
+    first = np.ceil(low / step - 1e-9)
+    ticks = step * np.arange(first, np.floor(high / step + 1e-9) + 1)
+    return np.asarray(ticks + 0.0, dtype=float)  # no -0
+
+
+def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
+    """1, 2, 5 in each decade from low to high."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    ticks = np.unique(np.outer(decades, subs).ravel())
+    return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
 
 
 def legend_rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, float, Entry]]:
@@ -196,11 +306,6 @@ def legend_rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, f
         place += need + 12.0
 
 
-def number(value: float) -> str:
-    """A coordinate to a tenth of a pixel."""
-    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
-
-
 def text_width(words: str, size: float = SIZE) -> float:
     """Width of a text [px], from above."""
     classes = ((1.0, "mwMW%"), (0.36, "il.,:;|'!() "))
@@ -212,22 +317,30 @@ def text_width(words: str, size: float = SIZE) -> float:
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """A text that fits a width, its middle left out where it is too long."""
+    """A text that fits a width; a long one loses its middle."""
     if text_width(words, size) <= width:
         return words
-    keep = len(words)
-    while keep > 4 and text_width(words[:keep], size) + size > width:
-        keep -= 1
+    fitting = (n for n in range(len(words), 4, -1) if text_width(words[:n], size) + size <= width)
+    keep = next(fitting, 4)
     return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
 
 def trace(x: FloatArray, y: FloatArray) -> str:
     """Path through points, with a gap where one is not finite."""
-    parts, pen = [], False
-    for a, b in zip(x.tolist(), y.tolist(), strict=True):
-        if not np.isfinite(a + b):
-            pen = False
-            continue
-        parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
-        pen = True
-    return " ".join(parts).replace(" M", "M").replace(" -", "-")
+    points = (
+        f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y, strict=True)
+    )
+    lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
+    return "".join(lines).replace(" -", "-")
+
+
+def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        given, low, high = (
+            np.log(each) if log else np.asarray(each, dtype=float) for each in (values, *ends)
+        )
+    return np.asarray(start + (given - low) / (high - low) * (stop - start))
+
+
+def _labels(ticks: ArrayLike) -> list[str]:
+    return [f"{tick:g}" for tick in np.atleast_1d(ticks)]

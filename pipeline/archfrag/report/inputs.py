@@ -1,5 +1,6 @@
 """What the report of a finished study is written from, and its numbers for programs."""
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,25 +14,33 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.counts import Verdict, count_verdicts
+from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report.results import Scale, reading_scale, study_config
+from archfrag.report.drawing import FloatArray
+from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
 from archfrag.study.answer.cautions import cautions_of_cube
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
 from archfrag.study.answer.fits import FITS, load_answers, open_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
+from archfrag.study.file.blocks import LEVEL_UNITS
 from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.provenance import finite
+from archfrag.study.runs.design import Design
+from archfrag.study.runs import design_of
 from archfrag.study.steps import read_timings, require
 
+IntArray = NDArray[np.int64]
 SUMMARY_FORMAT = "archfrag-summary/2"
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
+_MOST_GROUPS = 10
+_MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
 
 
 @dataclass(frozen=True)
@@ -45,27 +54,75 @@ class ReportInputs:
     arches: Sequence[tuple[str, Arch, Onset]]
     answers: Mapping[str, Answer]  #: of each arch of the cube, theta in the SI unit
     classes: Mapping[str, Answer] = field(default_factory=dict)  #: of classes of several arches
-    #: What must be known before a curve is used; what concerns one arch begins with its name and a
-    #: colon.
-    cautions: Sequence[str] = ()
+    cautions: Sequence[str] = ()  #: one that concerns an arch begins with its name and a colon
     #: Wall time of each run of an arch, or of groups of them [s].
-    timings: Mapping[str, Sequence[float]] | None = None
+    timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
     #: Cube and answers of another study with the same measure, to be compared in common arches.
     compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
-    at: float | None = None  #: level at which the probability is wanted, in the study's unit
+    at: float | None = None  #: level at which the probability is asked for, in the study's unit
     risk: StudyRisk | str | None = None  #: or why there are no rates
+
+    @property
+    def percent(self) -> str:
+        """The confidence in words."""
+        return f"{100 * self.confidence:.0f} %"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How an intensity measure is written: its name, the unit people read, SI to that unit."""
+
+    measure: str
+    unit: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Axis label."""
+        return f"{self.measure} [{self.unit}]"
+
+    def digits(self, value_si: float) -> str:
+        """Value in the unit, three digits."""
+        return digits(value_si * self.factor)
+
+    def text(self, value_si: float) -> str:
+        """Value with its unit, three digits."""
+        return f"{self.digits(value_si)} {self.unit}"
+
+
+@dataclass(frozen=True)
+class ArchResults:
+    """All runs of one arch; arrays (n_record, n_level), `model_time` with an axis of models."""
+
+    arch: str
+    records: list[str]
+    scale: Scale
+    levels: FloatArray  #: (n_level,) in the reader's unit
+    own_levels: FloatArray | None  #: (n_record,), where each run has one of its own
+    tables: Mapping[str, NDArray]  #: variables of the cube in SI units, by name
+    verdict: IntArray  #: codes of `Verdict`
+    simulated: NDArray[np.bool_]  #: which runs there are
+    counts: VerdictCounts  #: of runs at each level
+    design: Design
+    known: VerdictCounts  #: of records, with what their capacities imply if they were searched
+    #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
+    #: collapsed, its lowest level where it collapsed there.
+    capacities: FloatArray
+
+    def __getitem__(self, name: str) -> NDArray:
+        return self.tables[name]
+
+    @property
+    def stood_after_loss(self) -> int:
+        """Number of runs that lost all contact at a joint and stand."""
+        lost = np.isfinite(self["lost_contact_time"])
+        return int(((self.verdict == Verdict.STANDING) & lost).sum())
 
 
 def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
-    """Results of a study, for `archfrag.report.page.write_report`.
-
-    Parameters
-    ----------
-    study : Study
-    compared : Path, optional
-        Study file of another, finished study.
+    """Results of a study, and of another one whose file is `compared`.
 
     Raises
     ------
@@ -92,7 +149,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         answers=answers,
         classes=classes,
         cautions=cautions_of_cube(study, cube, answers),
-        timings=read_timings(study),
+        timings=read_timings(study) or {},
         title=study.title,
         confidence=study.report.confidence,
         compared=None if compared is None else _compared(study, compared),
@@ -124,32 +181,65 @@ def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> Stud
     return risk_of(cube, fits, hazard, given.years, study.report.confidence)
 
 
+def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
+    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored."""
+    units = cube["intensity"].attrs["units"]
+    stored = {"m s-2": "m/s2", "m s-1": "m/s"}.get(units, units)
+    allowed = LEVEL_UNITS.get(stored, {})
+    intensity = study_config(cube).get("intensity", {})
+    unit = intensity.get("unit") if intensity.get("measure") == measure else None
+    if unit not in allowed:
+        unit = "g" if "g" in allowed else stored
+    return Scale(measure, unit, 1.0 / allowed.get(unit, 1.0))
+
+
+def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
+    """What a cube holds of the study that made it; may be empty."""
+    found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
+    return found
+
+
+def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
+    """Everything the report needs of one arch of a cube."""
+    names = cube["arch"].values.astype(str).tolist()
+    part = cube.isel(arch=names.index(arch)).transpose("record", "level", ...)
+    run = part["verdict"].values != Verdict.NOT_SIMULATED
+    given, own = part["intensity"].values.astype(float) * scale.factor, None
+    levels = given
+    if given.ndim == 2:
+        own = given[:, 0]
+        levels, group = _grouped(own, run[:, 0])
+        run = run & (group[:, None] == np.arange(levels.size))
+    tables = {}
+    for name, variable in part.data_vars.items():
+        if variable.dims[:2] == ("record", "level"):
+            made = run.reshape(run.shape + (1,) * (variable.ndim - 2))
+            kept = np.where(made, variable.values, _MISSING.get(str(name), 0))
+            tables[str(name)] = kept.astype(float if kept.dtype.kind == "f" else int)
+    verdict, design = tables["verdict"], design_of(json.loads(cube.attrs["archfrag_design"]))
+    counts, brackets = count_verdicts(verdict), find_brackets(verdict[run.any(axis=1)], levels)
+    return ArchResults(
+        arch=arch, records=cube["record"].values.astype(str).tolist(), scale=scale,
+        levels=levels, own_levels=own, tables=tables, verdict=verdict, simulated=run,
+        counts=counts, design=design,
+        known=count_verdicts(brackets.filled) if design.adaptive else counts,
+        capacities=np.where(brackets.bracketed, brackets.middle, brackets.upper),
+    )  # fmt: skip
+
+
+def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
+    """Levels of groups of runs that have one of their own, and the group of each record, or -1."""
+    run = np.flatnonzero(made & np.isfinite(own))
+    order = run[np.argsort(own[run], kind="stable")]
+    groups = np.array_split(order, min(_MOST_GROUPS, max(1, order.size // 5)))
+    place = np.full(own.size, -1)
+    for number, members in enumerate(groups):
+        place[members] = number
+    return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
+
+
 def summary(inputs: ReportInputs) -> dict[str, Any]:
-    """Content of ``summary.json``.
-
-    Keys: ``format``; ``study`` and ``title``; ``measure``, ``unit`` (of all levels here) and
-    ``unit_in_si``; ``confidence`` of all intervals; ``level`` that probabilities are given at, or
-    null; ``design``, as in the cube; ``records``, ``levels``; ``arches``, of each ``id``,
-    ``class``, ``curve``, ``reason``, ``probability``, ``counts`` of runs by verdict,
-    ``mechanisms`` (fraction of the collapses by mode and by joint), and ``onset`` [g] (null: no
-    limit, or it does not stand, see ``stands``; both null where the arch was not built for the
-    report); ``classes``, of each ``id``, ``curve``, ``reason``, ``probability``, ``arches`` and
-    ``dispersion``; ``cautions``; and ``made_by``, versions and digests. What is not known is
-    null.
-
-    ``without_verdict`` of an arch or a class is null if every run collapsed or stands; else it has
-    ``runs``, the number of those that do not, and ``theta_if``: theta if all of them were
-    ``collapsed``, or all ``standing``.
-
-    The curve of a class is the mean of those of its arches; its ``theta`` and ``beta`` are those
-    of the lognormal curve with the same mean and standard deviation of ln capacity.
-    ``dispersion`` holds the parts of that ``beta``.
-
-    A ``curve`` has ``theta``, ``beta``, ``theta_interval``, ``beta_interval``, ``method`` and
-    ``assumptions`` of curve and band, ``independent`` (records or runs that the data are worth),
-    ``islands`` (runs against the capacity of their record), ``kind``, and
-    ``maximum_likelihood``: ``theta``, ``beta`` and ``kind``, or null.
-    """
+    """Content of ``summary.json``: plain values, null where something is not known."""
     cube, attributes = inputs.cube, inputs.cube.attrs
     scale, of_class = reading_scale(cube, inputs.measure), arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}
@@ -177,7 +267,7 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
         "title": inputs.title,
         "measure": scale.measure, "unit": scale.unit, "unit_in_si": 1.0 / scale.factor,
         "confidence": inputs.confidence, "level": inputs.at,
-        "design": str(attributes.get("archfrag_design_kind", "stripes")),
+        "design": json.loads(attributes["archfrag_design"])["kind"],
         "records": cube.sizes["record"], "levels": cube.sizes["level"],
         "arches": arches, "classes": classes,
         "cautions": list(inputs.cautions),
@@ -194,18 +284,18 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         theta = {key: each and scale.factor * each for key, each in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
     fit, likelihood = answer.curve, answer.likelihood
-    found = {"reason": None, "without_verdict": lost}
+    found: dict[str, Any] = {"reason": None, "without_verdict": lost}
+    found |= {"curve": None, "probability": None}
     if isinstance(fit, str):
-        return found | {"curve": None, "reason": fit, "probability": None}
-    probability = None
+        return found | {"reason": fit}
     if at is not None:
         value, *ends = answer.probability(at / scale.factor)
-        probability = {"level": at, "value": value, "interval": ends}
+        found["probability"] = {"level": at, "value": value, "interval": ends}
     likeliest = None
     if isinstance(likelihood, Fragility):
         theta_most = scale.factor * likelihood.theta
         likeliest = {"theta": theta_most, "beta": likelihood.beta, "kind": likelihood.kind}
-    curve = {
+    found["curve"] = {
         "theta": scale.factor * fit.theta,
         "theta_interval": [scale.factor * end for end in answer.theta],
         "beta": fit.beta, "beta_interval": list(answer.beta),
@@ -213,20 +303,20 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         "independent": answer.n_independent, "islands": answer.n_islands,
         "kind": fit.kind, "maximum_likelihood": likeliest,
     }  # fmt: skip
-    return found | {"curve": curve, "probability": probability}
+    return found
 
 
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     """Counts and mechanisms of the runs of an arch."""
-    found, fell = count_verdicts(verdict), verdict == Verdict.COLLAPSED
+    found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
     names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
     counts = {name: int(getattr(found, name).sum()) for name in names}
     counts["not_simulated"] = verdict.size - counts["runs"]
-    stood = (verdict == Verdict.STANDING) & np.isfinite(lost)
-    counts["lost_contact_and_stand"] = int(stood.sum())
-    modes = [CollapseMode(code).name.lower() for code in mode[fell]]
+    landed = (verdict == Verdict.STANDING) & np.isfinite(lost)
+    counts["lost_contact_and_stand"] = int(landed.sum())
+    modes = [CollapseMode(code).name.lower() for code in mode[collapsed]]
     mechanisms = {
         kind: {str(k): round(n / len(codes), 6) for k, n in sorted(Counter(codes).items())}
-        for kind, codes in (("mode", modes), ("joint", joint[fell].tolist()))
+        for kind, codes in (("mode", modes), ("joint", joint[collapsed].tolist()))
     }
     return {"counts": counts, "mechanisms": mechanisms}

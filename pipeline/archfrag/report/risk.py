@@ -1,17 +1,18 @@
 """Figures and tables of risk: rates of collapse; hazard, fragility and their product."""
 
-from itertools import pairwise
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import ArrayLike
 
-from archfrag.fragility.contributions import NOT_KNOWN, Contributions
+from archfrag.fragility.contributions import NOT_KNOWN
 from archfrag.report import drawing as look
-from archfrag.report.axes import Panel, even_ticks, log_ticks
-from archfrag.report.drawing import BELOW, Box, Entry, FloatArray, Sheet, figure
-from archfrag.report.results import Scale, digits, measured, table, to, years
+from archfrag.report import html
+from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
+from archfrag.report.html import TEXTS
+from archfrag.report.inputs import Scale
 from archfrag.report.runs import LOOKS, level_axis
 from archfrag.study.answer.risk import OTHER, ArchRisk, StudyRisk
 from archfrag.study.answer.risk import ASSUMPTIONS
@@ -19,33 +20,30 @@ from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.members import SHOWN
 
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
-_BESIDE, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
+_LEFT, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
 
-def risk_section(risk: StudyRisk, scale: Scale, percent: str) -> dict[str, Any]:
-    """Rates of collapse, their tables and figures, by the names of the page's template.
-
-    Of many arches only the first have figures: each takes 0.3 MB.
-    """
+def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[Any]:
+    """Rates of collapse, and the figures of each arch; of many arches only of the first."""
+    if isinstance(risk, str):
+        yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
+        return
+    hazard = risk.hazard
+    words = [f"Rates with the hazard curve {hazard.main_name} of {Path(hazard.source).name}"]
+    yield html.paragraph(". ".join([*words, *hazard.notes, ""]), "note")
+    yield _rates_table(risk, percent)
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
-    return {
-        "study": risk,
-        "rates": _rates_table(risk, percent),
-        "assumptions": ASSUMPTIONS,
-        "arches": [
-            {"name": name, "none": arch}
-            if isinstance(arch, str)
-            else {
-                "name": name,
-                "cautions": arch.cautions,
-                "picture": hazard_and_fragility(arch, risk.hazard, scale),
-                "fractions": deaggregation(arch, scale),
-                "levels": _level_table(arch, scale),
-                "contributions": _contribution_table(arch, percent),
-            }
-            for name, arch in list(risk.arches.items())[:shown]
-        ],
-    }
+    for name, arch in list(risk.arches.items())[:shown]:
+        yield html.heading(name)
+        if isinstance(arch, str):
+            yield html.paragraph(f"No rate: {arch}.", "none")
+            continue
+        yield html.cautions(arch.cautions)
+        yield hazard_and_fragility(arch, hazard, scale)
+        yield contributions(arch, scale)
+        yield _contribution_table(arch, percent)
+    assumed = (f"{each[0].upper()}{each[1:]}." for each in ASSUMPTIONS)
+    yield html.paragraph(" ".join(assumed), "note")
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
@@ -59,30 +57,19 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
         rate, likely = arch.rate, arch.rate.probability_in(risk.years)
         outside = f"{100 * rate.outside:.1f} %"
         own = [
-            f"{rate.quoted:.2g}", to((rate.lower, rate.upper), ".2g"), f"{rate.mean:.2g}",
-            years(rate.return_period), f"{likely[0]:.2g}", to(likely[1:], ".2g"),
+            f"{rate.quoted:.2g}", html.interval((rate.lower, rate.upper), ".2g"),
+            f"{rate.mean:.2g}", html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
+            f"{likely[0]:.2g}", html.interval(likely[1:], ".2g"),
         ]  # fmt: skip
         if rate.is_bound:
             own = [f"at least {own[0]}", "–", "–", f"at most {own[3]}", f"at least {own[4]}", "–"]
-        by_curve = [measured(each, ".2g") for each in list(arch.by_curve.values())[1:]]
+        by_curve = [html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]]
         rows.append([name, *own, outside, *by_curve])
     heads = [
         "arch", "collapses a year", percent, "mean", "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve", *others,
     ]  # fmt: skip
-    return table("Rates of collapse", heads, rows, "compact")
-
-
-def _level_table(arch: ArchRisk, scale: Scale) -> Markup:
-    total, counts = arch.rate.rate or 1.0, arch.by_mechanism.counts.sum(0)
-    edges = ["0", *map(digits, (scale.factor * arch.edges).tolist())]
-    names = [f"{low} to {high}" for low, high in pairwise(edges)] + [f"from {edges[-1]} on"]
-    rows = [
-        (name, f"{rate:.2g}", f"{rate / total:.3f}", count)
-        for name, rate, count in zip(names, arch.level_rate, counts, strict=True)
-    ]
-    heads = [scale.label, "rate [1/year]", "fraction", "collapses"]
-    return table(f"Rate of collapse of {arch.arch} by level", heads, rows, "compact")
+    return html.table("Rates of collapse", heads, rows, "compact")
 
 
 def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
@@ -92,14 +79,14 @@ def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
     }  # fmt: skip
     rows = [
         (by, name, f"{parts.fraction[i]:.2f}",
-         to((parts.lower[i], parts.upper[i])) if count >= 2 else "–", count)
+         html.interval((parts.lower[i], parts.upper[i])) if count >= 2 else "–", count)
         for by, parts in groups.items()
         for i, (name, count) in enumerate(zip(parts.categories, parts.counts.sum(axis=1)))
-        if parts.shown[i]
+        if parts.shown[i] and name != NOT_KNOWN
     ]  # fmt: skip
     heads = ["by", "category", "fraction of the rate", percent, "collapses"]
     label = f"Contributions to the rate of collapse of {arch.arch}"
-    return table(label, heads, rows, "compact", 2)
+    return html.table(label, heads, rows, "compact", 2)
 
 
 @figure
@@ -115,10 +102,10 @@ def hazard_and_fragility(
     every = np.concatenate(list(rates.values()))
     low, high = float(every[every > 0.0].min()), float(every.max())
     entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
-    top = sheet.legend(_BESIDE, 0.0, entries) + 6.0
+    top = sheet.legend(_LEFT, 0.0, entries) + 6.0
     panels: list[Panel] = []
     for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
-        box = (_BESIDE, top, sheet.width - 10.0, top + height)
+        box = (_LEFT, top, sheet.width - 10.0, top + height)
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
         top += height + 14.0
     first, second, third = panels
@@ -128,9 +115,9 @@ def hazard_and_fragility(
     second.line(shown, arch.fit.probability(im), look.VERMILION)
     third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
     third.line(shown, density, look.BLUE)
-    _rate_axis(first, log_ticks(low, high, (1.0,)), "exceeded [1/year]")
+    first.axis_y(log_ticks(low, high, (1.0,)), "exceeded [1/year]")
     second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
-    _rate_axis(third, even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
+    third.axis_y(even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
     ticks = log_ticks(*ends)
     for panel in panels:
         for end in points[[0, -1]]:
@@ -138,55 +125,35 @@ def hazard_and_fragility(
                 panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
-    sheet.height = third.box[3] + BELOW
+    sheet.height = third.box[3] + look.BELOW
     return (
         f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
         f"collapse {'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year",
-        "From above: how often a year an intensity is exceeded (points: as given); probability of "
-        "collapse; and the rate of collapse by motions of an intensity, whose area is the rate of "
-        "collapse. Dotted: ends of the hazard curve, beyond which its slope goes on.",
+        TEXTS["hazard_and_fragility"]["caption"],
     )
 
 
 @figure
-def deaggregation(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
-    """The rate by level and mechanism, and its fractions by magnitude and distance.
-
-    None if no run collapsed.
-    """
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+    """The rate by level and mechanism; None if no run collapsed."""
     found = arch.by_mechanism
     if not found.counts.any():
         return None
-    others = [
-        (title, group)
-        for title, group in (("magnitude", arch.by_magnitude), ("distance", arch.by_distance))
-        if any(n for c, n in zip(group.categories, group.shown) if c != NOT_KNOWN)
-    ]
     parts = [
-        (Entry(name, *((look.PALE, "area") if name == OTHER else LOOKS[i % len(LOOKS)])), rate)
+        (Entry(name, *((look.SOFT, "area") if name == OTHER else LOOKS[i % len(LOOKS)])), rate)
         for i, (name, rate) in enumerate(zip(found.categories, found.rate))
         if rate.any()
     ]
     if found.unassigned.any():
-        parts.append((Entry("no collapse seen", look.GREY), found.unassigned))
+        parts.append((Entry("no collapse seen", look.PALE), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
-    top = sheet.legend(_BESIDE, 0.0, [entry for entry, _ in parts])
-    boxes, sheet.height = sheet.panes(1 + len(others), top, 170.0, left=84.0)
-    panel = Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, highest))
-    _rate_axis(panel, even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
+    ends = (-0.5, arch.levels.size - 0.5), (0.0, highest)
+    panel = look.panel_below(sheet, [entry for entry, _ in parts], 170.0, *ends, left=_LEFT)
+    panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    panel.heading("by level and mechanism")
-    for box, (title, group) in zip(boxes[1:], others):
-        _bars(sheet, box, group, f"by {title}")
-    return (
-        f"Rate of collapse of {arch.arch} by level and mechanism, and its fractions "
-        "by magnitude and distance of the records",
-        "Rate of collapse by motions nearest to each level, divided as the collapses at that "
-        "level were; grey: levels at which none was seen. Beside it, fractions of the rate by "
-        "records of each magnitude and distance, with bands from resampled earthquakes. They hold "
-        "for this set of records and are no deaggregation of the hazard.",
-    )
+    words = f"Rate of collapse of {arch.arch} by level and mechanism"
+    return words, TEXTS["contributions"]["caption"]
 
 
 def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:
@@ -204,20 +171,3 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
     curve = hazard.main
     slope = curve.pieces(np.log(im))[2]
     return arch.fit.probability(im) * slope * curve.rate_at(im)
-
-
-def _rate_axis(panel: Panel, ticks: ArrayLike, title: str) -> None:
-    panel.axis_y(ticks, title, [f"{tick:.2g}" for tick in np.atleast_1d(ticks)])
-
-
-def _bars(sheet: Sheet, box: Box, found: Contributions, title: str) -> None:
-    """Fractions of the rate by category, with their bands."""
-    kept = np.flatnonzero(found.shown)
-    place = np.arange(kept.size)
-    panel = Panel(sheet, box, (0.0, 1.0), (-0.5, kept.size - 0.5))
-    panel.axis_x([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)
-    panel.boxes(0.0, found.fraction[kept], place - 0.35, place + 0.35, look.SKY)
-    for at, i in zip(place, kept):
-        panel.line([found.lower[i], found.upper[i]], [at, at], look.INK, 1.0)
-    panel.axis_y(place, "", [found.categories[i] for i in kept], grid=False)
-    panel.heading(title)

@@ -1,6 +1,5 @@
-"""What the page shows of each arch and of each class."""
+"""Sections of the page on an arch and on a class, part by part in the order of the page."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,18 +8,20 @@ import xarray as xr
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from archfrag.fragility.contributions import Deaggregation
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import arch as arch_figures
-from archfrag.report import curves, example, runs
-from archfrag.report import results as words
-from archfrag.report.drawing import Picture
-from archfrag.report.inputs import ReportInputs
-from archfrag.report.results import ArchResults, Scale, digits, measured, pairs, table
+from archfrag.report import curves, html, runs
+from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
+from archfrag.report.inputs import ArchResults, ReportInputs, Scale
+from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import Answer, arch_classes
 from archfrag.study.answer.fits import lost_text
 
+Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
+Rows = Iterator[tuple[str, object]]
 _ENTRIES = 60  # of the log, in words
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
@@ -29,45 +30,67 @@ _UNITS = {
 }  # fmt: skip
 
 
-def arch_section(
-    inputs: ReportInputs, results: ArchResults, place: int, animated: bool
-) -> dict[str, Any]:
-    """Data, figures and tables of an arch, by the names that the page's template uses."""
+def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
+    """What the page shows of an arch; films if it is `animated`."""
     name, arch, onset = inputs.arches[place]
-    answer, scale, grouped = inputs.answers[name], results.scale, results.own_levels
-    groups = runs.groupings(results, inputs.confidence)
-    percent = f"{100 * inputs.confidence:.0f} %"
-    note = json.loads(inputs.cube.attrs["archfrag_design"]).get("arches", {}).get(name)
-    return {
-        "id": f"arch{place}",
-        "name": name,
-        "answer": answer,
-        "counts": results.counts,
-        "onset": onset,
-        "cautions": cautions_of(inputs.cautions, name),
-        "curve": curves.curve(results, answer),
-        "design": note and pairs(
-            f"Design of the runs of {name}", _design(note, results), "design"
-        ),
-        "levels": _levels(results, answer, percent),
-        "cloud": _cloud(answer, name, scale),
-        "limit_states": curves.limit_states(answer, name, scale, float(results.levels.max())),
-        "states": states_table(answer, name, scale),
-        "lost": lost_text(answer, scale.text),
-        "measures": runs.measures(answer, name),
-        "measured": _measured(answer, name),
-        "verdicts": (runs.verdict_map if grouped is None else runs.single_runs)(results),
-        "arch": arch_figures.arch_at_onset(arch, onset, name),
-        "geometry": _geometry(arch.parameters, name),
-        "fractions": runs.fractions(groups, results),
-        "mechanisms": _mechanisms(groups, results, percent),
-        "n_effective": f"{groups[0].n_effective:.1f}",
-        "grouped": grouped is not None,
-        **_repeated(inputs, results, place, animated),
-        "ran": pairs(f"Models and events of {name}", _ran(results)),
-        "speed": pairs(f"Speed and energy figures of {name}", _speed(inputs, results)),
-        "after_loss": stood_after_loss(results),
-    }  # fmt: skip
+    answer, scale = inputs.answers[name], results.scale
+    more, percent = answer.more, inputs.percent
+    yield card(answer, scale, percent, cautions_of(inputs.cautions, name), results, onset)
+    yield heading("Fragility curve")
+    yield curves.curve(results, answer)
+    free = more.get("free", {})
+    if isinstance(answer.curve, str):
+        yield paragraph(f"No curve: {answer.curve}.", "none")
+    elif "test_of_fit" in free:
+        yield paragraph(free["test_of_fit"]["message"])
+    elif "none" in free:
+        yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
+    yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
+    yield _levels(results, answer, percent)
+    if "cloud" in more:
+        yield _cloud(more["cloud"], name, scale)
+    if more.get("limit_states"):
+        yield from _limit_states(answer, name, scale, float(results.levels.max()))
+    if more.get("measures"):
+        yield from _measures(more["measures"], name)
+    yield heading("Every run")
+    yield (runs.verdict_map if results.own_levels is None else runs.single_runs)(results)
+    yield heading("The arch and its onset")
+    yield arch_figures.arch_at_onset(arch, onset, name)
+    yield html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
+    yield heading("Mechanisms of collapse")
+    yield from _mechanisms(runs.groupings(results, inputs.confidence), results, percent)
+    yield from _repeated(inputs, results, place, animated)
+    yield heading("How it was computed")
+    yield html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
+
+
+def class_parts(inputs: ReportInputs, name: str, scale: Scale) -> Parts:
+    """What the page shows of a class."""
+    of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
+    members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
+    highest = scale.factor * float(inputs.cube["intensity"].max())
+    yield card(answer, scale, inputs.percent)
+    yield heading("Fragility curve of the class")
+    yield curves.all_curves(members, {name: answer}, of_class, scale, highest, inputs.at)
+    split = answer.more.get("dispersion") or {}
+    if split:
+        yield heading("Parts of the dispersion")
+    if "none" in split:
+        yield paragraph(f"The parts of β are not known: {split['none']}.")
+    elif split:
+        yield html.pairs(f"Dispersion of the class {name}", [
+            ("from record to record", f"{split['beta_record_to_record']:.3f}"),
+            ("between the arches of the class", f"{split['beta_model']:.3f}"),
+        ], "part of β")  # fmt: skip
+        yield paragraph("β of the class is the root of the sum of their squares.", "note")
+    if answer.more.get("limit_states"):
+        yield from _limit_states(answer, name, scale, highest)
+    differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
+    panels = runs.theta_panels(list(members.values()), differences, name, scale)
+    if panels:
+        yield heading("What θ depends on")
+        yield panels
 
 
 def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
@@ -76,235 +99,217 @@ def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
     return [caution.removeprefix(start) for caution in cautions if caution.startswith(start)]
 
 
-def stood_after_loss(results: ArchResults) -> int:
-    """Number of runs that lost all contact at a joint and stand."""
-    lost = np.isfinite(results["lost_contact_time"])
-    return int(((results.verdict == Verdict.STANDING) & lost).sum())
-
-
-Rows = Iterator[tuple[str, object]]
-
-
-def _design(note: Mapping[str, Any], results: ArchResults) -> Rows:
-    yield f"design {results.design}", results.design_text
-    yield "runs", note["runs"]
-    if "records" in note:
-        yield "records", f"{note['records']} of {len(results.records)}"
-    if note.get("checked"):
-        checks = f"{note['contradictions']} of {note['checked']}"
-        yield "checks near the border against the capacity of their record", checks
-    if isinstance(note.get("half_width"), float | int) and note["half_width"] < 1e300:
-        label = "half width of the median's interval, by the design's own estimate"
-        yield label, f"{100 * note['half_width']:.2g} %"
-        yield "as narrow as wanted", "yes" if note.get("reached") else f"no: {note.get('why', '')}"
+def card(
+    answer: Answer, scale: Scale, percent: str, cautions: Sequence[str] = (),
+    results: ArchResults | None = None, onset: Onset | None = None,
+) -> Markup:  # fmt: skip
+    """The answer in large digits, cautions, and numbers of runs other than 0."""
+    fit, likeliest, lost = answer.curve, answer.likelihood, lost_text(answer, scale.text)
+    parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
+    if results is not None:
+        names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
+        counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
+        counts["lost contact and stand"] = results.stood_after_loss
+    if isinstance(fit, str):
+        parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
+    else:
+        low, high = map(scale.digits, answer.theta)
+        figures = [
+            [f"median capacity θ ({scale.measure})", scale.text(fit.theta),
+             f"{percent}: {low} to {high} {scale.unit}"],
+            ["dispersion β", f"{fit.beta:#.3g}",
+             f"{percent}: {html.interval(answer.beta, '#.3g')}"],
+        ]  # fmt: skip
+        if isinstance(likeliest, Fragility):
+            figures[0].append(f"maximum likelihood: {scale.text(likeliest.theta)}")
+            figures[1].append(f"maximum likelihood: {likeliest.beta:#.3g}")
+        counts["effective number"] = f"{answer.n_independent:.3g}"
+        counts["non-monotone runs"] = answer.n_islands
+    if onset is not None:
+        limits = [html.onset_text(limit) for limit in (onset.plus, onset.minus)]
+        about = f"ground towards +x; {limits[1]} towards −x"
+        if limits[0] == limits[1]:
+            about = "in both directions"
+        if not onset.stands:
+            limits, about = ["none"], "does not stand under its own weight"
+        figures.append(["onset of motion", limits[0], about])
+    shown = [[label, str(count)] for label, count in counts.items() if count]
+    parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
+    return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
 
 
 def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     counts, known, fit = results.counts, results.known, answer.curve
-    ends = clopper_pearson(known.collapsed, known.n, answer.confidence)
-    rows = []
-    for i, level in enumerate(results.levels):
-        fraction = ["–", "–"]
-        if known.n[i]:
-            interval = f"{ends[0][i]:.3f} – {ends[1][i]:.3f}"
-            fraction = [f"{known.collapsed[i] / known.n[i]:.3f}", interval]
-        fitted = "–"
-        if isinstance(fit, Fragility):
-            fitted = f"{fit.probability(level / results.scale.factor):.3f}"
-        rows.append([
-            digits(level), counts.runs[i], counts.collapsed[i], counts.standing[i],
-            counts.unfinished[i], counts.solver_failures[i], *fraction, fitted,
-        ])  # fmt: skip
-    heads = [
-        results.scale.label, "runs", "collapsed", "standing", "unfinished", "solver failures",
-        "records with capacity below" if results.bisected else "fraction",
-        f"Clopper–Pearson {percent}", "curve",
-    ]  # fmt: skip
-    return table(f"Verdicts and probabilities of {results.arch} by level", heads, rows, "", 0)
+    ends = zip(*clopper_pearson(known.collapsed, known.n, answer.confidence))
+    chance = np.full(results.levels.size, np.nan)
+    if isinstance(fit, Fragility):
+        chance = fit.probability(results.levels / results.scale.factor)
+    fraction = known.collapsed / np.where(known.n > 0, known.n, np.nan)
+    columns = {
+        results.scale.label: map(digits, results.levels),
+        "runs": counts.runs, "collapsed": counts.collapsed, "standing": counts.standing,
+        "unfinished": counts.unfinished, "solver failures": counts.solver_failures,
+        "records with capacity below" if results.design.adaptive else "fraction":
+            [measured(each, ".3f") for each in fraction],
+        f"Clopper–Pearson {percent}":
+            [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],
+        "curve": [measured(each, ".3f") for each in chance],
+    }  # fmt: skip
+    label = f"Verdicts and probabilities of {results.arch} by level"
+    return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
-def _cloud(answer: Answer, name: str, scale: Scale) -> Markup | None:
-    found = answer.more.get("cloud")
-    if not found or "none" in found:
-        return None
-    rows = []
-    for kind, each in found.items():
-        if "none" in each:
-            rows.append((kind, each["none"], "–"))
-            continue
-        theta, *ends = map(scale.digits, (each["theta"], *each["theta_interval"]))
-        beta = "{:.2f} ({:.2f}–{:.2f})".format(each["beta"], *each["beta_interval"])
-        rows.append((kind, f"{theta} ({'–'.join(ends)})", beta))
-    heads = ["regression", f"θ [{scale.unit}]", "β"]
-    return table(f"Cloud regressions of {name}", heads, rows, "compact")
+def _cloud(found: Mapping[str, Any], name: str, scale: Scale) -> Markup:
+    """Result of the logistic regression of a cloud, or why there is none."""
+    fit = found["logistic"]
+    if "none" in fit:
+        return paragraph(f"There is no logistic regression: {fit['none']}.")
+    theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
+    return paragraph(
+        f"Logistic regression of collapse against ln intensity: θ {theta} {scale.unit} ({low} to "
+        f"{high}), β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])}).", "note",
+    )  # fmt: skip
 
 
-def states_table(answer: Answer, name: str, scale: Scale) -> Markup | None:
+def _limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Parts:
     """Limit states with median and dispersion, or why they have none."""
+    states = answer.more["limit_states"]
+    yield heading("Limit states")
+    if "none" in states:
+        yield paragraph(f"They could not be found: {states['none']}.")
+        return
+    yield paragraph(TEXTS["notes"]["states"])
+    yield curves.limit_states(answer, name, scale, highest)
+    yield paragraph(states["message"])
     rows = []
-    for state in answer.more.get("limit_states", {}).get("states", ()):
-        own, curve = state["name"].replace("_", " "), state["curve"]
+    for state in states["states"]:
+        curve, meaning, numbers = state["curve"], state["meaning"], ("–", "–")
         if "none" in curve:
-            rows.append((own, f"{state['meaning']} (no curve: {curve['none']})", "–", "–"))
+            meaning += f" (no curve: {curve['none']})"
         else:
             numbers = scale.digits(curve["theta"]), f"{curve['beta']:.3f}"
-            rows.append((own, state["meaning"], *numbers))
+        rows.append((state["name"].replace("_", " "), meaning, *numbers))
     heads = ["limit state", "meaning", f"θ [{scale.unit}]", "β"]
-    return table(f"Limit states of {name}", heads, rows, "compact", 2) if rows else None
+    yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
-def _measured(answer: Answer, name: str) -> Markup:
-    rows = [
-        [row["measure"], *(
-            row[key] if key == "unit" else measured(row[key])
-            for key in ("theta", "unit", "beta", "efficiency", "p_magnitude", "p_distance")
-        )]
-        for row in curves.efficient_first(answer)
-    ]  # fmt: skip
-    heads = ["measure", "θ", "unit", "β", "efficiency", "p of magnitude", "p of distance"]
-    return table(f"Intensity measures for {name}", heads, rows, "dense narrow")
+def _measures(found: Mapping[str, Any], name: str) -> Parts:
+    """Intensity measures, the most efficient first, those without efficiency last."""
+    yield heading("Intensity measures compared")
+    if "none" in found:
+        yield paragraph(f"No comparison: {found['none']}")
+        return
+    efficiency = np.array([float(row["efficiency"] or np.nan) for row in found["rows"]])
+    percent = 100.0 * np.nan_to_num(efficiency / max(np.nanmax(efficiency, initial=0.0), 1e-9))
+    bar, cells = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>'), []
+    for i in np.argsort(efficiency):  # nan is last
+        row = found["rows"][i]
+        best = " (best)" if row["measure"] == found["best"] else ""
+        numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
+        shown = bar.format(measured(row["efficiency"]), percent[i])
+        cells.append([f"{row['measure']}{best}", shown, *numbers, row["unit"]])
+    yield paragraph(found["message"])
+    heads = ["measure", "efficiency", "p of magnitude", "p of distance", "θ", "unit"]
+    yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
+    yield paragraph(TEXTS["notes"]["efficiency"], "note")
 
 
-def _geometry(parameters: Mapping[str, Any], name: str) -> Markup:
-    rows = [
-        (f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", words.short(value))
-        for key, value in parameters.items()
-        if value is not None
-    ]
+def _geometry(parameters: Mapping[str, Any]) -> Rows:
+    for key, value in parameters.items():
+        if value is not None:
+            shown = f"{np.size(value)} values" if np.size(value) > 6 else str(value)
+            shown = {"True": "yes", "False": "no"}.get(shown, shown)
+            yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
-        rows.append(("dead load", "none: the ring alone, without fill and spandrels"))
-    return pairs(f"Geometry of {name}", rows, "parameter")
+        yield "dead load", "none: the ring alone, without fill and spandrels"
 
 
-def _mechanisms(groups: Sequence[Any], results: ArchResults, percent: str) -> Markup:
-    everything = groups[0].collapsed
-    rows = [["all", everything.sum(), "", "", *everything.tolist()]]
+def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: str) -> Parts:
+    collapsed = groups[0].collapsed
+    if not collapsed.any():
+        yield paragraph("No run collapsed.")
+        return
+    yield runs.fractions(groups, results)
+    rows = [["all", collapsed.sum(), "", ""]]
     for group in groups:
         for i in np.flatnonzero(group.counts.any(axis=1)):
-            interval = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-            rows.append([group.categories[i], group.counts[i].sum(), f"{group.overall[i]:.2f}",
-                         interval, *group.counts[i].tolist()])  # fmt: skip
-    levels = list(map(digits, results.levels.tolist()))
-    heads = ["collapses", "all levels", "fraction", f"{percent} interval", *levels]
-    return table(f"Collapses of {results.arch} by mechanism", heads, rows, "dense narrow")
+            limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
+            fraction = f"{group.overall[i]:.2f}"
+            rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
+    heads = ["motion or joint", "collapses", "fraction", f"{percent} html.interval"]
+    yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
+    if results.own_levels is None:
+        numbers = {"collapses": collapsed.sum(), "effective": groups[0].n_effective}
+        yield paragraph(TEXTS["notes"]["effective"].format(**numbers), "note")
 
 
-def _ran(results: ArchResults) -> Rows:
-    time = dict(zip(results.models, results["model_time"].sum(axis=(0, 1)).tolist()))
-    words = {model.name.lower(): text for model, text in MODEL_WORDS.items()}
+def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
+    """Models, time and accuracy of the simulations."""
+    models = inputs.cube["model"].values.astype(str)
+    time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())
-    moving = total - time["rest"]
-    for model, seconds in time.items():
-        if seconds:
-            part = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
-            yield f"simulated time, {words[model]}", part
-    if moving > 0:
-        part = f"{100 * time['all_voussoirs'] / moving:.1f} %"
-        yield "fraction of the time in motion on all voussoirs", part
-    for label, name in (("events located", "events"), ("impacts", "impacts"),
-                        ("switches to time stepping", "switches")):  # fmt: skip
-        if number := results[name].sum():
-            often = f" ({number / moving:.3g} in a second of motion)" if moving > 0 else ""
-            yield label, f"{number:,}{often}"
-    solved, again = results["levels"].sum(), results["level_iterations"].sum()
-    if solved:
-        yield "contact problems solved by the two levels", f"{solved:,}"
-    if again:
-        yield "of these, with more than one round", f"{again:,} ({100 * again / solved:.2g} %)"
-    if general := results["general"].sum():
-        yield "contact problems left to the general solver", f"{general:,}"
-
-
-def _speed(inputs: ReportInputs, results: ArchResults) -> Rows:
-    wall = np.array((inputs.timings or {}).get(results.arch, ()), dtype=float)
-    number, simulated = int(results.counts.runs.sum()), np.nansum(results["end_time"])
-    yield "simulated time", f"{simulated:,.0f} s in {number:,} runs"
-    if wall.sum() > 0 and simulated > 0:
+    yield "simulated time", f"{total:,.0f} s in {results.counts.runs.sum():,} runs"
+    for model, words in MODEL_WORDS.items():
+        if seconds := time[model.name.lower()]:
+            yield f"of this, {words}", f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
+    wall = np.array(inputs.timings.get(results.arch, ()), dtype=float)
+    if wall.sum() > 0 and total > 0:
         yield "wall time of the simulations, summed over workers", f"{wall.sum():,.2f} s"
-        yield "wall time for one simulated second", f"{1e3 * wall.sum() / simulated:#.3g} ms"
-    if wall.size and wall.size == number:
-        ends = np.quantile(wall, [0.5, 0.95])
-        yield "wall time of a run, median and 95 %", "{:#.3g} s, {:#.3g} s".format(*ends)
-    yield "steps of integration", f"{results['steps'].sum():,}"
+        yield "wall time for one simulated second", f"{1e3 * wall.sum() / total:#.3g} ms"
+    counted = {
+        "steps": "steps of integration", "events": "events located", "impacts": "impacts",
+        "switches": "switches to time stepping",
+        "general": "contact problems left to the general solver",
+        "fallbacks": "steps solved only with slightly compliant joints",
+    }  # fmt: skip
+    yield from ((words, f"{results[name].sum():,}") for name, words in counted.items())
     failed = results.verdict == Verdict.SOLVER_FAILURE
     sound = results.simulated & ~failed
     displaced = sound & (results["peak_displacement"] >= 1e-4)
     of = f"{displaced.sum()} runs displaced by 0.1 mm or more"
     error, residual = results["energy_error"], results["contact_residual"]
-    yield f"energy error, median and largest ({of})", words.median_and_largest(error[displaced])
-    yield "contact residual, median and largest", words.median_and_largest(residual[sound])
+    yield f"energy error, median and largest ({of})", html.median_and_largest(error[displaced])
+    yield "contact residual, median and largest", html.median_and_largest(residual[sound])
     if failed.any():
         label = "contact residual of solver failures, median and largest"
-        yield label, words.median_and_largest(residual[failed])
-    yield "steps solved only with slightly compliant joints", f"{results['fallbacks'].sum():,}"
-    yield "runs that lost all contact at a joint and stand", f"{stood_after_loss(results):,}"
-    below = np.cumsum(results.verdict == Verdict.COLLAPSED, axis=1) > 0
-    again = np.any(below & (results.verdict == Verdict.STANDING), axis=1).sum()
-    yield "records that collapse at a level and stand at a higher one", again
+        yield label, html.median_and_largest(residual[failed])
 
 
-def _repeated(
-    inputs: ReportInputs, results: ArchResults, place: int, animated: bool
-) -> dict[str, Any]:
-    """Runs simulated again: the log of one, a collapse and a near miss in motion."""
+def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
+    """Runs simulated again: a collapse and a near miss in motion, and the log of the first."""
     name, arch, onset = inputs.arches[place]
-    films: list[Picture] = []
-    found: dict[str, Any] = {"timeline": None, "log": [], "films": films}
     fit = inputs.answers[name].curve
+    if not onset.stands:
+        return
     median = fit.theta * results.scale.factor if isinstance(fit, Fragility) else None
-    chosen = {"A collapse": example.choose(results, median)}
+    first = arch_figures.repeat(inputs, results, arch, arch_figures.choose(results, median))
+    films = []
     if animated:
-        chosen["A near miss"] = example.farthest(results)
-    for title, run in chosen.items():
-        shown = onset.stands and example.repeat(inputs.cube, results, arch, inputs.motions, run)
-        if not shown:
-            continue
-        if title == "A collapse":
-            changes = shown.response.mechanism or ()
-            found["log"] = [str(change) for change in changes[:_ENTRIES]]
-            if len(changes) > _ENTRIES:
-                found["log"].append(f"... and {len(changes) - _ENTRIES} more")
-            found["timeline"] = example.timeline(shown)
-        if animated and shown.response.collapsed == (title == "A collapse"):
-            key = "fall" if shown.response.collapsed else "miss"
-            film = arch_figures.film(shown, f"{key}{place}", title)
-            films += [film] if film else []
-    return found
-
-
-def class_section(inputs: ReportInputs, name: str, scale: Scale) -> dict[str, Any]:
-    """Figures, tables and numbers of a class, by the names that the page's template uses."""
-    of_class = arch_classes(inputs.cube)
-    members = [inputs.answers[arch] for arch, own in of_class.items() if own == name]
-    answer = inputs.classes[name]
-    highest = scale.factor * float(inputs.cube["intensity"].max())
-    differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
-    parts, split = answer.more.get("dispersion") or {}, None
-    if parts and "none" not in parts:
-        split = pairs(f"Dispersion of the class {name}", [
-            ("from record to record", f"{parts['beta_record_to_record']:.3f}"),
-            ("between the arches of the class", f"{parts['beta_model']:.3f}"),
-        ], "part of β")  # fmt: skip
-    return {
-        "n_arch": len(members),
-        "answer": answer,
-        "cautions": (),
-        "lost": lost_text(answer, scale.text),
-        "limit_states": curves.limit_states(answer, name, scale, highest),
-        "states": states_table(answer, name, scale),
-        "curve": curves.class_curve(answer, members, name, scale),
-        "split": split,
-        "panels": runs.theta_panels(members, differences, name, scale),
-    }
+        if first is not None and first.response.collapsed:
+            films.append(arch_figures.film(first, f"fall{place}", "A collapse"))
+        second = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
+        if second is not None and not second.response.collapsed:
+            films.append(arch_figures.film(second, f"miss{place}", "A near miss"))
+    if any(films):
+        shown = Markup("\n").join(film for film in films if film)
+        yield heading("Runs in motion")
+        yield Markup('<div class="motions">{}</div>').format(shown)
+    if first is not None and (picture := runs.timeline(first)):
+        entries = first.response.mechanism or ()
+        words = [str(change) for change in entries[:_ENTRIES]]
+        if len(entries) > _ENTRIES:
+            words.append(f"... and {len(entries) - _ENTRIES} more")
+        yield heading("The mechanism in one run")
+        yield picture
+        yield html.folded("The log in words", "\n".join(words))
 
 
 def _differences(cube: xr.Dataset, own: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """What the arches of a class differ by: numbers as floats, attributes as texts."""
-    found: dict[str, NDArray] = {}
-    for name in map(str, cube.data_vars):
-        if name.startswith(("arch_", "attribute_")) and name != "arch_class":
-            values = cube[name].values[own]
-            values = values.astype(float if values.dtype.kind in "fiu" else str)
+    """Numbers in which the arches of a class differ."""
+    found = {}
+    for name, variable in cube.data_vars.items():
+        if str(name).startswith("arch_") and variable.dtype.kind in "fiu":
+            values = variable.values[own].astype(float)
             if np.unique(values).size > 1:
-                found[name.partition("_")[2].replace("_", " ")] = values
+                found[str(name).removeprefix("arch_").replace("_", " ")] = values
     return found

@@ -235,8 +235,7 @@ class _Makers:
 
     def _prepare(self) -> None:
         """See that the kernels are compiled and that all arches stand."""
-        from archfrag.simulate import kernels_are_compiled, warmup
-        from archfrag.simulation.warm import every
+        from archfrag.warmup import every, kernels_are_compiled, warmup
 
         bar, self.used = self._bar, 1
         with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):

@@ -1,0 +1,161 @@
+"""Parts of the page: texts, tables and pictures, and how numbers are written on it."""
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+
+_TEMPLATES = files("archfrag.report") / "templates"
+STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
+TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("archfrag.report"), autoescape=True, undefined=StrictUndefined,
+    trim_blocks=True, lstrip_blocks=True,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption."""
+
+    svg: str  #: or HTML
+    caption: str
+    narrow: str = ""  #: for narrow screens; empty where `svg` serves all widths
+
+    def __html__(self) -> str:
+        shown = self.svg
+        if self.narrow:
+            shown = f'<div class="broad">{shown}</div><div class="slim">{self.narrow}</div>'
+        return f"<figure>\n{shown}\n<figcaption>{escape(self.caption)}</figcaption>\n</figure>"
+
+    @property
+    def file(self) -> str:
+        """The figure with its caption as the text of an SVG file of its own."""
+        spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+        inside = (
+            f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
+            '<rect width="100%" height="100%" fill="white"/>'
+        )
+        svg = self.svg.replace("<svg ", f"<svg {spaces} ", 1)
+        return svg.replace(">", f">{inside}", 1) + "\n"
+
+
+def number(value: float) -> str:
+    """A coordinate to a tenth of a pixel."""
+    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
+
+
+_ENVIRONMENT.filters["px"] = number
+
+
+def template(file: str, **values: Any) -> Markup:
+    """A template of the page with its values."""
+    return Markup(_ENVIRONMENT.get_template(file).render(values))
+
+
+def heading(words: str) -> Markup:
+    """A heading in a section."""
+    return Markup("<h3>{}</h3>").format(words)
+
+
+def paragraph(words: str, kind: str = "") -> Markup:
+    """A paragraph; `kind` is empty, note, none (for what is missing) or caution."""
+    return Markup('<p class="{}">{}</p>' if kind else "<p>{1}</p>").format(kind, words)
+
+
+def cautions(messages: Iterable[str]) -> Markup:
+    """A paragraph for each message that begins without a capital and ends without a full stop."""
+    return Markup("\n").join(paragraph(f"Caution: {each}.", "caution") for each in messages)
+
+
+def folded(title: str, text: str) -> Markup:
+    """Lines that a click on their title shows."""
+    return Markup(
+        '<details><summary>{}</summary><pre tabindex="0">{}</pre></details>'
+    ).format(title, text)  # fmt: skip
+
+
+def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
+    """A list of labels, each with a value in large digits and remarks on it."""
+    shown = []
+    for label, value, *remarks in rows:
+        form = (
+            '<div><dt>{}</dt><dd class="large">{}</dd>'
+            + len(remarks) * '<dd class="range">{}</dd>'
+        )
+        shown.append(Markup(form + "</div>").format(label, value, *remarks))
+    return Markup('<dl class="{}">{}</dl>').format(kind, Markup("\n").join(shown))
+
+
+def table(
+    label: str, heads: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "",
+    numeric_from: int = 1,
+) -> Markup:  # fmt: skip
+    """A table that scrolls by itself on a narrow screen; columns of numbers are on the right.
+
+    The first cell of each row is its head. Tables of the kind ``pairs`` hold a name and a value,
+    written to the left.
+    """
+    first = 99 if kind.startswith("pairs") else numeric_from
+
+    def cell(tag: str, place: int, content: object) -> str:
+        kind = ' class="number"' if place >= first else ""
+        return f"<{tag}{kind}>{escape(content)}</{tag.split()[0]}>"
+
+    def row(content: Sequence[object]) -> str:
+        cells = (cell("td" if i else 'th scope="row"', i, each) for i, each in enumerate(content))
+        return f"<tr>{''.join(cells)}</tr>\n"
+
+    head = "".join(cell('th scope="col"', i, each) for i, each in enumerate(heads))
+    return Markup(
+        f'<div class="wide" role="group" aria-label="{escape(label)}, may be scrolled" '
+        f'tabindex="0"><table class="{kind}" aria-label="{escape(label)}">\n'
+        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(map(row, rows))}</tbody></table></div>"
+    )
+
+
+def pairs(label: str, rows: Iterable[Sequence[object]], head: str = "figure") -> Markup:
+    """A table of names and values."""
+    return table(label, [head, "value"], rows, "pairs")
+
+
+def digits(value: float) -> str:
+    """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
+    return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
+
+
+def onset_text(value: float) -> str:
+    """Onset acceleration in g, or that there is none."""
+    return f"{digits(value)} g" if np.isfinite(value) else "no limit"
+
+
+def measured(value: float | str | None, form: str = "#.3g") -> str:
+    """A number, or a dash where it is not known."""
+    known = np.nan if value is None else float(value)
+    return format(known, form).removesuffix(".") if np.isfinite(known) else "–"
+
+
+def interval(ends: Sequence[float], form: str = ".2f") -> str:
+    """Two numbers."""
+    return f"{ends[0]:{form}} to {ends[1]:{form}}"
+
+
+def chance(value: float) -> str:
+    """A probability with two digits, three where it is small or large."""
+    if not np.isfinite(value):
+        return "–"
+    if not 0.001 <= value <= 0.999:
+        return "< 0.001" if value < 0.001 else "> 0.999"
+    return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
+
+
+def median_and_largest(values: NDArray[np.float64]) -> str:
+    """Of magnitudes, with a power of ten."""
+    values = np.abs(values[np.isfinite(values)])
+    return f"{np.median(values):.1e}, {values.max():.1e}" if values.size else "not known"
