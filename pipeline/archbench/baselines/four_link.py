@@ -485,7 +485,7 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Results:
-    """Move a chain on four hinges; as `archfrag.methods.time_stepping.front.run`.
+    """Move a chain on four hinges; as `archfrag.methods.time_stepping.run.run`.
 
     Frames at rest have no reactions.
     """

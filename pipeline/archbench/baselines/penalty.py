@@ -297,7 +297,7 @@ def run(
     step_fraction: float,
     rounding: float,
 ) -> Results:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`.
 
     The settings are those of `archbench.baselines`; the depth counts as 1 m, as a chain
     knows its masses but not its depth. Where the chain is not at rest, springs take up the weight

@@ -209,7 +209,7 @@ def run(
     log: MechanismLog,
     solver_tolerance: float,
 ) -> Results:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)
 

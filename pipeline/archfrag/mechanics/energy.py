@@ -9,17 +9,9 @@ from archfrag.mechanics.status import Energy
 
 @kernel
 def contact_works(state, work):
-    """Work done at the joints over a step, by the law that explains it.
+    """Work of the joints over a step by friction, by impacts, and by what no law explains [J].
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With relative velocities before the step in `earlier`, after it in `relative`.
-
-    Returns
-    -------
-    friction, impact, balance_error : number
-        `balance_error` is what neither law explains [J].
+    From the relative velocities before the step in ``work.earlier``, after it in `relative`.
     """
     friction = impact = balance_error = 0.0
     hits = False

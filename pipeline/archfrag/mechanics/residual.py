@@ -91,19 +91,10 @@ def _if_closed(j, model, work, scale, force):
 
 @kernel
 def contact_residual(model, work, scale, force):
-    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws.
+    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws [1].
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions.
-    scale, force : float
-        What counts as one in velocity and in force.
-
-    Returns
-    -------
-    float
-        Dimensionless; zero where the laws hold exactly.
+    From contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions;
+    `scale` and `force` count as one in velocity and in force.
     """
     largest = 0.0
     for j in range(work.slide.size):
@@ -133,18 +124,10 @@ def _move_moments(work, sense):
 
 @kernel
 def state_residual(model, state, work):
-    """How far one instant of a motion is from the contact laws.
+    """How far one instant of a motion is from the contact laws; as `contact_residual`.
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
-        overwritten.
-
-    Returns
-    -------
-    float
-        As `contact_residual`.
+    With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
+    overwritten.
     """
     length = model.length
     _move_moments(work, 1.0)

@@ -245,10 +245,7 @@ def measure_residual(position, work):
 def correct(model, position, work, enough):
     """Solve the linear problem whose factors are set, and correct it until `enough` is left.
 
-    Returns
-    -------
-    number
-        Largest velocity left along a constrained direction; nan where a pivot vanishes.
+    Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
     """
     for i in range(position.shape[0]):
         for c in range(3):
@@ -277,20 +274,9 @@ def correct(model, position, work, enough):
 def solve_modes(model, position, work, scale, precision):
     """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.touch`` and ``work.slide``.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and velocities without reactions in `free`; `solved`,
-        `reaction`, `relative` and `parting` are overwritten.
-    scale : number
-        Largest relative velocity without reactions.
-    precision : Precision
-
-    Returns
-    -------
-    number
-        As `correct`.
+    From contacts and velocities without reactions in ``work.free``, the largest relative one of
+    which is `scale`; `solved`, `reaction`, `relative` and `parting` are overwritten. Returns what
+    `correct` does.
     """
     set_rows(model, position, work, 0)
     factorise(model, work, precision.compliance, 0)

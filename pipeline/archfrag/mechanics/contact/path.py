@@ -362,28 +362,13 @@ def _stick_rough(model, work):
 
 @kernel
 def solve_by_path(model, position, work, path, exact):
-    """Solve one contact problem along solution paths.
+    """Solve one contact problem along solution paths, the first from the modes in `work`.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes in which the
-        first path begins; on return the solution.
-    path : Path
-    exact : bool
-        Whether joints have to be rigid. Else they stay slightly compliant where no rigid solution
-        is found.
-
-    Returns
-    -------
-    solved, compliant : bool
-        Compliant where the solution is that of slightly compliant joints (relative compliance
-        1e-6 to 1e-4). Where a ring closes, its last gaps contradict each other by the square of
-        their size, and of the many combinations that leave one of them open by 1e-10 m rounding
-        finds none.
-    rounds, breaks : int
-        Linear problems solved by the iteration on modes, and breaks of the paths followed.
+    If joints need not be rigid (`exact`), they stay slightly compliant (relative compliance 1e-6
+    to 1e-4) where no rigid solution is found: where a ring closes, its last gaps contradict each
+    other by the square of their size, and of the many combinations that leave one of them open by
+    1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
+    iteration on modes, and breaks of the paths followed.
     """
     scale = velocity_scale(position, work)
     for i in range(position.shape[0]):
@@ -420,17 +405,9 @@ def solve_by_path(model, position, work, path, exact):
 
 @kernel
 def solve_anyhow(model, state, work, path):
-    """Solve a contact problem that is posed along paths, the first from the state's own modes.
+    """Solve a posed contact problem along paths, the first from the state's own modes.
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With the contacts placed where the bodies are by `position`.
-
-    Returns
-    -------
-    solved, compliant : bool
-        Compliant where the solution is that of slightly compliant joints.
+    Returns solved, and compliant where the solution is that of slightly compliant joints.
     """
     count = state.count
     copy_modes(state, work)

@@ -53,19 +53,11 @@ def _arm(centre, position, k):
 
 @kernel
 def centripetal_bias(position, velocity, slip, sense, work):
-    """What rotations add to the relative acceleration at each corner (Eqs 17, 18).
+    """Into ``work.bias`` what rotations add to relative accelerations at corners (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points, and where a vertex runs along
-    a rotating face twice the product of both rates.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, (n_body + 2, 3)
-    slip : ndarray, (n_joint,) [m]
-    sense : ndarray, (n_joint,)
-        Of the friction of slips in progress; zero: none.
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and modes in `touch`; `bias` is overwritten [m/s2].
+    a rotating face twice the product of both rates; `sense` is that of the friction of slips in
+    progress, zero for none.
     """
     for j in range(work.slide.shape[0]):
         before, after = velocity[j, 2], velocity[j + 1, 2]
@@ -139,18 +131,8 @@ def _add(rate, u, x, y, k, work):
 def four_hinges(model, position, velocity, work):
     """Accelerations and reactions of three bodies hinged to each other and to the ground.
 
-    Parameters
-    ----------
-    position, velocity : ndarray, (5, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, modes, and accelerations without reactions in `free`; `solved`
-        and `reaction` are overwritten.
-
-    Returns
-    -------
-    bool
-        False where the rotation centre of the middle body is so far off that the reactions do
-        not follow from it.
+    From contacts, modes, and accelerations without reactions in ``work.free``; False where the
+    rotation centre of the middle body is so far off that the reactions do not follow from it.
     """
     c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
     p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
@@ -235,22 +217,10 @@ def pose(mega, position):
 
 @kernel
 def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
-    """Accelerations and reactions of mega-voussoirs in their modes.
+    """Accelerations and reactions of mega-voussoirs in their modes, under a ground acceleration.
 
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use; accelerations are written to ``work.solved``, reactions to ``work.reaction``.
-    position, velocity : ndarray, (n + 2, 3)
-    ground_x, ground_y : float
-        Ground acceleration [m/s2].
-    scale : float
-        Accelerations that count as one [m/s2].
-
-    Returns
-    -------
-    bool
-        False where the equations have no solution.
+    They are left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one
+    [m/s2]. False where the equations have no solution.
     """
     model, work = mega.model, mega.work
     pose(mega, position)
@@ -277,23 +247,9 @@ def project(mega, position, velocity, enough, limit):
     """Move a state onto its contacts, and its velocities onto their rates, after `pose` there.
 
     Both in the metric of kinetic energy, and across the joints, without friction: along its cone
-    a projection could gain energy.
-
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use.
-    position, velocity : ndarray, (n + 2, 3)
-        Overwritten.
-    enough : tuple of float
-        Distances from the contacts [m] and rates [m/s] up to which nothing is done.
-    limit : float
-        How far any body may be moved [m], rotations by the length of the first joint.
-
-    Returns
-    -------
-    bool
-        False where a body would have to move farther: nothing was done.
+    a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
+    `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
+    first joint; then it returns False.
     """
     model, work, apart = mega.model, mega.work, 0.0
     set_rows(model, position, work, 0)

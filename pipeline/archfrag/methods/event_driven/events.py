@@ -265,13 +265,11 @@ def _root(motion, mega, step, ground, end, joint, law):
 
 @inlined
 def locate(motion, mega, step, ground, end):
-    """First instant of a step at which a law ends.
-
-    Returns part of the step; nan where no state could be evaluated. ``mega.next_position``,
-    ``next_velocity`` and the last solution are those at that instant.
+    """First part of a step at which a law ends; nan where no state could be evaluated.
 
     The law whose margin is smallest where one is broken is followed back to where it is used up,
-    an impact on the gaps alone; then all others are looked at there, until none is broken.
+    an impact on the gaps alone; then all others are looked at there, until none is broken. The
+    next state and the last solution are those at that instant.
     """
     trigger, part = motion.trigger, end
     for _ in range(MOST_ROUNDS):

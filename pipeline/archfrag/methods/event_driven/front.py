@@ -20,7 +20,7 @@ from archfrag.methods.event_driven.events import new_motion
 from archfrag.methods.event_driven.integrate import FIRST, Progress, Run
 from archfrag.methods.event_driven.phases import ACCUMULATION, BY_UNSOLVED, follow_phases
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER
-from archfrag.methods.time_stepping.front import UNKNOWN, rest_of
+from archfrag.methods.time_stepping.run import UNKNOWN, rest_of
 
 # Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
 COARSE = 1e-3
@@ -70,7 +70,7 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Results:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
     model, results = model_of(chain), new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN
     given = new_run(model, one_of(grounds, 0, factor), options, rest)
@@ -85,7 +85,7 @@ def run(
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Results:
-    """One run after the other; as `archfrag.methods.time_stepping.front.run_many`."""
+    """One run after the other; as `archfrag.methods.time_stepping.run.run_many`."""
     model, results = model_of(chain), new_results(len(motion))
     rest, output = rest_of(model), no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):

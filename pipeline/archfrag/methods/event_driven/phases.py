@@ -28,18 +28,13 @@ from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as Rung
+from archfrag.methods import common
+from archfrag.methods.common import FALLEN as COLLAPSE
 from archfrag.methods.common import (
-    ALL,
-    AT_END,
-    BROKEN,
-    EXHAUSTED,
-    GO,
-    IDLE,
     end_run,
     log_change,
     read_state,
 )
-from archfrag.methods.common import FALLEN as COLLAPSE
 from archfrag.methods.event_driven.events import NONE
 from archfrag.methods.event_driven.integrate import (
     BOUND,
@@ -65,13 +60,14 @@ from archfrag.methods.event_driven.transitions import (
     take_modes,
 )
 from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.rest import BY_START, start_moving
 from archfrag.methods.time_stepping.run import code_after, start_at_rest, try_step
 from archfrag.methods.time_stepping.service import (
+    BY_START,
     accept_recorded,
     measure_state,
     serve,
     serve_pause,
+    start_moving,
 )
 from archfrag.methods.time_stepping.step import record_overlap
 
@@ -187,7 +183,7 @@ def assemble_mega_voussoirs(run, output):
     clock, motion = state.clock, run.motion
     clock[Clock.FASTEST] = _fastest(run)
     if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = BROKEN
+        clock[Clock.CODE] = common.BROKEN
         return DONE
     had = balance_energy(model, state)
     if clock[Clock.FASTEST] < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
@@ -242,7 +238,7 @@ def integrate_to_next_event(run, output):
     balance_energy(model, state)
     ground = segment_at(clock[Clock.TIME], run.grounds)
     recover_reactions(run, mega, mega.position, mega.velocity, ground.x, ground.y)
-    clock[Clock.CODE] = AT_END if code == STOPPED else EXHAUSTED
+    clock[Clock.CODE] = common.AT_END if code == STOPPED else common.EXHAUSTED
     if code == FALLEN:
         follow_joints(model, state, work, True, run.options.loss_limit)
         clock[Clock.CODE] = COLLAPSE
@@ -293,7 +289,7 @@ def step_until(run, until, output):
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
     clock = state.clock
     end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
-    while clock[Clock.CODE] == GO and clock[Clock.TIME] < until:
+    while clock[Clock.CODE] == common.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
@@ -332,17 +328,17 @@ def step_all_voussoirs(run, output):
             QUIESCENT_STEPS,
         )
     cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
-    log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
+    log_change(state, clock[Clock.TIME], cause, joint, common.ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     start_moving(state, run.options, output)
     work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
-    clock[Clock.CODE] = GO
+    clock[Clock.CODE] = common.GO
     until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != GO:
+        if clock[Clock.CODE] != common.GO:
             code = serve(model, run.grounds, state, work, run.path, run.options, output)
-            if code != GO:
+            if code != common.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
@@ -368,7 +364,7 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
-    if code == IDLE:
+    if code == common.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, BY_START, -1)

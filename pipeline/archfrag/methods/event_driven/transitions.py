@@ -20,14 +20,8 @@ from archfrag.mechanics.contact.placing import (
 )
 from archfrag.mechanics.energy import kinetic_energy
 from archfrag.mechanics.laws import opening_rate
+from archfrag.mechanics.mega_voussoirs import second_level
 from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
-from archfrag.mechanics.mega_voussoirs.second_level import (
-    FORCE_0,
-    FRICTION_PLUS,
-    GAP_0,
-    GAP_1,
-    SLIP_END,
-)
 from archfrag.mechanics.status import Cause, Count, Energy
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
@@ -250,14 +244,14 @@ def cause_of(run):
     """Why the mechanism ends: cause, and joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
     touch = run.state.touch
-    if law == SLIP_END:
+    if law == second_level.SLIP_END:
         return BY_STICK, joint
-    if law in (GAP_0, GAP_1):
+    if law in (second_level.GAP_0, second_level.GAP_1):
         return BY_IMPACT, joint
     if touch[joint, 0] > 0.5 and touch[joint, 1] > 0.5:
-        return (BY_HINGE if law < FRICTION_PLUS else BY_SLIDE), joint
+        return (BY_HINGE if law < second_level.FRICTION_PLUS else BY_SLIDE), joint
     rough = math.isinf(run.model.friction[joint])
-    return (BY_LOSS if law < FRICTION_PLUS or rough else BY_SLIDE), joint
+    return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
 
 
 @inlined
@@ -267,8 +261,8 @@ def change_mode(run, cause, joint, law):
     if cause == BY_STICK:
         slide[joint] = 0.0
     elif cause == BY_HINGE:
-        touch[joint, law - FORCE_0] = 0.0
+        touch[joint, law - second_level.FORCE_0] = 0.0
     elif cause == BY_SLIDE:
-        slide[joint] = 1.0 if law == FRICTION_PLUS else -1.0
+        slide[joint] = 1.0 if law == second_level.FRICTION_PLUS else -1.0
     elif cause == BY_LOSS:
         touch[joint, 0] = touch[joint, 1] = slide[joint] = 0.0
