@@ -23,8 +23,8 @@ from archfrag.mechanics.contact.blocks import (
     Precision,
     add_reactions,
     correct,
-    factorise,
     set_rows,
+    set_up,
 )
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
@@ -214,7 +214,7 @@ def set_start(position, work, path, scale):
     """
     model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
     force = scale * model.mass.sum()
-    set_rows(model, position, work, 0)
+    set_rows(model, position, work)
     relative_velocity(position, path.free, work.pivot, work.relative)
     for j in range(n_joint):
         size, slide = 1.0 + j / n_joint, work.slide[j]
@@ -317,8 +317,7 @@ def follow_path(position, work, path, scale, compliance):
     tau, direction, crossed = 0.0, ON, (-1, -1)
     first, breaks, limit = 0, 0, 100 + 20 * work.slide.size
     while breaks < limit:
-        set_rows(path.model, position, work, first)
-        factorise(path.model, work, compliance, first)
+        set_up(path.model, position, work, compliance, first)
         left = piece_functions(position, work, path, 0.0, path.at_start)
         left += piece_functions(position, work, path, 1.0, path.at_end)
         j = crossed[0]

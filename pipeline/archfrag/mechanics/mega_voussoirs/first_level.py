@@ -252,7 +252,7 @@ def project(mega, position, velocity, enough, limit):
     first joint; then it returns False.
     """
     model, work, apart = mega.model, mega.work, 0.0
-    set_rows(model, position, work, 0)
+    set_rows(model, position, work)
     _set_bias(work, 0.0)
     for i in range(position.shape[0]):
         for c in range(3):
@@ -268,7 +268,7 @@ def project(mega, position, velocity, enough, limit):
                 work.column[j, a, d] = work.row[j, a, d]
     if apart <= enough[0] and rate <= enough[1]:
         return True
-    factorise(model, work, EXACT.compliance, 0)
+    factorise(model, work, EXACT.compliance)
     correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
