@@ -20,7 +20,8 @@ def contact_works(state, work):
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
         u = 0.5 * (work.earlier[j, 2] + work.relative[j, 2])
-        done, fresh = fx * ux + fy * uy + moment * u, state.impact[j] > 0.0
+        made = (work.touch[j, 0] > state.touch[j, 0]) | (work.touch[j, 1] > state.touch[j, 1])
+        done, fresh = fx * ux + fy * uy + moment * u, made | (state.impact[j] > 0.0)
         hits = hits | fresh
         impact += select(fresh, done, 0.0)
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
@@ -38,19 +39,24 @@ def contact_works(state, work):
 
 
 @inlined
-def record_work(friction, impact, balance_error, where, energy):
-    """Works of all joints over one step [J].
+def unexplained_work(friction, impact, balance_error):
+    """Work over a step that no law explains: the integrator's error [J].
 
-    An impact at one joint and the friction that it causes at others belong together: only what
-    both give in sum is the integrator's error.
+    An impact at one joint and the friction that it causes at others belong together.
     """
+    return balance_error + larger(friction + impact, 0.0)
+
+
+@inlined
+def record_work(friction, impact, balance_error, where, energy):
+    """Add the works of all joints over one step [J]; see `unexplained_work`."""
     both = friction + impact
     makes = both > 0.0
     rubs = select(impact > 0.0, both, select(friction > 0.0, 0.0, friction))
     energy[Energy.FRICTION] += select(where & opposite(makes), rubs, 0.0)
     energy[Energy.IMPACT] += select(where & opposite(makes), both - rubs, 0.0)
-    balance_error += select(makes, both, 0.0)
-    energy[Energy.BALANCE_ERROR] += select(where, balance_error, 0.0)
+    unexplained = unexplained_work(friction, impact, balance_error)
+    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
     most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
     energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
 

@@ -317,6 +317,7 @@ def step_all_voussoirs(run, output):
     )
     unit = run.motion.length / run.motion.speed
     state.count[Count.SWITCHES] += 1.0
+    balance_energy(model, state)  # what the events before have missed belongs to this instant
     again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
     progress[Progress.WINDOW] = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
     progress[Progress.QUIESCENT_STEPS] = min(

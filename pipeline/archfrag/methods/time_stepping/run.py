@@ -49,7 +49,15 @@ from archfrag.methods.common import (
     read_state,
     ready,
 )
-from archfrag.methods.time_stepping.at_impacts import LEAD, beyond, locates, next_step, shorten
+from archfrag.methods.time_stepping.at_impacts import (
+    LEAD,
+    beyond,
+    expect_impact,
+    is_spoilt,
+    locates,
+    next_step,
+    shorten,
+)
 from archfrag.methods.time_stepping.service import (
     BY_START,
     accept_recorded,
@@ -86,10 +94,15 @@ def try_step(model, grounds, state, work, options, live):
     clock[Clock.ROUNDS] = select(active, rounds, 0.0)
     state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
     failed = live & opposite(solved | refused | active)
-    halved = failed & (step > 1.5 * options.time_step)
-    if some(refused | halved):
-        shorten(model, state, work, options, refused, halved)
-    return kick, solved, failed & opposite(halved)
+    poor = failed & (step > 1.5 * options.time_step)
+    unsolved, long = failed & opposite(poor), solved & stops
+    if some(long):
+        spoilt = long & is_spoilt(model, state, work, options.tolerance)
+        solved, poor = solved & opposite(spoilt), poor | spoilt
+    expect_impact(model, state, work, options, solved)
+    if some(refused | poor):
+        shorten(model, state, work, options, refused, poor)
+    return kick, solved, unsolved
 
 
 @inlined
