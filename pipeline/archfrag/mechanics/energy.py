@@ -3,6 +3,7 @@
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import at_point
 from archfrag.mechanics.laws import contact_of
+from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, opposite, select, some
 from archfrag.mechanics.status import Energy
 
@@ -86,3 +87,17 @@ def energies_of(model, state):
         rise = state.position[i, 1] - model.centroid[i, 1]
         potential += model.gravity * model.mass[i] * rise
     return kinetic_energy(model, state.velocity), potential
+
+
+@kernel
+def balance_energy(model, state):
+    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
+    energy = state.energy
+    kinetic, potential = energies_of(model, state)
+    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
+    explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+    energy[Energy.BALANCE_ERROR] = change - explained
+    energy[Energy.BALANCE_ERROR_PEAK] = max(
+        energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR])
+    )
+    return kinetic

@@ -9,13 +9,7 @@ smallest violation over the modes in which a joint can obey Signorini and Coulom
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_offset,
-    corner_velocity,
-    place_contacts,
-    relative_velocity,
-)
+from archfrag.mechanics.contact import placing
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 
 # Corners closer than this, over the joint's length, touch.
@@ -131,9 +125,9 @@ def state_residual(model, state, work):
     """
     length = model.length
     _move_moments(work, 1.0)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    placing.place_contacts(model, state.slip, work.face, work.tangent, work)
     _move_moments(work, -1.0)
-    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     force = 0.0
     for i in range(model.mass.size):
         force += model.gravity * model.mass[i]
@@ -144,14 +138,14 @@ def state_residual(model, state, work):
         work.known[j] = 0.0
         for k in range(2):
             work.candidate[j, k] = 1.0
-            gap = clearance(j, k, work.face, work.tangent) / length[j]
+            gap = placing.clearance(j, k, work.face, work.tangent) / length[j]
             if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
                 # Only the gap counts; how the faces slide past each other does not.
                 work.parting[j, k, 0], work.parting[j, k, 1] = gap * nx, gap * ny
                 continue
-            ux, uy = corner_velocity(j, k, work.relative, work)
+            ux, uy = placing.corner_velocity(j, k, work.relative, work)
             rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
-            ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
+            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, state.slip[j])
             work.parting[j, k, 0] = ex / length[j] - rate * ny
             work.parting[j, k, 1] = ey / length[j] + rate * nx
     return contact_residual(model, work, 1.0, force)

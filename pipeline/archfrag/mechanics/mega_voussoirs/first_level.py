@@ -13,20 +13,7 @@ and inertia.
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import (
-    EXACT,
-    correct,
-    factorise,
-    measure_residual,
-    set_rows,
-    solve_modes,
-)
-from archfrag.mechanics.contact.placing import (
-    corner_offset,
-    later_vertex_meets,
-    parting_at,
-    place_chain,
-)
+from archfrag.mechanics.contact import blocks, placing
 from archfrag.mechanics.laws import slip_normal
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
@@ -68,12 +55,12 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux, uy = parting_at(j, px, py, position, velocity)
+                ux, uy = placing.parting_at(j, px, py, position, velocity)
                 nx, ny = work.normal[j, 0], work.normal[j, 1]
                 if work.touch[j, 0] < 0.5 or work.touch[j, 1] < 0.5:
                     nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
                 place = slip[j] if slip[j] != 0.0 else -sense[j]
-                face = before if later_vertex_meets(k, place) else after
+                face = before if placing.later_vertex_meets(k, place) else after
                 twice = 2.0 * face * (nx * uy - ny * ux)
                 x, y = x + twice * nx, y + twice * ny
             work.bias[j, k, 0], work.bias[j, k, 1] = x, y
@@ -212,7 +199,7 @@ def _hinge_reactions(model, position, hinge, work):
 @kernel
 def pose(mega, position):
     """Faces, slips and contacts of mega-voussoirs, where `position` has them."""
-    place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
+    placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
 
 
 @kernel
@@ -231,7 +218,7 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
     if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
-    left = solve_modes(model, position, work, scale, EXACT)
+    left = blocks.solve_modes(model, position, work, scale, blocks.EXACT)
     return left <= ILL_CONDITIONED * model.gravity
 
 
@@ -252,15 +239,15 @@ def project(mega, position, velocity, enough, limit):
     first joint; then it returns False.
     """
     model, work, apart = mega.model, mega.work, 0.0
-    set_rows(model, position, work)
+    blocks.set_rows(model, position, work)
     _set_bias(work, 0.0)
     for i in range(position.shape[0]):
         for c in range(3):
             work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
-    rate = measure_residual(position, work)
+    rate = blocks.measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            ex, ey = corner_offset(j, k, work.face, work.tangent, work.slip[j])
+            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
             work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
             apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):
@@ -268,8 +255,8 @@ def project(mega, position, velocity, enough, limit):
                 work.column[j, a, d] = work.row[j, a, d]
     if apart <= enough[0] and rate <= enough[1]:
         return True
-    factorise(model, work, EXACT.compliance)
-    correct(model, position, work, math.inf)
+    blocks.factorise(model, work, blocks.EXACT.compliance)
+    blocks.correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
         shift = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
@@ -281,7 +268,7 @@ def project(mega, position, velocity, enough, limit):
             position[i, c] += work.solved[i, c]
             work.free[i, c] = velocity[i, c]
     _set_bias(work, 0.0)
-    correct(model, position, work, math.inf)
+    blocks.correct(model, position, work, math.inf)
     for i in range(position.shape[0]):
         for c in range(3):
             velocity[i, c] = work.solved[i, c]

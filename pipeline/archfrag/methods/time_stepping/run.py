@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.ground import Grounds, end_of_motion, kick_between
+from archfrag.mechanics.lanes import LANES, lane_array, runs_of
 from archfrag.mechanics.model import (
     Clock,
     Model,
@@ -26,16 +27,7 @@ from archfrag.mechanics.model import (
     new_work,
     with_shapes,
 )
-from archfrag.mechanics.numbers import (
-    LANES,
-    lane,
-    lane_array,
-    nearest,
-    opposite,
-    runs_of,
-    select,
-    some,
-)
+from archfrag.mechanics.numbers import lane, opposite, select, some
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods import common
@@ -49,6 +41,7 @@ from archfrag.methods.common import (
     read_state,
     ready,
 )
+from archfrag.methods.time_stepping import service
 from archfrag.methods.time_stepping.at_impacts import (
     LEAD,
     beyond,
@@ -58,20 +51,8 @@ from archfrag.methods.time_stepping.at_impacts import (
     next_step,
     shorten,
 )
-from archfrag.methods.time_stepping.service import (
-    BY_START,
-    accept_recorded,
-    rest_range,
-    rest_until_onset,
-    serve,
-    start_moving,
-    write_rest,
-)
 from archfrag.methods.time_stepping.step import accept_step, pose_step
 
-# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
-# or several linear problems each; so many on average mean no advance.
-MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 UNKNOWN = (np.nan, np.nan)
 
 
@@ -105,28 +86,6 @@ def try_step(model, grounds, state, work, options, live):
     return kick, solved, unsolved
 
 
-@inlined
-def code_after(state, options, until, outcome):
-    """Why runs wait after an attempt at a step: of what holds, what is last below.
-
-    `outcome` are masks: solved, unsolved, fallen, broken.
-    """
-    clock, count = state.clock, state.count
-    solved, unsolved, fallen, broken = outcome
-    checks = count[Count.STEPS] * (1.0 / options.check_interval)
-    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
-    over = clock[Clock.TIME] >= until
-    most = options.first_steps + until * (MOST_STEPS / options.time_step)
-    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
-    code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
-    code = select(solved & due, float(common.PAUSE), code)
-    code = select(spent, float(common.EXHAUSTED), code)
-    code = select(over, float(common.AT_END), code)
-    code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
-    code = select(fallen, float(common.FALLEN), code)
-    return select(broken, float(common.BROKEN), code)
-
-
 @kernel
 def step_four(model, grounds, state, work, options):
     """Step four runs for as long as none waits; why is left in ``state.clock[Clock.CODE]``."""
@@ -141,7 +100,7 @@ def step_four(model, grounds, state, work, options):
         if some(solved):
             fallen, broken = accept_step(model, state, work, kick, solved, options.loss_limit)
             next_step(state, options, solved, until)
-        code = code_after(state, options, until, (solved, unsolved, fallen, broken))
+        code = service.code_after(state, options, until, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
         waits = some((code != common.GO) & (code != common.IDLE))
 
@@ -155,9 +114,11 @@ def step_one(model, grounds, state, work, options, output):
         kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
         if solved:
-            fallen, broken = accept_recorded(model, state, work, kick, options, output)
+            fallen, broken = service.accept_recorded(model, state, work, kick, options, output)
             next_step(state, options, True, until)
-        clock[Clock.CODE] = code_after(state, options, until, (solved, unsolved, fallen, broken))
+        clock[Clock.CODE] = service.code_after(
+            state, options, until, (solved, unsolved, fallen, broken)
+        )
 
 
 @kernel
@@ -168,7 +129,7 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
         step_one(model, grounds, state, work, options, output)
         code = int(state.clock[Clock.CODE])
         if code in (common.UNSOLVED, common.PAUSE):
-            code = serve(model, grounds, state, work, path, options, output)
+            code = service.serve(model, grounds, state, work, path, options, output)
     end_run(model, state, work, options, output, results, row)
 
 
@@ -176,8 +137,8 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
 def start_at_rest(model, grounds, state, work, path, options, output):
     """Let the chain rest in its own geometry until the ground moves it."""
     begin(model, state, work, 0, state.clock[Clock.FACTOR])
-    write_rest(model, grounds, state, work, path, output)
-    state.clock[Clock.CODE] = rest_until_onset(
+    service.write_rest(model, grounds, state, work, path, output)
+    state.clock[Clock.CODE] = service.rest_until_onset(
         model, grounds, state, options, options.rest_plus, options.rest_minus, output
     )
 
@@ -186,8 +147,8 @@ def start_at_rest(model, grounds, state, work, path, options, output):
 def start_given(model, state, work, options, output):
     """Start from the positions and velocities of a given state."""
     read_state(model, state, work)
-    log_change(state, 0.0, BY_START, -1, common.ALL, output)
-    start_moving(state, options, output)
+    log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
+    service.start_moving(state, options, output)
 
 
 @kernel
@@ -262,7 +223,7 @@ def next_run(model, grounds, one, options, jobs, output, results):
         jobs.upcoming[0] += 1
         motion, factor = jobs.motion[run], jobs.factor[run]
         begin(model, state, one.work, motion, factor)
-        code = rest_until_onset(
+        code = service.rest_until_onset(
             model, grounds, state, options, options.rest_plus, options.rest_minus, output
         )
         state.clock[Clock.CODE] = code
@@ -294,7 +255,7 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
             if code in (common.UNSOLVED, common.PAUSE):
-                code = serve(model, grounds, state, one.work, one.path, options, output)
+                code = service.serve(model, grounds, state, one.work, one.path, options, output)
             if code != common.GO:
                 end_run(model, state, one.work, options, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, options, jobs, output, results)
@@ -306,7 +267,7 @@ def rest_of(model: Model) -> tuple[float, float]:
     """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
     one = new_one(model)
     begin(model, one.state, one.work, 0, 0.0)
-    found, plus, minus = rest_range(model, one.state, one.work)
+    found, plus, minus = service.rest_range(model, one.state, one.work)
     return (plus, minus) if found else UNKNOWN
 
 

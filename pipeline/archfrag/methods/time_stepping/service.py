@@ -6,12 +6,13 @@ contact residual.
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.path import solve_anyhow
 from archfrag.mechanics.contact.placing import clearance, place_contacts
 from archfrag.mechanics.energy import kinetic_energy, record_work
 from archfrag.mechanics.ground import end_of_motion, end_rest, kick_between
 from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import nearest, select
 from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Peak
@@ -29,6 +30,9 @@ BY_IMPACT, BY_LOSS, BY_REST = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.REST
 BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
+# or several linear problems each; so many on average mean no advance.
+MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 
 
 @kernel
@@ -264,3 +268,25 @@ def serve(model, grounds, state, work, path, options, output):
         code = serve_pause(model, grounds, state, work, path, options, output)
     state.clock[Clock.CODE] = code
     return code
+
+
+@inlined
+def code_after(state, options, until, outcome):
+    """Why runs wait after an attempt at a step: of what holds, what is last below.
+
+    `outcome` are masks: solved, unsolved, fallen, broken.
+    """
+    clock, count = state.clock, state.count
+    solved, unsolved, fallen, broken = outcome
+    checks = count[Count.STEPS] * (1.0 / options.check_interval)
+    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
+    over = clock[Clock.TIME] >= until
+    most = options.first_steps + until * (MOST_STEPS / options.time_step)
+    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
+    code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
+    code = select(solved & due, float(common.PAUSE), code)
+    code = select(spent, float(common.EXHAUSTED), code)
+    code = select(over, float(common.AT_END), code)
+    code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
+    code = select(fallen, float(common.FALLEN), code)
+    return select(broken, float(common.BROKEN), code)
