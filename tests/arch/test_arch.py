@@ -82,6 +82,7 @@ class TestChainIsConsistent:
             assert all(array.flags[f] for f in ("C_CONTIGUOUS", "WRITEABLE", "OWNDATA"))
         assert arch.chain.gravity == STANDARD_GRAVITY == 9.80665
 
+
 @pytest.mark.parametrize(("name", "n"), RINGS)
 class TestSymmetry:
     def test_mirror_image_is_the_same_arch(self, name, n):

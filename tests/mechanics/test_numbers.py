@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.lanes import LANES, lane_array, runs_of
 from archfrag.mechanics.numbers import (
-    LANES,
     flag,
     fused,
-    lane_array,
     larger,
     nearest,
     opposite,
-    runs_of,
     select,
     sine_cosine,
     smaller,

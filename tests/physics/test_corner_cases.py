@@ -22,10 +22,7 @@ OURS = ("time_stepping", "event_driven", "auto")
 
 # What steps at the default do not hold: a touch without speed, rocking to its end to 3 %, and
 # mirrored runs after four joints have closed at once, where one of several solutions is taken.
-BROKEN = {
-    (name, "time_stepping")
-    for name in ("grazing_contact", "four_joints_close_at_once")
-}
+BROKEN = {(name, "time_stepping") for name in ("grazing_contact", "four_joints_close_at_once")}
 
 
 @pytest.mark.parametrize(

@@ -150,9 +150,7 @@ class TestKinematicTheorem:
             corners = {"intrados": arch.intrados, "extrados": arch.extrados}
             place = np.array([corners[side][joint] for joint, side in hinges])
             joints, chain = [joint for joint, _ in hinges], arch.chain
-            parts = [
-                joined(chain, np.arange(*ends), chain.centroid) for ends in pairwise(joints)
-            ]
+            parts = [joined(chain, np.arange(*ends), chain.centroid) for ends in pairwise(joints)]
             centroid = np.array([part[2] for part in parts])
             motion = mechanism_of(centroid, place)
             assert least_load(np.array([part[0] for part in parts]), motion) == (

@@ -16,7 +16,8 @@ from archfrag.mechanics.model import Clock, model_of
 from archfrag.mechanics.status import Count, Energy, Status
 from archfrag.mechanics.types import Options
 from archfrag.methods.common import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
-from archfrag.methods.time_stepping.run import code_after, new_one
+from archfrag.methods.time_stepping.run import new_one
+from archfrag.methods.time_stepping.service import code_after
 from archfrag.methods.time_stepping.step import accept_step, pose_step, time_before
 from tests.physics.audit import (
     g,

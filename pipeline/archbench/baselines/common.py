@@ -23,8 +23,13 @@ from archfrag.methods.common import (
     output_to,
     ready,
 )
-from archfrag.methods.time_stepping.front import UNKNOWN, rest_of
-from archfrag.methods.time_stepping.run import new_one, start_at_rest, start_given
+from archfrag.methods.time_stepping.run import (
+    UNKNOWN,
+    new_one,
+    rest_of,
+    start_at_rest,
+    start_given,
+)
 from archfrag.methods.time_stepping.service import serve
 
 BY_REST = int(Cause.REST)

@@ -30,8 +30,7 @@ from archfrag.mechanics.model import Clock, Model
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options
 from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.run import code_after
-from archfrag.methods.time_stepping.service import accept_recorded, measure_state
+from archfrag.methods.time_stepping.service import accept_recorded, code_after, measure_state
 from archfrag.methods.time_stepping.step import free_fall, go_to_middle
 
 # Speed over that of a fall through the longest joint below which the chain may be at rest, and

@@ -437,7 +437,7 @@ def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
 ) -> Results:  # fmt: skip
-    """Move a chain on four hinges; as `archfrag.methods.time_stepping.front.run`.
+    """Move a chain on four hinges; as `archfrag.methods.time_stepping.run.run`.
 
     Frames at rest have no reactions.
     """

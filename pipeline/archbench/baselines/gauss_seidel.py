@@ -143,7 +143,7 @@ def run(
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
     sweeps: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))
 

@@ -251,7 +251,7 @@ def run(
     stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
     rounding: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`.
 
     ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
     """

@@ -184,7 +184,7 @@ def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, solver_tolerance: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)
 

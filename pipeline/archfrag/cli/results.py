@@ -103,8 +103,7 @@ def risk(
     from archfrag.errors import FitError
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.fits import FITS, load_answers, open_cube
-    from archfrag.study.answer.risk import risk_of
-    from archfrag.study.answer.risk import risk_facts, risk_text
+    from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
     from archfrag.study.file.hazard import load_hazard
     from archfrag.study.file.schema import load_study
     from archfrag.study.files import write_text

@@ -58,19 +58,9 @@ def note_gap(j, state, gap, where):
 def follow_joints(model, state, work, where, loss_limit):
     """Bring modes, slips and what joints remember up to the positions that a step has reached.
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With the solution of the step, and the faces where it has led.
-    where : mask
-        Runs that have made the step.
-    loss_limit : float
-        Gap of a joint without contact, over its length, beyond which its loss is final [1].
-
-    Returns
-    -------
-    mask
-        Where a joint cannot come to bear again: the chain has collapsed.
+    `work` has the solution of the step, and the faces where it has led. Returns where a joint
+    cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
+    or rotated too far: the chain has collapsed.
     """
     time = state.clock[Clock.TIME]
     fallen = False

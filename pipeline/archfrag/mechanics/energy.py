@@ -3,23 +3,16 @@
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import at_point
 from archfrag.mechanics.laws import contact_of
+from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, opposite, select, some
 from archfrag.mechanics.status import Energy
 
 
 @kernel
 def contact_works(state, work):
-    """Work done at the joints over a step, by the law that explains it.
+    """Work of the joints over a step by friction, by impacts, and by what no law explains [J].
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With relative velocities before the step in `earlier`, after it in `relative`.
-
-    Returns
-    -------
-    friction, impact, balance_error : number
-        `balance_error` is what neither law explains [J].
+    From the relative velocities before the step in ``work.earlier``, after it in `relative`.
     """
     friction = impact = balance_error = 0.0
     hits = False
@@ -28,7 +21,8 @@ def contact_works(state, work):
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
         u = 0.5 * (work.earlier[j, 2] + work.relative[j, 2])
-        done, fresh = fx * ux + fy * uy + moment * u, state.impact[j] > 0.0
+        made = (work.touch[j, 0] > state.touch[j, 0]) | (work.touch[j, 1] > state.touch[j, 1])
+        done, fresh = fx * ux + fy * uy + moment * u, made | (state.impact[j] > 0.0)
         hits = hits | fresh
         impact += select(fresh, done, 0.0)
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
@@ -46,19 +40,24 @@ def contact_works(state, work):
 
 
 @inlined
-def record_work(friction, impact, balance_error, where, energy):
-    """Works of all joints over one step [J].
+def unexplained_work(friction, impact, balance_error):
+    """Work over a step that no law explains: the integrator's error [J].
 
-    An impact at one joint and the friction that it causes at others belong together: only what
-    both give in sum is the integrator's error.
+    An impact at one joint and the friction that it causes at others belong together.
     """
+    return balance_error + larger(friction + impact, 0.0)
+
+
+@inlined
+def record_work(friction, impact, balance_error, where, energy):
+    """Add the works of all joints over one step [J]; see `unexplained_work`."""
     both = friction + impact
     makes = both > 0.0
     rubs = select(impact > 0.0, both, select(friction > 0.0, 0.0, friction))
     energy[Energy.FRICTION] += select(where & opposite(makes), rubs, 0.0)
     energy[Energy.IMPACT] += select(where & opposite(makes), both - rubs, 0.0)
-    balance_error += select(makes, both, 0.0)
-    energy[Energy.BALANCE_ERROR] += select(where, balance_error, 0.0)
+    unexplained = unexplained_work(friction, impact, balance_error)
+    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
     most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
     energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
 
@@ -88,3 +87,17 @@ def energies_of(model, state):
         rise = state.position[i, 1] - model.centroid[i, 1]
         potential += model.gravity * model.mass[i] * rise
     return kinetic_energy(model, state.velocity), potential
+
+
+@kernel
+def balance_energy(model, state):
+    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
+    energy = state.energy
+    kinetic, potential = energies_of(model, state)
+    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
+    explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+    energy[Energy.BALANCE_ERROR] = change - explained
+    energy[Energy.BALANCE_ERROR_PEAK] = max(
+        energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR])
+    )
+    return kinetic

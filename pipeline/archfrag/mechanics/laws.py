@@ -7,7 +7,7 @@ they stick or slide, is its mode: 0 open; 1 to 3 touching at corner 0, 4 to 6 at
 at both, each sticking, with friction along the tangent, or with friction against it.
 """
 
-from archfrag.mechanics.compile import inlined
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.numbers import fused, larger, opposite, select
 
 OPEN, CLOSED_STICK = 0, 7
@@ -90,3 +90,58 @@ def cone_rays(j, model, ax, ay, bx, by):
     high_x, high_y = across * ax - along * ay, across * ay + along * ax
     low_x, low_y = across * bx + along * by, across * by - along * bx
     return high_x, high_y, low_x, low_y
+
+
+@kernel
+def functions_if_open(j, work, value, target):
+    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23)."""
+    for k in range(2):
+        if work.candidate[j, k] < 0.5:
+            continue
+        for c in range(2):
+            sense = work.known[j]
+            if sense == 0.0:
+                sense = 1.0 - 2.0 * c
+            nx, ny = slip_normal(j, k, sense < 0.0, work)
+            value[2 * k + c] = nx * work.parting[j, k, 0] + ny * work.parting[j, k, 1]
+            target[2 * k + c] = corner_mode(k, sense)
+
+
+@kernel
+def functions_if_closed(j, model, work, value, target):
+    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate."""
+    nx, ny, slide = work.normal[j, 0], work.normal[j, 1], work.slide[j]
+    value[0], value[1], normal, tangential = closed_forces(j, work)
+    target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
+    if slide == 0.0:
+        limit = model.friction[j] * normal
+        value[2], target[2] = limit - tangential, CLOSED_STICK + 1
+        value[3], target[3] = limit + tangential, CLOSED_STICK + 2
+    elif work.known[j] == 0.0:
+        ux = work.parting[j, 0, 0] + work.parting[j, 1, 0]
+        uy = work.parting[j, 0, 1] + work.parting[j, 1, 1]
+        value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), CLOSED_STICK
+
+
+@kernel
+def functions_if_corner(j, model, work, value, target):
+    """Margins of the cones about both normals, or force and slip rate; then the other corner."""
+    k = 0 if work.touch[j, 0] > 0.5 else 1
+    other, slide = 1 - k, work.slide[j]
+    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
+    if slide == 0.0:
+        sense = 1.0 if lx * hy - ly * hx >= 0.0 else -1.0
+        value[0], target[0] = -sense * (hx * fy - hy * fx), corner_mode(k, 1)
+        value[1], target[1] = -sense * (fx * ly - fy * lx), corner_mode(k, -1)
+    else:
+        nx, ny = slip_normal(j, k, slide < 0.0, work)
+        value[0], target[0] = (fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly), OPEN
+        if work.known[j] == 0.0:
+            ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
+            value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
+    if work.candidate[j, other] > 0.5:
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        value[2] = nx * work.parting[j, other, 0] + ny * work.parting[j, other, 1]
+        target[2] = mode_number(1, 1, slide)

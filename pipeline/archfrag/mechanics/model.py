@@ -1,6 +1,6 @@
 """What kernels take: a model that does not change, the state of a run, and workspace.
 
-The arrays of state and workspace hold one run or, as `archfrag.mechanics.numbers.LaneArray`, four.
+The arrays of state and workspace hold one run or, as `archfrag.mechanics.lanes.LaneArray`, four.
 Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
 i the i-th body, row n_body + 1 the ground behind the last. Joint j lies between rows j and j + 1;
 a chain with a free end has no joint before the last row.
@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined
-from archfrag.mechanics.numbers import LaneArray, runs_of, shaped
+from archfrag.mechanics.lanes import LaneArray, runs_of
+from archfrag.mechanics.numbers import shaped
 from archfrag.mechanics.status import Count, Energy, Loss, Peak
 from archfrag.mechanics.types import Chain
 

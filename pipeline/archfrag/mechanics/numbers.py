@@ -1,224 +1,23 @@
-"""The number type of the kernels: one run, or four side by side.
+"""Numbers of the kernels: of one run, or of four side by side.
 
 A kernel written for a float runs for four runs at once where its arrays hold `LANES` numbers in
-each element: numba types such an element as a vector of the processor, and the operators below
-give every lane the bits that a float would get. Nothing may branch on such a number: `select`
-takes the place of ``if``, and what a lane must not do is masked. ``some(mask)`` is whether any
-lane asks for a piece of work, so that it can be left out where none does.
+each element (`archfrag.mechanics.lanes`): every lane gets the bits that a float would get. Nothing
+may branch on such a number: `select` takes the place of ``if``, and what a lane must not do is
+masked. ``some(mask)`` is whether any lane asks for a piece of work, so that it can be left out
+where none does.
 """
 
-import math
-import operator
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
-from numba.core.typeconv import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import (
-    intrinsic,
-    lower_builtin,
-    lower_cast,
-    models,
-    overload,
-    register_model,
-    typeof_impl,
-)
+from numba.extending import intrinsic, overload
 from numba.np.arrayobj import make_array
 
 from archfrag.mechanics.compile import inlined
-
-LANES = 4
-_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-_BITS = ir.VectorType(ir.IntType(1), LANES)
-_ALIGNMENT = 64
-
-
-class _Four(types.Type):
-    """Numbers, or truths, of four runs; `plain` stands where four are wanted: each gets it."""
-
-    plain: Any
-
-    def __init__(self) -> None:
-        super().__init__(name=f"{type(self).__name__.strip('_').removesuffix('Type')}{LANES}")
-
-    def unify(self, typingctx: Any, other: Any) -> Any:
-        """A variable that is plain on one path and of four on another is of four."""
-        return self if isinstance(other, self.plain) else None
-
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """How safe a conversion is; None if there is none."""
-        return Conversion.safe if isinstance(other, self.plain) else None
-
-
-class _LanesType(_Four):
-    lanes, plain = True, types.Float | types.Integer
-
-
-class _MaskType(_Four):
-    plain = types.Boolean
-
-
-lanes_type, mask_type = _LanesType(), _MaskType()
-
-
-def _register(kind: type[_Four], vector: ir.Type) -> None:
-    @register_model(kind)
-    class _Model(models.PrimitiveModel):
-        def __init__(self, manager: Any, of: Any) -> None:
-            super().__init__(manager, of, vector)
-
-
-_register(_LanesType, _VECTOR)
-_register(_MaskType, _BITS)
-
-
-class LaneArray(np.ndarray):
-    """Array of numbers of four runs, for kernels; see `lane_array` and `runs_of`."""
-
-
-@typeof_impl.register(LaneArray)
-def _type_of_lane_array(value: LaneArray, context: Any) -> types.Array:
-    return types.Array(lanes_type, value.ndim, "C", aligned=True)
-
-
-def lane_array(shape: tuple[int, ...]) -> LaneArray:
-    """Zeros for four runs.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Of one run's array.
-
-    Examples
-    --------
-    >>> from archfrag.mechanics.numbers import lane_array, runs_of
-    >>> runs_of(lane_array((7, 3))).shape
-    (7, 3, 4)
-    """
-    size = 8 * LANES * math.prod(shape)
-    memory = np.zeros(size + _ALIGNMENT, np.uint8)
-    start = -memory.ctypes.data % _ALIGNMENT
-    record = memory[start : start + size].view(np.dtype((np.void, 8 * LANES)))
-    return record.reshape(shape).view(LaneArray)
-
-
-def runs_of(array: np.ndarray) -> np.ndarray:
-    """The numbers of a `LaneArray` as floats, the lane last; changes are seen in both."""
-    plain = array.view(np.ndarray).reshape(-1).view(np.float64)
-    return plain.reshape((*array.shape, LANES))
-
-
-def _broadcast(builder: Any, value: Any, kind: Any) -> Any:
-    first = ir.Constant(ir.IntType(32), 0)
-    everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    nothing = ir.Constant(kind, ir.Undefined)
-    return builder.shuffle_vector(
-        builder.insert_element(nothing, value, first), nothing, everywhere
-    )
-
-
-@lower_cast(types.Float, _LanesType)
-@lower_cast(types.Integer, _LanesType)
-def _float_to_lanes(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
-    return _broadcast(builder, context.cast(builder, value, of, types.float64), _VECTOR)
-
-
-@lower_cast(types.Boolean, _MaskType)
-def _bool_to_mask(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
-    return _broadcast(builder, context.cast(builder, value, of, types.boolean), _BITS)
-
-
-def _operator(
-    op: Callable, emit: Callable, of: types.Type, plain: Any, result: types.Type
-) -> None:
-    """Lower a binary operator of two vectors, or of a vector and a plain number."""
-
-    @infer_global(op)
-    class _Template(AbstractTemplate):
-        def generic(self, args: Any, kws: Any) -> Any:
-            if (
-                len(args) == 2
-                and of in args
-                and all(a == of or isinstance(a, plain) for a in args)
-            ):
-                return signature(result, of, of)
-            return None
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return emit(builder, *args)
-
-    lower_builtin(op, of, of)(lower)
-
-
-_NUMBER, _TRUTH = (types.Float, types.Integer), (types.Boolean,)
-_EMITTED = (
-    ("add", "fadd", lanes_type, _NUMBER), ("sub", "fsub", lanes_type, _NUMBER),
-    ("mul", "fmul", lanes_type, _NUMBER), ("truediv", "fdiv", lanes_type, _NUMBER),
-    ("and_", "and_", mask_type, _TRUTH), ("or_", "or_", mask_type, _TRUTH),
-    ("xor", "xor", mask_type, _TRUTH),
-)  # fmt: skip
-for _name, _call, _of, _plain in _EMITTED:
-    for _form in (_name, f"i{_name.strip('_')}"):
-        _operator(
-            getattr(operator, _form),
-            lambda b, x, y, call=_call: getattr(b, call)(x, y),
-            _of, _plain, _of,
-        )  # fmt: skip
-for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "==")):
-    _operator(
-        getattr(operator, _name),
-        lambda b, x, y, sign=_sign: b.fcmp_ordered(sign, x, y),
-        lanes_type, _NUMBER, mask_type,
-    )  # fmt: skip
-_operator(
-    operator.ne,
-    lambda b, x, y: b.fcmp_unordered("!=", x, y),
-    lanes_type, _NUMBER, mask_type,
-)  # fmt: skip
-
-
-@infer_global(operator.neg)
-class _Negative(AbstractTemplate):
-    def generic(self, args: Any, kws: Any) -> Any:
-        return signature(lanes_type, lanes_type) if args == (lanes_type,) else None
-
-
-@lower_builtin(operator.neg, lanes_type)
-def _negative(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.fneg(args[0])
-
-
-def _of_lanes(name: str) -> Callable:
-    @intrinsic
-    def call(typingctx: Any, x: Any) -> Any:
-        def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            kind = ir.FunctionType(_VECTOR, [_VECTOR])
-            function = cgutils.get_or_insert_function(
-                builder.module, kind, f"llvm.{name}.v{LANES}f64"
-            )
-            return builder.call(function, args)
-
-        return (lanes_type(lanes_type), lower) if x == lanes_type else None
-
-    return call
-
-
-_root_of_lanes, _size_of_lanes = _of_lanes("sqrt"), _of_lanes("fabs")
-
-
-@overload(math.sqrt)
-def _root(x):
-    return (lambda x: _root_of_lanes(x)) if x == lanes_type else None
-
-
-@overload(abs)
-def _size(x):
-    return (lambda x: _size_of_lanes(x)) if x == lanes_type else None
+from archfrag.mechanics.lanes import LANES, VECTOR, lanes_type, mask_type
 
 
 @intrinsic
@@ -260,7 +59,7 @@ def _with_lane_of(typingctx: Any, x: Any, number: Any, value: Any) -> Any:
 @intrinsic
 def _fused(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
     of_lanes = lanes_type in (x, y, z)
-    kind, vector = (lanes_type, _VECTOR) if of_lanes else (types.float64, ir.DoubleType())
+    kind, vector = (lanes_type, VECTOR) if of_lanes else (types.float64, ir.DoubleType())
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         name = f"llvm.fmuladd.v{LANES}f64" if of_lanes else "llvm.fmuladd.f64"
@@ -317,6 +116,19 @@ def _shaped_arrays(arrays, shapes):
     return lambda arrays, shapes: _shaped(arrays, shapes)
 
 
+def _for_four(of_four):
+    """Let a function do something else where its first argument is of four runs."""
+
+    def decorate(function):
+        def choose(first, *others):
+            return of_four if first in (lanes_type, mask_type) else function
+
+        overload(function, strict=False)(choose)
+        return function
+
+    return decorate
+
+
 def select(mask, x, y):
     """`x` where `mask` holds, else `y`; both are evaluated."""
     return x if mask else y
@@ -327,64 +139,34 @@ def _select(mask, x, y):
     return lambda mask, x, y: _select_number(mask, x, y)
 
 
+@_for_four(lambda mask: _is_some(mask))
 def some(mask):
     """Whether `mask` holds in any run."""
     return mask
 
 
-@overload(some)
-def _some(mask):
-    if mask == mask_type:
-        return lambda mask: _is_some(mask)
-    return lambda mask: mask
-
-
+@_for_four(lambda mask: mask ^ True)
 def opposite(mask):
     """Where `mask` does not hold."""
     return not mask
 
 
-@overload(opposite)
-def _opposite(mask):
-    if mask == mask_type:
-        return lambda mask: mask ^ True
-    return lambda mask: not mask
-
-
+@_for_four(lambda x: LANES)
 def width(x):
     """How many runs a number or mask is of."""
     return 1
 
 
-@overload(width)
-def _width(x):
-    if x in (lanes_type, mask_type):
-        return lambda x: LANES
-    return lambda x: 1
-
-
+@_for_four(lambda x, number: _lane_of(x, number))
 def lane(x, number):
     """A number or truth of one run."""
     return x
 
 
-@overload(lane)
-def _lane(x, number):
-    if x in (lanes_type, mask_type):
-        return lambda x, number: _lane_of(x, number)
-    return lambda x, number: x
-
-
+@_for_four(lambda x, number, value: _with_lane_of(x, number, value))
 def with_lane(x, number, value):
     """`x` with another value in one run."""
     return value
-
-
-@overload(with_lane)
-def _with_lane(x, number, value):
-    if x in (lanes_type, mask_type):
-        return lambda x, number, value: _with_lane_of(x, number, value)
-    return lambda x, number, value: value
 
 
 @inlined

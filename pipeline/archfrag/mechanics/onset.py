@@ -168,22 +168,8 @@ def _vertex(basis, inverse, level, x):
 def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
     """One end of the range of rest of a chain in a given configuration.
 
-    Parameters
-    ----------
-    mass : ndarray, (n_body,) [kg]
-    centroid : ndarray, (n_body, 2) [m]
-    point : ndarray, (n_joint, 2, 2) corner, xy [m]
-    normal : ndarray, (n_joint, 2)
-    candidate : ndarray, (n_joint, 2)
-        0 where a corner is open: no reaction there.
-    friction : ndarray, (n_joint,)
-    gravity : float [m/s2]
-    sense : float
-        1: ground accelerating towards +x (body force towards -x); -1: towards -x.
-
-    Returns
-    -------
-    RestLimit
+    A candidate of 0 is an open corner, which bears nothing. `sense` is 1 for a ground that
+    accelerates towards +x (body force towards -x), -1 for the other way.
     """
     n_joint, weight, size = point.shape[0], 0.0, np.abs(point).max()
     for i in range(mass.size):

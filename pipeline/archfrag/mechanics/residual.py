@@ -9,13 +9,7 @@ smallest violation over the modes in which a joint can obey Signorini and Coulom
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_offset,
-    corner_velocity,
-    place_contacts,
-    relative_velocity,
-)
+from archfrag.mechanics.contact import placing
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 
 # Corners closer than this, over the joint's length, touch.
@@ -91,19 +85,10 @@ def _if_closed(j, model, work, scale, force):
 
 @kernel
 def contact_residual(model, work, scale, force):
-    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws.
+    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws [1].
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions.
-    scale, force : float
-        What counts as one in velocity and in force.
-
-    Returns
-    -------
-    float
-        Dimensionless; zero where the laws hold exactly.
+    From contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions;
+    `scale` and `force` count as one in velocity and in force.
     """
     largest = 0.0
     for j in range(work.slide.size):
@@ -133,24 +118,16 @@ def _move_moments(work, sense):
 
 @kernel
 def state_residual(model, state, work):
-    """How far one instant of a motion is from the contact laws.
+    """How far one instant of a motion is from the contact laws; as `contact_residual`.
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
-        overwritten.
-
-    Returns
-    -------
-    float
-        As `contact_residual`.
+    With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
+    overwritten.
     """
     length = model.length
     _move_moments(work, 1.0)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    placing.place_contacts(model, state.slip, work.face, work.tangent, work)
     _move_moments(work, -1.0)
-    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     force = 0.0
     for i in range(model.mass.size):
         force += model.gravity * model.mass[i]
@@ -161,14 +138,14 @@ def state_residual(model, state, work):
         work.known[j] = 0.0
         for k in range(2):
             work.candidate[j, k] = 1.0
-            gap = clearance(j, k, work.face, work.tangent) / length[j]
+            gap = placing.clearance(j, k, work.face, work.tangent) / length[j]
             if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
                 # Only the gap counts; how the faces slide past each other does not.
                 work.parting[j, k, 0], work.parting[j, k, 1] = gap * nx, gap * ny
                 continue
-            ux, uy = corner_velocity(j, k, work.relative, work)
+            ux, uy = placing.corner_velocity(j, k, work.relative, work)
             rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
-            ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
+            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, state.slip[j])
             work.parting[j, k, 0] = ex / length[j] - rate * ny
             work.parting[j, k, 1] = ey / length[j] + rate * nx
     return contact_residual(model, work, 1.0, force)

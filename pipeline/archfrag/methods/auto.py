@@ -23,7 +23,7 @@ from archfrag.mechanics.status import Count, Status
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods.common import is_accurate, new_results, refuse
 from archfrag.methods.event_driven import front as events
-from archfrag.methods.time_stepping import front as stepper
+from archfrag.methods.time_stepping import run as stepper
 
 # Energy below this, over weight times the longest joint's length, is rounding.
 ROUNDING = 1e-12
@@ -113,7 +113,7 @@ def _made_well(
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Results:
-    """Many runs; as `archfrag.methods.time_stepping.front.run_many`."""
+    """Many runs; as `archfrag.methods.time_stepping.run.run_many`."""
     by_events = goes_by_events(chain.mass.size, options.tolerance)
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
@@ -133,7 +133,7 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Results:
-    """Integrate one chain under one ground motion; arguments as `time_stepping.front.run`."""
+    """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
     start = position.copy(), velocity.copy()
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:

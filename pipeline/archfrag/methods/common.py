@@ -251,18 +251,8 @@ def end_run(model, state, work, options, output, results, row):
 def is_accurate(chain: Chain, options: Options, results: Results, negligible: float) -> np.ndarray:
     """Which runs are as good as their tolerance allows, by what they measured themselves.
 
-    Parameters
-    ----------
-    chain : archfrag.mechanics.types.Chain
-    options : archfrag.mechanics.types.Options
-    results : archfrag.mechanics.types.Results
-    negligible : float
-        Energy that counts for nothing, over weight times the longest joint's length [1].
-
-    Returns
-    -------
-    ndarray of bool, (n_run,)
-        True for runs that have not ended.
+    True for runs that have not ended; `negligible` is the energy that counts for nothing, over
+    weight times the longest joint's length [1].
     """
     energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
     allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)

@@ -38,7 +38,7 @@ class MethodInfo(NamedTuple):
     # length over gravity [1]; equal ones are fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
     # For methods that scale ground motions themselves: many runs at once, as
-    # `archfrag.methods.time_stepping.front.run_many`; own parameters follow by keyword.
+    # `archfrag.methods.time_stepping.run.run_many`; own parameters follow by keyword.
     load_many: Callable[[], Callable] | None = None
 
 
@@ -103,9 +103,9 @@ METHODS = {
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
-        load=_from("time_stepping.front"),
+        load=_from("time_stepping.run"),
         step_rule=steps_of_tolerance,
-        load_many=_from("time_stepping.front", "run_many"),
+        load_many=_from("time_stepping.run", "run_many"),
     ),
     "event_driven": MethodInfo(
         name="event_driven",

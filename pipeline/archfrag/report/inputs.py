@@ -32,8 +32,8 @@ from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.provenance import finite
-from archfrag.study.runs.design import Design
 from archfrag.study.runs import design_of
+from archfrag.study.runs.design import Design
 from archfrag.study.steps import read_timings, require
 
 IntArray = NDArray[np.int64]

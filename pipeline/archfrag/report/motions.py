@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.fragility.curve import Fragility
-from archfrag.motions.measures import measure, spectral_acceleration, velocity
+from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, FloatArray, Sheet, figure, log_ticks, panel_below

@@ -14,8 +14,7 @@ from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks,
 from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import LOOKS, level_axis
-from archfrag.study.answer.risk import OTHER, ArchRisk, StudyRisk
-from archfrag.study.answer.risk import ASSUMPTIONS
+from archfrag.study.answer.risk import ASSUMPTIONS, OTHER, ArchRisk, StudyRisk
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.members import SHOWN
 

@@ -43,32 +43,38 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 
 
 @kernel
-def set_rows(model, position, work, first):
-    """Constrained and reaction directions of the joints from `first` on in their present modes."""
+def _set_rows_of(j, model, position, work):
+    """Constrained and reaction directions of a joint in its present mode."""
     touch, slide, point = work.touch, work.slide, work.point
-    for j in range(first, slide.shape[0]):
-        at_0, at_1, sticks = touch[j, 0] > 0.5, touch[j, 1] > 0.5, slide[j] == 0.0
-        closed, none = at_0 & at_1, opposite(at_0 | at_1)
-        nx, ny, px, py = contact_of(j, work)
-        nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
-        # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
-        along = slide[j] * model.ray[j, 1]
-        across = select(sticks, 1.0, model.ray[j, 0])
-        fx, fy = across * nx - along * ny, across * ny + along * nx
-        _set_row(work.row, j, 0, px, py, nx, ny, position)
-        _set_row(work.column, j, 0, px, py, fx, fy, position)
-        # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
-        tangent = sticks & opposite(closed)
-        has = select(closed | tangent, 1.0, 0.0)
-        px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
-        dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
-        _set_row(work.row, j, 1, px, py, dx, dy, position)
-        dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
-        _set_row(work.column, j, 1, px, py, dx, dy, position)
-        has = select(closed & sticks, 1.0, 0.0)
-        px, py = work.pivot[j, 0], work.pivot[j, 1]
-        _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
-        _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
+    at_0, at_1, sticks = touch[j, 0] > 0.5, touch[j, 1] > 0.5, slide[j] == 0.0
+    closed, none = at_0 & at_1, opposite(at_0 | at_1)
+    nx, ny, px, py = contact_of(j, work)
+    nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
+    # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
+    along = slide[j] * model.ray[j, 1]
+    across = select(sticks, 1.0, model.ray[j, 0])
+    fx, fy = across * nx - along * ny, across * ny + along * nx
+    _set_row(work.row, j, 0, px, py, nx, ny, position)
+    _set_row(work.column, j, 0, px, py, fx, fy, position)
+    # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
+    tangent = sticks & opposite(closed)
+    has = select(closed | tangent, 1.0, 0.0)
+    px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
+    dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
+    _set_row(work.row, j, 1, px, py, dx, dy, position)
+    dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
+    _set_row(work.column, j, 1, px, py, dx, dy, position)
+    has = select(closed & sticks, 1.0, 0.0)
+    px, py = work.pivot[j, 0], work.pivot[j, 1]
+    _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
+    _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
+
+
+@kernel
+def set_rows(model, position, work):
+    """Constrained and reaction directions of all joints in their present modes."""
+    for j in range(work.slide.shape[0]):
+        _set_rows_of(j, model, position, work)
 
 
 @inlined
@@ -157,18 +163,59 @@ def _factorise_block(f, j):
 
 
 @kernel
-def factorise(model, work, compliance, first):
-    """Block elimination for the rows and columns set, from joint `first` on."""
-    for j in range(first, work.slide.shape[0]):
-        _set_diagonal(model, work, j, compliance)
-        if j > 0:
-            _eliminate(model, work, j)
-        _factorise_block(work.block, j)
+def _factorise_joint(j, model, work, compliance):
+    _set_diagonal(model, work, j, compliance)
+    if j > 0:
+        _eliminate(model, work, j)
+    _factorise_block(work.block, j)
 
 
 @kernel
-def substitute(work):
-    """Multipliers that take the residual away, into ``work.unknown``."""
+def factorise(model, work, compliance):
+    """Block elimination for the rows and columns set."""
+    for j in range(work.slide.shape[0]):
+        _factorise_joint(j, model, work, compliance)
+
+
+@kernel
+def set_up(model, position, work, compliance, first):
+    """Rows and their block elimination from joint `first` on, in one sweep."""
+    for j in range(first, work.slide.shape[0]):
+        _set_rows_of(j, model, position, work)
+        _factorise_joint(j, model, work, compliance)
+
+
+@inlined
+def _add_reaction(j, of, model, position, work):
+    """Put three multipliers of a joint into its reaction and the bodies' velocities."""
+    column, solved, reaction = work.column, work.solved, work.reaction
+    fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
+    fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
+    after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
+    before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
+    px, py = work.pivot[j, 0] - position[j + 1, 0], work.pivot[j, 1] - position[j + 1, 1]
+    reaction[j, 0] += fx
+    reaction[j, 1] += fy
+    reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
+    solved[j + 1, 0] = fused(model.inverse_mass[j + 1], fx, solved[j + 1, 0])
+    solved[j + 1, 1] = fused(model.inverse_mass[j + 1], fy, solved[j + 1, 1])
+    solved[j + 1, 2] = fused(model.inverse_inertia[j + 1], after, solved[j + 1, 2])
+    solved[j, 0] = fused(-model.inverse_mass[j], fx, solved[j, 0])
+    solved[j, 1] = fused(-model.inverse_mass[j], fy, solved[j, 1])
+    solved[j, 2] = fused(-model.inverse_inertia[j], before, solved[j, 2])
+
+
+@kernel
+def add_reactions(model, position, work):
+    """Put the multipliers in ``work.unknown`` into reactions and velocities."""
+    out = work.unknown
+    for j in range(out.shape[0]):
+        _add_reaction(j, (out[j, 0], out[j, 1], out[j, 2]), model, position, work)
+
+
+@kernel
+def substitute(model, position, work, where):
+    """Put multipliers that take the residual away into reactions and velocities."""
     f, lower, upper = work.block, work.lower, work.upper
     residual, out = work.residual, work.unknown
     last = residual.shape[0] - 1
@@ -181,34 +228,14 @@ def substitute(work):
         z = -residual[j, 2] - dot((lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known)
         x, y, z = _solve_block(_block(f, j), x, y, z)
         out[j, 0], out[j, 1], out[j, 2] = x, y, z
-    for j in range(last - 1, -1, -1):
-        known = x, y, z
-        x = out[j, 0] - dot((upper[j, 0, 0], upper[j, 0, 1], upper[j, 0, 2]), known)
-        y = out[j, 1] - dot((upper[j, 1, 0], upper[j, 1, 1], upper[j, 1, 2]), known)
-        z = out[j, 2] - dot((upper[j, 2, 0], upper[j, 2, 1], upper[j, 2, 2]), known)
-        out[j, 0], out[j, 1], out[j, 2] = x, y, z
-
-
-@kernel
-def add_reactions(model, position, work):
-    """Put the multipliers into reactions and velocities."""
-    column, unknown, solved, reaction = work.column, work.unknown, work.solved, work.reaction
-    for j in range(unknown.shape[0]):
-        of = unknown[j, 0], unknown[j, 1], unknown[j, 2]
-        fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
-        fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
-        after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
-        before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
-        px, py = work.pivot[j, 0] - position[j + 1, 0], work.pivot[j, 1] - position[j + 1, 1]
-        reaction[j, 0] += fx
-        reaction[j, 1] += fy
-        reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
-        solved[j + 1, 0] = fused(model.inverse_mass[j + 1], fx, solved[j + 1, 0])
-        solved[j + 1, 1] = fused(model.inverse_mass[j + 1], fy, solved[j + 1, 1])
-        solved[j + 1, 2] = fused(model.inverse_inertia[j + 1], after, solved[j + 1, 2])
-        solved[j, 0] = fused(-model.inverse_mass[j], fx, solved[j, 0])
-        solved[j, 1] = fused(-model.inverse_mass[j], fy, solved[j, 1])
-        solved[j, 2] = fused(-model.inverse_inertia[j], before, solved[j, 2])
+    for j in range(last, -1, -1):
+        if j < last:
+            known = x, y, z
+            x = out[j, 0] - dot((upper[j, 0, 0], upper[j, 0, 1], upper[j, 0, 2]), known)
+            y = out[j, 1] - dot((upper[j, 1, 0], upper[j, 1, 1], upper[j, 1, 2]), known)
+            z = out[j, 2] - dot((upper[j, 2, 0], upper[j, 2, 1], upper[j, 2, 2]), known)
+        of = select(where, x, 0.0), select(where, y, 0.0), select(where, z, 0.0)
+        _add_reaction(j, of, model, position, work)
 
 
 @kernel
@@ -245,10 +272,7 @@ def measure_residual(position, work):
 def correct(model, position, work, enough):
     """Solve the linear problem whose factors are set, and correct it until `enough` is left.
 
-    Returns
-    -------
-    number
-        Largest velocity left along a constrained direction; nan where a pivot vanishes.
+    Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
     """
     for i in range(position.shape[0]):
         for c in range(3):
@@ -260,11 +284,7 @@ def correct(model, position, work, enough):
     go = left == left
     # One substitution leaves what the compliance yields; where that counts it is corrected.
     for _ in range(MOST_CORRECTIONS):
-        substitute(work)
-        for j in range(work.slide.shape[0]):
-            for a in range(3):
-                work.unknown[j, a] = select(go, work.unknown[j, a], 0.0)
-        add_reactions(model, position, work)
+        substitute(model, position, work, go)
         before = left
         left = measure_residual(position, work)
         go = go & (left > enough) & (left < before)
@@ -277,21 +297,9 @@ def correct(model, position, work, enough):
 def solve_modes(model, position, work, scale, precision):
     """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.touch`` and ``work.slide``.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and velocities without reactions in `free`; `solved`,
-        `reaction`, `relative` and `parting` are overwritten.
-    scale : number
-        Largest relative velocity without reactions.
-    precision : Precision
-
-    Returns
-    -------
-    number
-        As `correct`.
+    From contacts and velocities without reactions in ``work.free``, the largest relative one of
+    which is `scale`; `solved`, `reaction`, `relative` and `parting` are overwritten. Returns what
+    `correct` does.
     """
-    set_rows(model, position, work, 0)
-    factorise(model, work, precision.compliance, 0)
+    set_up(model, position, work, precision.compliance, 0)
     return correct(model, position, work, precision.left * scale)

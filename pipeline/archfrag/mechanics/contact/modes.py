@@ -179,29 +179,10 @@ def solve_contact(model, position, work, live, rounds, ahead, precision):
 
     A run whose modes are not reconciled after `MOST_ROUNDS` is given up: hardly any is later.
     Of runs side by side the slower half does not keep the others waiting: it goes on in the next
-    call, from the modes that it has reached.
-
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes to start
-        from in `touch` and `slide`; on return the solution.
-    live : mask
-        Runs that take part.
-    rounds : number
-        Linear problems that each has solved in calls before.
-    ahead : number
-        Where larger than -1, a step in which a corner closes, or so many of the times for which
-        its bias stands later, is refused after the first round: it is to end before.
-    precision : archfrag.mechanics.contact.blocks.Precision
-
-    Returns
-    -------
-    solved, refused, active : mask
-        Active are those that go on in the next call.
-    rounds : number
-        Linear problems solved.
+    call, from the modes that it has reached; `rounds` counts the linear problems of each, calls
+    before included. Where `ahead` is larger than -1, a step in which a corner closes, or so many
+    of the times for which its bias stands later, is refused after the first round.
+    Returns the masks solved, refused and active (those that go on), and rounds.
     """
     scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
     limit = float(MOST_ROUNDS + n_joint // ROUND_PER_JOINTS)

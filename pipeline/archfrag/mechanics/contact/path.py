@@ -17,29 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.mechanics import laws
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import (
-    EXACT,
-    Precision,
-    add_reactions,
-    correct,
-    factorise,
-    set_rows,
-)
+from archfrag.mechanics.contact import blocks
+from archfrag.mechanics.contact.blocks import Precision
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
-from archfrag.mechanics.laws import (
-    CLOSED_STICK,
-    MINUS,
-    OPEN,
-    PLUS,
-    closed_forces,
-    cone_rays,
-    corner_mode,
-    mode_number,
-    set_mode,
-    slip_normal,
-)
 from archfrag.mechanics.model import Model
 from archfrag.mechanics.status import Count
 
@@ -87,7 +70,7 @@ class Break(NamedTuple):
     decides: int  # corner at which the slip decides the sense of friction; -1: it is known
 
 
-NO_BREAK = Break(-1, np.inf, OPEN, -1)
+NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
 
 
 def new_path(model: Model) -> Path:
@@ -100,61 +83,6 @@ def new_path(model: Model) -> Path:
     functions = np.zeros((3, n_joint, N_FUNCTION))
     modes = np.zeros((n_joint, 2)), np.zeros(n_joint)
     return Path(limited, free, bias, push, opening, *modes, *functions)
-
-
-@kernel
-def _functions_if_open(j, work, value, target):
-    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23)."""
-    for k in range(2):
-        if work.candidate[j, k] < 0.5:
-            continue
-        for c in range(2):
-            sense = work.known[j]
-            if sense == 0.0:
-                sense = 1.0 - 2.0 * c
-            nx, ny = slip_normal(j, k, sense < 0.0, work)
-            value[2 * k + c] = nx * work.parting[j, k, 0] + ny * work.parting[j, k, 1]
-            target[2 * k + c] = corner_mode(k, sense)
-
-
-@kernel
-def _functions_if_closed(j, model, work, value, target):
-    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate."""
-    nx, ny, slide = work.normal[j, 0], work.normal[j, 1], work.slide[j]
-    value[0], value[1], normal, tangential = closed_forces(j, work)
-    target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
-    if slide == 0.0:
-        limit = model.friction[j] * normal
-        value[2], target[2] = limit - tangential, CLOSED_STICK + 1
-        value[3], target[3] = limit + tangential, CLOSED_STICK + 2
-    elif work.known[j] == 0.0:
-        ux = work.parting[j, 0, 0] + work.parting[j, 1, 0]
-        uy = work.parting[j, 0, 1] + work.parting[j, 1, 1]
-        value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), CLOSED_STICK
-
-
-@kernel
-def _functions_if_corner(j, model, work, value, target):
-    """Margins of the cones about both normals, or force and slip rate; then the other corner."""
-    k = 0 if work.touch[j, 0] > 0.5 else 1
-    other, slide = 1 - k, work.slide[j]
-    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-    hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
-    if slide == 0.0:
-        sense = 1.0 if lx * hy - ly * hx >= 0.0 else -1.0
-        value[0], target[0] = -sense * (hx * fy - hy * fx), corner_mode(k, 1)
-        value[1], target[1] = -sense * (fx * ly - fy * lx), corner_mode(k, -1)
-    else:
-        nx, ny = slip_normal(j, k, slide < 0.0, work)
-        value[0], target[0] = (fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly), OPEN
-        if work.known[j] == 0.0:
-            ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
-            value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
-    if work.candidate[j, other] > 0.5:
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
-        value[2] = nx * work.parting[j, other, 0] + ny * work.parting[j, other, 1]
-        target[2] = mode_number(1, 1, slide)
 
 
 @inlined
@@ -177,17 +105,17 @@ def piece_functions(position, work, path, tau, value):
     side of each one's zero. Returned is nan where a pivot vanishes.
     """
     _set_problem(work, path, 1.0 - tau)
-    left = correct(path.model, position, work, np.inf)
+    left = blocks.correct(path.model, position, work, np.inf)
     for j in range(work.slide.size):
         for f in range(N_FUNCTION):
             value[j, f], path.target[j, f] = np.inf, NONE
         at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
         if at_0 and at_1:
-            _functions_if_closed(j, path.model, work, value[j], path.target[j])
+            laws.functions_if_closed(j, path.model, work, value[j], path.target[j])
         elif at_0 or at_1:
-            _functions_if_corner(j, path.model, work, value[j], path.target[j])
+            laws.functions_if_corner(j, path.model, work, value[j], path.target[j])
         else:
-            _functions_if_open(j, work, value[j], path.target[j])
+            laws.functions_if_open(j, work, value[j], path.target[j])
     return left
 
 
@@ -196,9 +124,9 @@ def _corner_normal(work, j, k, closed, slide):
     """Direction in which a corner is compressed, slips across, or opens."""
     if closed:
         return work.normal[j, 0], work.normal[j, 1]
-    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
     if slide != 0.0:
-        return slip_normal(j, k, slide < 0.0, work)
+        return laws.slip_normal(j, k, slide < 0.0, work)
     x, y = n[0] + m[0], n[1] + m[1]
     norm = math.sqrt(x * x + y * y)
     return (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
@@ -214,7 +142,7 @@ def set_start(position, work, path, scale):
     """
     model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
     force = scale * model.mass.sum()
-    set_rows(model, position, work, 0)
+    blocks.set_rows(model, position, work)
     relative_velocity(position, path.free, work.pivot, work.relative)
     for j in range(n_joint):
         size, slide = 1.0 + j / n_joint, work.slide[j]
@@ -234,7 +162,7 @@ def set_start(position, work, path, scale):
             path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
             path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
     work.solved[:] = 0.0
-    add_reactions(model, position, work)
+    blocks.add_reactions(model, position, work)
     for i in range(position.shape[0]):
         for c in range(3):
             path.push[i, c] = work.solved[i, c]
@@ -249,7 +177,7 @@ def direction_after(path, j, mode, left):
     direction = 0.0
     for f in range(N_FUNCTION):
         back = path.target[j, f] == left
-        if mode == OPEN:
+        if mode == laws.OPEN:
             corner = (left + 2) // 3 - 1
             back = f == 2 * corner + (0 if (left + 2) % 3 == 1 else 1)
         if back:
@@ -280,7 +208,7 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
             far, chosen = distance, f
     if chosen < 0:
         return NO_BREAK
-    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
     return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
 
@@ -317,13 +245,12 @@ def follow_path(position, work, path, scale, compliance):
     tau, direction, crossed = 0.0, ON, (-1, -1)
     first, breaks, limit = 0, 0, 100 + 20 * work.slide.size
     while breaks < limit:
-        set_rows(path.model, position, work, first)
-        factorise(path.model, work, compliance, first)
+        blocks.set_up(path.model, position, work, compliance, first)
         left = piece_functions(position, work, path, 0.0, path.at_start)
         left += piece_functions(position, work, path, 1.0, path.at_end)
         j = crossed[0]
         if j >= 0:
-            mode = mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
+            mode = laws.mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
             direction = direction_after(path, j, mode, crossed[1])
         if direction == 0.0 or not math.isfinite(left):
             break
@@ -335,11 +262,11 @@ def follow_path(position, work, path, scale, compliance):
         j, mode, k = found.joint, found.mode, found.decides
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
-            n = work.side_normal[j, k, PLUS]
+            n = work.side_normal[j, k, laws.PLUS]
             slipping = n[0] * work.parting[j, k, 1] - n[1] * work.parting[j, k, 0]
-            mode = corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
-        crossed = j, mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
-        set_mode(work, j, mode)
+            mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
+        crossed = j, laws.mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
+        laws.set_mode(work, j, mode)
         first, breaks = j, breaks + 1
     _set_problem(work, path, 0.0)
     return breaks
@@ -362,28 +289,13 @@ def _stick_rough(model, work):
 
 @kernel
 def solve_by_path(model, position, work, path, exact):
-    """Solve one contact problem along solution paths.
+    """Solve one contact problem along solution paths, the first from the modes in `work`.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes in which the
-        first path begins; on return the solution.
-    path : Path
-    exact : bool
-        Whether joints have to be rigid. Else they stay slightly compliant where no rigid solution
-        is found.
-
-    Returns
-    -------
-    solved, compliant : bool
-        Compliant where the solution is that of slightly compliant joints (relative compliance
-        1e-6 to 1e-4). Where a ring closes, its last gaps contradict each other by the square of
-        their size, and of the many combinations that leave one of them open by 1e-10 m rounding
-        finds none.
-    rounds, breaks : int
-        Linear problems solved by the iteration on modes, and breaks of the paths followed.
+    If joints need not be rigid (`exact`), they stay slightly compliant (relative compliance 1e-6
+    to 1e-4) where no rigid solution is found: where a ring closes, its last gaps contradict each
+    other by the square of their size, and of the many combinations that leave one of them open by
+    1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
+    iteration on modes, and breaks of the paths followed.
     """
     scale = velocity_scale(position, work)
     for i in range(position.shape[0]):
@@ -401,14 +313,14 @@ def solve_by_path(model, position, work, path, exact):
             copy_modes(path, work)
         elif attempt > 1:
             for j in range(work.slide.size):
-                set_mode(work, j, OPEN)
+                laws.set_mode(work, j, laws.OPEN)
         breaks += follow_path(position, work, path, size * scale, compliance)
         _stick_rough(model, work)
         copy_modes(work, path)
         for loose in range(1 if soft or (exact and attempt < EXACT_PATHS) else 2):
             copy_modes(path, work)
-            slack = DEGENERATE if loose or soft else EXACT.slack
-            precision = Precision(EXACT.compliance, slack, slack)
+            slack = DEGENERATE if loose or soft else blocks.EXACT.slack
+            precision = Precision(blocks.EXACT.compliance, slack, slack)
             if soft:
                 precision = Precision(compliance, slack, np.inf)
             solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
@@ -420,17 +332,9 @@ def solve_by_path(model, position, work, path, exact):
 
 @kernel
 def solve_anyhow(model, state, work, path):
-    """Solve a contact problem that is posed along paths, the first from the state's own modes.
+    """Solve a posed contact problem along paths, the first from the state's own modes.
 
-    Parameters
-    ----------
-    work : archfrag.mechanics.model.Work
-        With the contacts placed where the bodies are by `position`.
-
-    Returns
-    -------
-    solved, compliant : bool
-        Compliant where the solution is that of slightly compliant joints.
+    Returns solved, and compliant where the solution is that of slightly compliant joints.
     """
     count = state.count
     copy_modes(state, work)

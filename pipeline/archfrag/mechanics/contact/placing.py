@@ -29,18 +29,7 @@ def later_vertex_meets(corner, slip):
 
 @kernel
 def move_faces(model, position, rotated, face, tangent):
-    """Corners and unit tangents of all joint faces, for given positions of the bodies.
-
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    rotated : array, (n_body + 2, 2)
-        Workspace: cosine and sine of the rotations.
-    face : array, (n_joint, 2, 2, 2)
-        Overwritten: side, corner, xy [m].
-    tangent : array, (n_joint, 2, 2)
-        Overwritten: side, xy.
-    """
+    """Corners and unit tangents of all joint faces, for given positions of the bodies."""
     for i in range(1, position.shape[0] - 1):
         rotated[i, 1], rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
@@ -58,16 +47,7 @@ def move_faces(model, position, rotated, face, tangent):
 
 @kernel
 def place_contacts(model, slip, face, tangent, work):
-    """Contact points and normals of all joints.
-
-    Parameters
-    ----------
-    slip : array, (n_joint,) [m]
-    face, tangent
-        From `move_faces`.
-    work : archfrag.mechanics.model.Work
-        `point`, `pivot`, `normal` and `side_normal` are overwritten.
-    """
+    """Contact points, pivots and normals of all joints, from the faces and slips [m]."""
     point, side_normal = work.point, work.side_normal
     for j in range(slip.shape[0]):
         ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
@@ -151,20 +131,11 @@ def _shift(j, k, c, face):
 
 @kernel
 def place_chain(model, position, joints, least, slip, work):
-    """Faces, slips and contacts of all joints, where the bodies are.
+    """Faces, slips [m] and contacts of all joints, where the bodies are.
 
-    The slip of a joint that slides, or touches nowhere, is measured at the corner that touches,
-    or at the nearer one.
-
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    joints : archfrag.mechanics.model.State or Work
-        With modes in `touch` and `slide`, and known slips in `slip` [m].
-    least : float
-        Slip over the joint's length below which there is none.
-    slip : array, (n_joint,)
-        Overwritten [m].
+    `joints` has the modes and known slips. The slip of a joint that slides, or touches nowhere, is
+    measured at the corner that touches, or at the nearer one; below `least` of the joint's length
+    there is none.
     """
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):
@@ -204,15 +175,7 @@ def parting_at(j, px, py, position, velocity):
 
 @kernel
 def relative_velocity(position, velocity, pivot, out):
-    """Velocity of the body after each joint relative to the one before it, at the pivots (Eq 22).
-
-    Parameters
-    ----------
-    position, velocity : array, (n_body + 2, 3)
-    pivot : array, (n_joint, 2) [m]
-    out : array, (n_joint, 3)
-        Overwritten: x, y, rotation.
-    """
+    """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22)."""
     for j in range(pivot.shape[0]):
         out[j, 0], out[j, 1] = parting_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
         out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]

@@ -182,18 +182,7 @@ def _place_joints(model, touch, slide, slip, mega):
 
 @kernel
 def assemble(model, touch, slide, slip, mega):
-    """Masses and faces of the mega-voussoirs for given contact modes.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-        Of the voussoirs.
-    touch : ndarray, (n_joint, 2)
-    slide : ndarray, (n_joint,)
-    slip : ndarray, (n_joint,) [m]
-    mega : MegaVoussoirs
-        Overwritten, but for positions and velocities.
-    """
+    """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`."""
     _group(model, touch, slide, mega)
     _place_at_rest(model, slip, mega)
     _sum_masses(model, mega)
@@ -209,16 +198,10 @@ def assemble(model, touch, slide, slip, mega):
 
 @kernel
 def gather_state(model, position, velocity, mega):
-    """Positions and velocities of mega-voussoirs from those of their voussoirs.
+    """Positions and velocities of assembled mega-voussoirs from those of their voussoirs.
 
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
     voussoir.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, (n_body + 2, 3)
-    mega : MegaVoussoirs
-        Assembled; `position` and `velocity` are overwritten.
     """
     for k in range(1, mega.count[0] + 1):
         x = y = vx = vy = spin = 0.0
@@ -239,15 +222,7 @@ def gather_state(model, position, velocity, mega):
 
 @kernel
 def split_state(mega, mega_position, mega_velocity, position, velocity):
-    """Positions and velocities of all voussoirs from those of the mega-voussoirs.
-
-    Parameters
-    ----------
-    mega : MegaVoussoirs
-    mega_position, mega_velocity : ndarray, (>= n + 2, 3)
-    position, velocity : ndarray, (n_body + 2, 3)
-        Overwritten.
-    """
+    """Positions and velocities of all voussoirs from those of the mega-voussoirs."""
     s, c, known = 0.0, 1.0, GROUND
     for i in range(1, position.shape[0] - 1):
         k = mega.group[i]

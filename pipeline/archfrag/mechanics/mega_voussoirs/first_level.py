@@ -13,20 +13,7 @@ and inertia.
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import (
-    EXACT,
-    correct,
-    factorise,
-    measure_residual,
-    set_rows,
-    solve_modes,
-)
-from archfrag.mechanics.contact.placing import (
-    corner_offset,
-    later_vertex_meets,
-    parting_at,
-    place_chain,
-)
+from archfrag.mechanics.contact import blocks, placing
 from archfrag.mechanics.laws import slip_normal
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
@@ -53,19 +40,11 @@ def _arm(centre, position, k):
 
 @kernel
 def centripetal_bias(position, velocity, slip, sense, work):
-    """What rotations add to the relative acceleration at each corner (Eqs 17, 18).
+    """Into ``work.bias`` what rotations add to relative accelerations at corners (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points, and where a vertex runs along
-    a rotating face twice the product of both rates.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, (n_body + 2, 3)
-    slip : ndarray, (n_joint,) [m]
-    sense : ndarray, (n_joint,)
-        Of the friction of slips in progress; zero: none.
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and modes in `touch`; `bias` is overwritten [m/s2].
+    a rotating face twice the product of both rates; `sense` is that of the friction of slips in
+    progress, zero for none.
     """
     for j in range(work.slide.shape[0]):
         before, after = velocity[j, 2], velocity[j + 1, 2]
@@ -76,12 +55,12 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux, uy = parting_at(j, px, py, position, velocity)
+                ux, uy = placing.parting_at(j, px, py, position, velocity)
                 nx, ny = work.normal[j, 0], work.normal[j, 1]
                 if work.touch[j, 0] < 0.5 or work.touch[j, 1] < 0.5:
                     nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
                 place = slip[j] if slip[j] != 0.0 else -sense[j]
-                face = before if later_vertex_meets(k, place) else after
+                face = before if placing.later_vertex_meets(k, place) else after
                 twice = 2.0 * face * (nx * uy - ny * ux)
                 x, y = x + twice * nx, y + twice * ny
             work.bias[j, k, 0], work.bias[j, k, 1] = x, y
@@ -139,18 +118,8 @@ def _add(rate, u, x, y, k, work):
 def four_hinges(model, position, velocity, work):
     """Accelerations and reactions of three bodies hinged to each other and to the ground.
 
-    Parameters
-    ----------
-    position, velocity : ndarray, (5, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, modes, and accelerations without reactions in `free`; `solved`
-        and `reaction` are overwritten.
-
-    Returns
-    -------
-    bool
-        False where the rotation centre of the middle body is so far off that the reactions do
-        not follow from it.
+    From contacts, modes, and accelerations without reactions in ``work.free``; False where the
+    rotation centre of the middle body is so far off that the reactions do not follow from it.
     """
     c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
     p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
@@ -230,27 +199,15 @@ def _hinge_reactions(model, position, hinge, work):
 @kernel
 def pose(mega, position):
     """Faces, slips and contacts of mega-voussoirs, where `position` has them."""
-    place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
+    placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
 
 
 @kernel
 def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
-    """Accelerations and reactions of mega-voussoirs in their modes.
+    """Accelerations and reactions of mega-voussoirs in their modes, under a ground acceleration.
 
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use; accelerations are written to ``work.solved``, reactions to ``work.reaction``.
-    position, velocity : ndarray, (n + 2, 3)
-    ground_x, ground_y : float
-        Ground acceleration [m/s2].
-    scale : float
-        Accelerations that count as one [m/s2].
-
-    Returns
-    -------
-    bool
-        False where the equations have no solution.
+    They are left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one
+    [m/s2]. False where the equations have no solution.
     """
     model, work = mega.model, mega.work
     pose(mega, position)
@@ -261,7 +218,7 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
     if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
-    left = solve_modes(model, position, work, scale, EXACT)
+    left = blocks.solve_modes(model, position, work, scale, blocks.EXACT)
     return left <= ILL_CONDITIONED * model.gravity
 
 
@@ -277,34 +234,20 @@ def project(mega, position, velocity, enough, limit):
     """Move a state onto its contacts, and its velocities onto their rates, after `pose` there.
 
     Both in the metric of kinetic energy, and across the joints, without friction: along its cone
-    a projection could gain energy.
-
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use.
-    position, velocity : ndarray, (n + 2, 3)
-        Overwritten.
-    enough : tuple of float
-        Distances from the contacts [m] and rates [m/s] up to which nothing is done.
-    limit : float
-        How far any body may be moved [m], rotations by the length of the first joint.
-
-    Returns
-    -------
-    bool
-        False where a body would have to move farther: nothing was done.
+    a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
+    `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
+    first joint; then it returns False.
     """
     model, work, apart = mega.model, mega.work, 0.0
-    set_rows(model, position, work, 0)
+    blocks.set_rows(model, position, work)
     _set_bias(work, 0.0)
     for i in range(position.shape[0]):
         for c in range(3):
             work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
-    rate = measure_residual(position, work)
+    rate = blocks.measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            ex, ey = corner_offset(j, k, work.face, work.tangent, work.slip[j])
+            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
             work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
             apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):
@@ -312,8 +255,8 @@ def project(mega, position, velocity, enough, limit):
                 work.column[j, a, d] = work.row[j, a, d]
     if apart <= enough[0] and rate <= enough[1]:
         return True
-    factorise(model, work, EXACT.compliance, 0)
-    correct(model, position, work, math.inf)
+    blocks.factorise(model, work, blocks.EXACT.compliance)
+    blocks.correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
         shift = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
@@ -325,7 +268,7 @@ def project(mega, position, velocity, enough, limit):
             position[i, c] += work.solved[i, c]
             work.free[i, c] = velocity[i, c]
     _set_bias(work, 0.0)
-    correct(model, position, work, math.inf)
+    blocks.correct(model, position, work, math.inf)
     for i in range(position.shape[0]):
         for c in range(3):
             velocity[i, c] = work.solved[i, c]

@@ -52,21 +52,10 @@ def _boundary(mega, k, position):
 def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_weight, value):
     """Margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
 
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-        Of the voussoirs.
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use, after `solve_first_level`; `inner_reaction` is overwritten.
-    position, velocity : ndarray, (n + 2, 3)
-        Of the mega-voussoirs.
-    ground_x, ground_y : float
-        Ground acceleration [m/s2].
-    per_weight : float
-        What forces are multiplied by [1/N].
-    value : ndarray, (n_joint, N_LAW)
-        Margins of joints that are closed and stick are overwritten: forces at both corners, and
-        Coulomb's law if friction is limited.
+    After `solve_first_level`, of joints that are closed and stick: forces at both corners, and
+    Coulomb's law if friction is limited, into `value` (n_joint, N_LAW). `model` is that of the
+    voussoirs, `position` and `velocity` are those of the mega-voussoirs; forces are multiplied by
+    `per_weight` [1/N]. ``mega.inner_reaction`` is overwritten.
     """
     n_row, work, offset = mega.group.size, mega.work, mega.offset
     body_y = ground_y + model.gravity
@@ -106,15 +95,7 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
 
 @kernel
 def joint_reactions(mega, work):
-    """Reactions of all joints of the chain after both levels, about the pivots of `work`.
-
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use.
-    work : archfrag.mechanics.model.Work
-        Of the chain, with its contacts placed; `reaction` is overwritten.
-    """
+    """Reactions of all joints of the chain after both levels, about the pivots of `work`."""
     k = 0
     for j in range(work.reaction.shape[0]):
         if k < mega.count[1] and mega.joint[k] == j:

@@ -28,14 +28,8 @@ from archfrag.mechanics.mega_voussoirs.second_level import (
     solve_second_level,
 )
 from archfrag.mechanics.model import Model
-from archfrag.methods.event_driven.runge_kutta import (
-    Scheme,
-    Stages,
-    dense_state,
-    ground_after,
-    new_stages,
-    sliding_rate,
-)
+from archfrag.methods.event_driven import runge_kutta
+from archfrag.methods.event_driven.runge_kutta import Scheme, Stages
 
 # Joint of the trigger where no law waits to be followed up.
 NONE = -1
@@ -75,7 +69,7 @@ def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
     margins, gaps = np.full((2, n_joint, N_LAW), np.inf), np.full((2, n_joint, 2, 2), np.inf)
     return Motion(
         model=model,
-        stages=new_stages(model.mass.size),
+        stages=runge_kutta.new_stages(model.mass.size),
         scheme=scheme,
         length=length,
         speed=float(np.sqrt(model.gravity * length)),
@@ -145,7 +139,7 @@ def margins_between(mega, motion, position, velocity):
             c = 0 if at[0] else 1
             _cone_margins(k, c, mega.model, work, motion.per_weight, value)
         if work.slide[k] != 0.0:
-            rate, _, _ = sliding_rate(k, position, velocity, work)
+            rate, _, _ = runge_kutta.sliding_rate(k, position, velocity, work)
             value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
 
 
@@ -176,8 +170,8 @@ def find_margins(motion, mega, position, velocity, ground_x, ground_y):
 def margins_at(motion, mega, part, step, ground):
     """Smallest margin at a part of a step, by its dense output; nan without a solution."""
     position, velocity = mega.next_position, mega.next_velocity
-    dense_state(motion.stages, part, position, velocity)
-    x, y = ground_after(ground, part * step)
+    runge_kutta.dense_state(motion.stages, part, position, velocity)
+    x, y = runge_kutta.ground_after(ground, part * step)
     if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
         return np.nan
     return find_margins(motion, mega, position, velocity, x, y)
@@ -187,7 +181,7 @@ def margins_at(motion, mega, part, step, ground):
 def _gap_at(motion, mega, part, k, c):
     """Gap at a corner at a part of a step, by the positions alone [m]."""
     work, position = mega.work, mega.next_position
-    dense_state(motion.stages, part, position, mega.next_velocity)
+    runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
     move_faces(mega.model, position, work.rotated, work.face, work.tangent)
     return clearance(k, c, work.face, work.tangent)
 
@@ -265,13 +259,11 @@ def _root(motion, mega, step, ground, end, joint, law):
 
 @inlined
 def locate(motion, mega, step, ground, end):
-    """First instant of a step at which a law ends.
-
-    Returns part of the step; nan where no state could be evaluated. ``mega.next_position``,
-    ``next_velocity`` and the last solution are those at that instant.
+    """First part of a step at which a law ends; nan where no state could be evaluated.
 
     The law whose margin is smallest where one is broken is followed back to where it is used up,
-    an impact on the gaps alone; then all others are looked at there, until none is broken.
+    an impact on the gaps alone; then all others are looked at there, until none is broken. The
+    next state and the last solution are those at that instant.
     """
     trigger, part = motion.trigger, end
     for _ in range(MOST_ROUNDS):

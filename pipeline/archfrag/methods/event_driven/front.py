@@ -8,19 +8,12 @@ from archfrag.mechanics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.mechanics.model import Model, model_of, new_state, new_work
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import (
-    is_accurate,
-    new_results,
-    no_output,
-    output_to,
-    ready,
-    refuse,
-)
+from archfrag.methods import common
 from archfrag.methods.event_driven.events import new_motion
 from archfrag.methods.event_driven.integrate import FIRST, Progress, Run
 from archfrag.methods.event_driven.phases import ACCUMULATION, BY_UNSOLVED, follow_phases
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER
-from archfrag.methods.time_stepping.front import UNKNOWN, rest_of
+from archfrag.methods.time_stepping.run import UNKNOWN, rest_of
 
 # Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
 COARSE = 1e-3
@@ -50,12 +43,12 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
         outward=np.zeros(model.mass.size),
         grounds=grounds,
         path=new_path(model),
-        options=ready(options, model, rest),
+        options=common.ready(options, model, rest),
     )
 
 
 def _refused(chain: Chain, options: Options, results: Results) -> Results:
-    refuse(results, np.flatnonzero(~is_accurate(chain, options, results, ROUNDING)))
+    common.refuse(results, np.flatnonzero(~common.is_accurate(chain, options, results, ROUNDING)))
     return results
 
 
@@ -70,11 +63,11 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Results:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
-    model, results = model_of(chain), new_results(1)
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
+    model, results = model_of(chain), common.new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN
     given = new_run(model, one_of(grounds, 0, factor), options, rest)
-    state, output = given.state, output_to(frames, log, options.frame_interval)
+    state, output = given.state, common.output_to(frames, log, options.frame_interval)
     state.position[1:-1], state.velocity[1:-1] = position, velocity
     follow_phases(given, from_rest and not np.isnan(rest[0]), output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
@@ -85,9 +78,9 @@ def run(
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Results:
-    """One run after the other; as `archfrag.methods.time_stepping.front.run_many`."""
-    model, results = model_of(chain), new_results(len(motion))
-    rest, output = rest_of(model), no_output(chain.mass.size, chain.friction.size)
+    """One run after the other; as `archfrag.methods.time_stepping.run.run_many`."""
+    model, results = model_of(chain), common.new_results(len(motion))
+    rest, output = rest_of(model), common.no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):
         given = new_run(model, one_of(grounds, number, by), options, rest)
         given.state.position[1:-1, :2] = chain.centroid

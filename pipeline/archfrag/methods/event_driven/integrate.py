@@ -23,6 +23,7 @@ from archfrag.mechanics.numbers import sine_cosine
 from archfrag.mechanics.status import Count, Energy, Peak
 from archfrag.mechanics.types import Options
 from archfrag.methods.common import write_frame
+from archfrag.methods.event_driven import runge_kutta
 from archfrag.methods.event_driven.events import (
     THRESHOLD,
     Motion,
@@ -31,16 +32,6 @@ from archfrag.methods.event_driven.events import (
     keep_margins,
     locate,
     margins_at,
-)
-from archfrag.methods.event_driven.runge_kutta import (
-    BY_FRICTION,
-    BY_GROUND,
-    blend,
-    dense_state,
-    ground_after,
-    keep_stage,
-    make_dense,
-    take_step,
 )
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
@@ -170,7 +161,7 @@ def begin_motion(run, mega, x, y):
         return False
     if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
         return False
-    keep_stage(mega, motion.stages, 0, position, velocity, x, y)
+    runge_kutta.keep_stage(mega, motion.stages, 0, position, velocity, x, y)
     least = find_margins(motion, mega, position, velocity, x, y)
     keep_margins(mega, motion)
     look_outward(run, mega, position, velocity)
@@ -203,8 +194,8 @@ def write_step(run, mega, start, step, part, ground, output):
     # A frame due at the end is not left out by rounding.
     while output.due[0] <= start + part * step + 1e-9 * output.interval:
         later = min(output.due[0] - start, part * step)
-        dense_state(run.motion.stages, later / step, position, velocity)
-        x, y = ground_after(ground, later)
+        runge_kutta.dense_state(run.motion.stages, later / step, position, velocity)
+        x, y = runge_kutta.ground_after(ground, later)
         clock[Clock.TIME] = output.due[0]
         if recover_reactions(run, mega, position, velocity, x, y):
             write_frame(run.model, run.state, run.work, output)
@@ -216,8 +207,8 @@ def write_step(run, mega, start, step, part, ground, output):
 def _accept(run, mega, part, peaks):
     """Take the state that a step, or a part of it, has reached; record works and peaks."""
     stages, energy = run.motion.stages, run.state.energy
-    energy[Energy.GROUND] += blend(stages.dense_work[BY_GROUND], part)
-    energy[Energy.FRICTION] += blend(stages.dense_work[BY_FRICTION], part)
+    energy[Energy.GROUND] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_GROUND], part)
+    energy[Energy.FRICTION] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_FRICTION], part)
     for i in range(1, mega.position.shape[0] - 1):
         for c in range(3):
             mega.position[i, c] = mega.next_position[i, c]
@@ -228,7 +219,7 @@ def _accept(run, mega, part, peaks):
     for sample in range(PEAK_SAMPLES if peaks else 1):
         note_place(run, mega, mega.next_position)
         inside = part * (sample + 1) / PEAK_SAMPLES
-        dense_state(stages, inside, mega.next_position, mega.next_velocity)
+        runge_kutta.dense_state(stages, inside, mega.next_position, mega.next_velocity)
 
 
 @inlined
@@ -255,9 +246,9 @@ def _allowed_errors(mega, motion, farthest):
 @inlined
 def check_laws(motion, mega, step, ground):
     """Look at all laws at the end of a step, and at gaps inside it; part, event."""
-    x, y = ground_after(ground, step)
+    x, y = runge_kutta.ground_after(ground, step)
     least = find_margins(motion, mega, mega.next_position, mega.next_velocity, x, y)
-    make_dense(mega, motion.stages, motion.scheme, step)
+    runge_kutta.make_dense(mega, motion.stages, motion.scheme, step)
     end, searched = closed_inside(motion, mega, step)
     if searched:
         least = margins_at(motion, mega, end, step, ground)
@@ -286,7 +277,7 @@ def integrate(run, mega, stop, output):
         if cut:
             step = until - time
         allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
-        error = take_step(
+        error = runge_kutta.take_step(
             mega, motion.stages, motion.scheme, step, ground, motion.acceleration, allowed
         )
         count[Count.STEPS] += 1.0

@@ -14,8 +14,8 @@ import numpy as np
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import end_of_motion, rest_margin, segment_at
+from archfrag.mechanics.energy import balance_energy, energies_of
+from archfrag.mechanics.ground import end_of_motion, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     farthest_move,
@@ -28,18 +28,8 @@ from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as Rung
-from archfrag.methods.common import (
-    ALL,
-    AT_END,
-    BROKEN,
-    EXHAUSTED,
-    GO,
-    IDLE,
-    end_run,
-    log_change,
-    read_state,
-)
-from archfrag.methods.common import FALLEN as COLLAPSE
+from archfrag.methods import common
+from archfrag.methods.event_driven import transitions
 from archfrag.methods.event_driven.events import NONE
 from archfrag.methods.event_driven.integrate import (
     BOUND,
@@ -53,26 +43,9 @@ from archfrag.methods.event_driven.integrate import (
     recover_reactions,
     recover_voussoirs,
 )
-from archfrag.methods.event_driven.transitions import (
-    BY_IMPACT,
-    cause_of,
-    change_mode,
-    place_voussoirs,
-    pose_accelerations,
-    pose_impact,
-    solve_posed,
-    take_impact,
-    take_modes,
-)
+from archfrag.methods.time_stepping import service
 from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.rest import BY_START, start_moving
-from archfrag.methods.time_stepping.run import code_after, start_at_rest, try_step
-from archfrag.methods.time_stepping.service import (
-    accept_recorded,
-    measure_state,
-    serve,
-    serve_pause,
-)
+from archfrag.methods.time_stepping.run import start_at_rest, try_step
 from archfrag.methods.time_stepping.step import record_overlap
 
 BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
@@ -81,10 +54,6 @@ FOUR, MEGA = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
 IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
 STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
-# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
-# that, over the time of a fall through a joint's length.
-BEYOND = 1e-7
-SOONEST = 1e-9
 # So many events within this part of that time accumulate; and so many closer to each other than
 # the options allow.
 ACCUMULATION = 64
@@ -108,34 +77,19 @@ def _set_cause(run, cause, joint):
     run.progress[Progress.CAUSE], run.progress[Progress.JOINT] = cause, joint
 
 
-@inlined
-def ground_now(run):
-    """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
-    time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
-    end, x, slope_x, y, slope_y = segment_at(time, run.grounds)
-    if run.progress[Progress.LEAVES_REST] == 0.0 or np.isnan(options.rest_plus):
-        return x, y
-    later = 0.0
-    while time + later < end:
-        ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
-        margin = rest_margin(ahead_x, ahead_y, g, options.rest_plus, options.rest_minus)
-        if margin < -BEYOND * g:
-            break
-        later = min(max(2.0 * later, SOONEST * _unit(run)), end - time)
-    return x + slope_x * later, y + slope_y * later
-
-
 @kernel
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger, joint, corner = run.motion.trigger, -1, -1
-    if run.progress[Progress.CAUSE] == BY_IMPACT:
+    if run.progress[Progress.CAUSE] == transitions.BY_IMPACT:
         joint, corner = trigger[0], trigger[1] - GAP_0
     trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    if pose_impact(run, joint, corner) and not solve_posed(model, state, work, run.path):
+    if transitions.pose_impact(run, joint, corner) and not transitions.solve_posed(
+        model, state, work, run.path
+    ):
         return ALL_VOUSSOIRS
-    take_impact(run)
+    transitions.take_impact(run)
     return MODES
 
 
@@ -145,39 +99,14 @@ def modes_of_accelerations(run):
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
-    x, y = ground_now(run)
-    run.progress[Progress.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
+    x, y = transitions.ground_now(run, run.progress[Progress.LEAVES_REST] == 1.0)
+    run.progress[Progress.JAMMED] = 1.0 if transitions.pose_accelerations(run, x, y) else 0.0
     if trigger[0] != NONE:
-        change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
+        transitions.change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    solved = solve_posed(model, state, work, run.path)
-    return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
-
-
-@inlined
-def _fastest(run):
-    """Largest speed of any body, rotations times joint length included; nan where none is."""
-    fastest = spoiled = 0.0
-    for i in range(1, run.state.velocity.shape[0] - 1):
-        v = run.state.velocity[i]
-        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.length * abs(v[2]))
-        spoiled += 0.0 * (v[0] + v[1] + v[2])
-    return fastest + spoiled
-
-
-@kernel
-def balance_energy(model, state):
-    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
-    energy = state.energy
-    kinetic, potential = energies_of(model, state)
-    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
-    explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-    energy[Energy.BALANCE_ERROR] = change - explained
-    energy[Energy.BALANCE_ERROR_PEAK] = max(
-        energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR])
-    )
-    return kinetic
+    solved = transitions.solve_posed(model, state, work, run.path)
+    return ASSEMBLE if solved and transitions.take_modes(run) else ALL_VOUSSOIRS
 
 
 @kernel
@@ -185,16 +114,16 @@ def assemble_mega_voussoirs(run, output):
     """Mega-voussoirs of the present modes (section 3.3), ready to move."""
     model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, motion = state.clock, run.motion
-    clock[Clock.FASTEST] = _fastest(run)
+    clock[Clock.FASTEST] = transitions.fastest_of(run)
     if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = BROKEN
+        clock[Clock.CODE] = common.BROKEN
         return DONE
     had = balance_energy(model, state)
     if clock[Clock.FASTEST] < run.options.still and progress[Progress.LEAVES_REST] == 0.0:
         return STILL
     progress[Progress.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
-        measure_state(model, state, work)
+        service.measure_state(model, state, work)
         record_overlap(model, state, work, True)
     assemble(model, state.touch, state.slide, state.slip, run.mega)
     mega = in_use(run.mega)
@@ -214,7 +143,7 @@ def assemble_mega_voussoirs(run, output):
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
     cause, joint = int(progress[Progress.CAUSE]), int(progress[Progress.JOINT])
-    log_change(state, clock[Clock.TIME], cause, joint, rung, output)
+    common.log_change(state, clock[Clock.TIME], cause, joint, rung, output)
     return INTEGRATE
 
 
@@ -234,7 +163,7 @@ def integrate_to_next_event(run, output):
     if code == EVENT:
         return UPON_EVENT
     run.motion.trigger[0] = NONE
-    place_voussoirs(run.model, run.state, run.work)
+    transitions.place_voussoirs(run.model, run.state, run.work)
     if code == STOPPED and clock[Clock.TIME] < end:
         return MODES
     if code != STOPPED and code != FALLEN and code != BOUND:
@@ -242,10 +171,10 @@ def integrate_to_next_event(run, output):
     balance_energy(model, state)
     ground = segment_at(clock[Clock.TIME], run.grounds)
     recover_reactions(run, mega, mega.position, mega.velocity, ground.x, ground.y)
-    clock[Clock.CODE] = AT_END if code == STOPPED else EXHAUSTED
+    clock[Clock.CODE] = common.AT_END if code == STOPPED else common.EXHAUSTED
     if code == FALLEN:
         follow_joints(model, state, work, True, run.options.loss_limit)
-        clock[Clock.CODE] = COLLAPSE
+        clock[Clock.CODE] = common.FALLEN
     written, frames = output.written, output.frames
     if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
         written[0] -= 1  # the last frame is written again
@@ -256,7 +185,7 @@ def integrate_to_next_event(run, output):
 def impact_or_mechanism_change(run):
     """What an event is; whether events accumulate."""
     state, progress, recent = run.state, run.progress, run.recent
-    cause, joint = cause_of(run)
+    cause, joint = transitions.cause_of(run)
     _set_cause(run, cause, joint)
     state.count[Count.EVENTS] += 1.0
     time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % ACCUMULATION
@@ -264,9 +193,9 @@ def impact_or_mechanism_change(run):
     recent[slot] = time
     if many < ACCUMULATED * _unit(run) or some < SOME * run.options.crowding:
         progress[Progress.SWITCH] = BY_ACCUMULATION
-    if cause == BY_IMPACT:
+    if cause == transitions.BY_IMPACT:
         return IMPACT
-    place_voussoirs(run.model, run.state, run.work)
+    transitions.place_voussoirs(run.model, run.state, run.work)
     return MODES
 
 
@@ -293,14 +222,14 @@ def step_until(run, until, output):
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
     clock = state.clock
     end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
-    while clock[Clock.CODE] == GO and clock[Clock.TIME] < until:
+    while clock[Clock.CODE] == common.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
         if solved:
-            fallen, broken = accept_recorded(model, state, work, kick, options, output)
+            fallen, broken = service.accept_recorded(model, state, work, kick, options, output)
             next_step(state, options, True, end)
-        code = code_after(state, options, end, (solved, unsolved, fallen, broken))
+        code = service.code_after(state, options, end, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
@@ -312,37 +241,28 @@ def step_until(run, until, output):
 @kernel
 def step_all_voussoirs(run, output):
     """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
-    model, state, work, progress, clock = (
-        run.model,
-        run.state,
-        run.work,
-        run.progress,
-        run.state.clock,
-    )
-    unit = run.motion.length / run.motion.speed
+    model, state, work, progress = run.model, run.state, run.work, run.progress
+    clock, unit = state.clock, _unit(run)
     state.count[Count.SWITCHES] += 1.0
+    balance_energy(model, state)  # what the events before have missed belongs to this instant
     again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
-    progress[Progress.WINDOW] = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
-    progress[Progress.QUIESCENT_STEPS] = min(
-        2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS
-    )
-    if not again:
-        progress[Progress.WINDOW], progress[Progress.QUIESCENT_STEPS] = (
-            WINDOW * unit,
-            QUIESCENT_STEPS,
-        )
+    window, quiet = WINDOW * unit, QUIESCENT_STEPS
+    if again:
+        window = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
+        quiet = min(2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS)
+    progress[Progress.WINDOW], progress[Progress.QUIESCENT_STEPS] = window, quiet
     cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
-    log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
+    common.log_change(state, clock[Clock.TIME], cause, joint, common.ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    start_moving(state, run.options, output)
+    service.start_moving(state, run.options, output)
     work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
-    clock[Clock.CODE] = GO
+    clock[Clock.CODE] = common.GO
     until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
     while not quiescent:
         quiescent = step_until(run, until, output)
-        if clock[Clock.CODE] != GO:
-            code = serve(model, run.grounds, state, work, run.path, run.options, output)
-            if code != GO:
+        if clock[Clock.CODE] != common.GO:
+            code = service.serve(model, run.grounds, state, work, run.path, run.options, output)
+            if code != common.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     for i in range(ACCUMULATION):
@@ -357,7 +277,7 @@ def rest_if_still(run, output):
     """Rest until the ground moves the chain, if that leaves it where it is now."""
     state, rests = run.state, run.state.count[Count.RESTS]
     model, work, options = run.model, run.work, run.options
-    code = serve_pause(model, run.grounds, state, work, run.path, options, output)
+    code = service.serve_pause(model, run.grounds, state, work, run.path, options, output)
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
@@ -368,12 +288,12 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
-    if code == IDLE:
+    if code == common.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
-    _set_cause(run, BY_START, -1)
+    _set_cause(run, service.BY_START, -1)
     run.progress[Progress.LEAVES_REST] = 1.0
-    place_voussoirs(run.model, run.state, run.work)
+    transitions.place_voussoirs(run.model, run.state, run.work)
     return MODES
 
 
@@ -386,8 +306,8 @@ def follow_phases(run, at_rest, output, results, row):
         start_at_rest(model, run.grounds, state, work, run.path, options, output)
         phase = leave_rest(run, int(state.clock[Clock.CODE]), output)
     else:
-        read_state(model, state, work)
-        _set_cause(run, BY_START, -1)
+        common.read_state(model, state, work)
+        _set_cause(run, service.BY_START, -1)
         phase = IMPACT
     while phase != DONE:
         if phase <= UPON_EVENT:
@@ -396,7 +316,7 @@ def follow_phases(run, at_rest, output, results, row):
             phase = rest_if_still(run, output)
         else:
             phase = step_all_voussoirs(run, output)
-    end_run(model, state, work, options, output, results, row)
+    common.end_run(model, state, work, options, output, results, row)
     results.model_time[row, FOUR] = run.progress[Progress.FOUR_HINGES]
     results.model_time[row, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])

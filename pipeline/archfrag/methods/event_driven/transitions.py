@@ -7,27 +7,20 @@ Newton's iteration on the modes does not solve in several rounds is solved along
 
 import math
 
+import numpy as np
+
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact import placing
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import copy_modes, solve_by_path
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_velocity,
-    place_chain,
-    relative_velocity,
-)
 from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.ground import rest_margin, segment_at
 from archfrag.mechanics.laws import opening_rate
+from archfrag.mechanics.mega_voussoirs import second_level
 from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
-from archfrag.mechanics.mega_voussoirs.second_level import (
-    FORCE_0,
-    FRICTION_PLUS,
-    GAP_0,
-    GAP_1,
-    SLIP_END,
-)
+from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
@@ -50,12 +43,16 @@ PARTING = 1e-8
 # to which impacts are located.
 SLOW = 1e-1
 SLOWEST = 3e-6
+# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
+# that, over the time of a fall through a joint's length.
+BEYOND = 1e-7
+SOONEST = 1e-9
 
 
 @kernel
 def place_voussoirs(model, state, work):
     """Faces and contacts of all joints where the voussoirs are."""
-    place_chain(model, state.position, state, TOUCHING, state.slip, work)
+    placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
 
 @inlined
@@ -68,7 +65,7 @@ def pose_impact(run, joint, corner):
     place_voussoirs(model, state, work)
     for j in range(state.slip.size):
         for k in range(2):
-            near = clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
+            near = placing.clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
             held = state.touch[j, k] > 0.5 or (j == joint and k == corner)
             work.candidate[j, k] = work.touch[j, k] = 1.0 if near or held else 0.0
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
@@ -96,8 +93,8 @@ def _close_slow_joints(run):
         nx, ny = work.normal[j, 0], work.normal[j, 1]
         if at_0 != at_1:
             k = 1 if at_0 else 0
-            gap = clearance(j, k, work.face, work.tangent)
-            ux, uy = corner_velocity(j, k, work.relative, work)
+            gap = placing.clearance(j, k, work.face, work.tangent)
+            ux, uy = placing.corner_velocity(j, k, work.relative, work)
             near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
             if near and nx * ux + ny * uy < slow:
                 work.touch[j, k], changed = 1.0, True
@@ -165,9 +162,9 @@ def _find_touching(j, run):
     rate, speed = 0.0, run.motion.speed
     for k in range(2):
         work.candidate[j, k] = 0.0
-        ux, uy = corner_velocity(j, k, work.relative, work)
+        ux, uy = placing.corner_velocity(j, k, work.relative, work)
         if state.touch[j, k] < 0.5:
-            if clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
+            if placing.clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
                 continue
             if opening_rate(j, k, ux, uy, work) > STAYING * speed:
                 continue
@@ -178,13 +175,30 @@ def _find_touching(j, run):
 
 
 @inlined
+def ground_now(run, leaves_rest):
+    """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
+    time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
+    end, x, slope_x, y, slope_y = segment_at(time, run.grounds)
+    if not leaves_rest or np.isnan(options.rest_plus):
+        return x, y
+    later = 0.0
+    while time + later < end:
+        ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
+        margin = rest_margin(ahead_x, ahead_y, g, options.rest_plus, options.rest_minus)
+        if margin < -BEYOND * g:
+            break
+        later = min(max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)), end - time)
+    return x + slope_x * later, y + slope_y * later
+
+
+@inlined
 def pose_accelerations(run, ground_x, ground_y):
     """Set up the problem of accelerations at the present state.
 
     Returns whether unlimited friction ends a slip at once.
     """
     model, state, work, jammed = run.model, run.state, run.work, False
-    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
         slips = abs(rate) > SLIPPING * run.motion.speed
@@ -250,14 +264,14 @@ def cause_of(run):
     """Why the mechanism ends: cause, and joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
     touch = run.state.touch
-    if law == SLIP_END:
+    if law == second_level.SLIP_END:
         return BY_STICK, joint
-    if law in (GAP_0, GAP_1):
+    if law in (second_level.GAP_0, second_level.GAP_1):
         return BY_IMPACT, joint
     if touch[joint, 0] > 0.5 and touch[joint, 1] > 0.5:
-        return (BY_HINGE if law < FRICTION_PLUS else BY_SLIDE), joint
+        return (BY_HINGE if law < second_level.FRICTION_PLUS else BY_SLIDE), joint
     rough = math.isinf(run.model.friction[joint])
-    return (BY_LOSS if law < FRICTION_PLUS or rough else BY_SLIDE), joint
+    return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
 
 
 @inlined
@@ -267,8 +281,19 @@ def change_mode(run, cause, joint, law):
     if cause == BY_STICK:
         slide[joint] = 0.0
     elif cause == BY_HINGE:
-        touch[joint, law - FORCE_0] = 0.0
+        touch[joint, law - second_level.FORCE_0] = 0.0
     elif cause == BY_SLIDE:
-        slide[joint] = 1.0 if law == FRICTION_PLUS else -1.0
+        slide[joint] = 1.0 if law == second_level.FRICTION_PLUS else -1.0
     elif cause == BY_LOSS:
         touch[joint, 0] = touch[joint, 1] = slide[joint] = 0.0
+
+
+@inlined
+def fastest_of(run):
+    """Largest speed of any body, rotations times joint length included; nan where none is."""
+    fastest = spoiled = 0.0
+    for i in range(1, run.state.velocity.shape[0] - 1):
+        v = run.state.velocity[i]
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.length * abs(v[2]))
+        spoiled += 0.0 * (v[0] + v[1] + v[2])
+    return fastest + spoiled

@@ -5,6 +5,10 @@ at which it closes and the acceleration that the problem gives determine when it
 step is made again so that it ends shortly before; the next one has the impact in its middle, where
 reactions act. Then steps may be long again at once: a step does not depend on its neighbours.
 
+The step that leads up to an impact shows more exactly when it will be, and the next one is made
+for that. A long step that closes a corner after all, or in which the contacts give energy or take
+some that no law explains, is made again shorter.
+
 Impacts that follow each other more closely than the shortest step are taken as they come. Where
 shortest and largest steps are equal none is refused.
 """
@@ -14,16 +18,20 @@ import math
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.modes import closes_soon
 from archfrag.mechanics.contact.placing import corner_velocity
+from archfrag.mechanics.energy import contact_works, kinetic_energy, unexplained_work
 from archfrag.mechanics.laws import MINUS, PLUS
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, opposite, select, smaller, some
-from archfrag.mechanics.status import Count
+from archfrag.mechanics.status import Count, Energy
 from archfrag.methods.time_stepping.step import bend_of, is_centred, offset_of
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
 # A refused step ends so many of the shortest before the impact, if that is not too soon.
 LEAD, SOON = 0.75, 1.25
+# The energy that a step may make or lose unexplained, over its tolerance and the largest kinetic
+# energy; a step with more, or without a solution, is made again with this part of its length.
+ENERGY_OF_STEP, QUARTER = 0.01, 0.25
 # The most of a refused step that is made again, and the least of the shortest.
 MOST, LEAST = 0.9, 0.25
 
@@ -80,9 +88,40 @@ def time_to_impact(model, state, work, shortest, ahead):
     return first
 
 
+@kernel
+def is_spoilt(model, state, work, tolerance):
+    """Where a solved step that should hold no impact closes a corner, or has too large an error.
+
+    A slip that ends inside a long step sticks until its end, held by a friction that made energy.
+    """
+    closes = False
+    for j in range(state.slip.shape[0]):
+        for k in range(2):
+            closes = closes | (work.touch[j, k] > state.touch[j, k])
+    friction, impact, balance_error = contact_works(state, work)
+    error = abs(unexplained_work(friction, impact, balance_error))
+    kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved))
+    return closes | (error > ENERGY_OF_STEP * tolerance * kinetic)
+
+
+@kernel
+def expect_impact(model, state, work, options, solved):
+    """Look again when an impact will be, in the step that leads up to it."""
+    clock, shortest = state.clock, options.time_step
+    step = clock[Clock.STEP]
+    ahead = clock[Clock.IMPACT] - clock[Clock.TIME] - step
+    near = solved & (ahead > 0.0) & (ahead < SOON * shortest)
+    if some(near):
+        latest = 2.0 * SOON * shortest
+        wait = time_to_impact(model, state, work, shortest, latest)
+        impact = clock[Clock.TIME] + larger(wait, step + 0.5 * LEAST * shortest)
+        near = near & (wait < step + latest)
+        clock[Clock.IMPACT] = select(near, impact, clock[Clock.IMPACT])
+
+
 @inlined
-def shorten(model, state, work, options, refused, unsolved):
-    """Cut the steps that were refused before the impact, and halve those without solution."""
+def shorten(model, state, work, options, refused, poor):
+    """Cut steps that were refused before the impact, and take a quarter of the poor ones."""
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
@@ -92,10 +131,10 @@ def shorten(model, state, work, options, refused, unsolved):
         cut = select(wait < SOON * options.time_step, middle, wait - LEAD * options.time_step)
         clock[Clock.STEP] = select(refused, smaller(cut, MOST * step), step)
         clock[Clock.IMPACT] = select(refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT])
-    if some(unsolved):
-        half = larger(0.5 * step, options.time_step)
-        clock[Clock.STEP] = select(unsolved, half, clock[Clock.STEP])
-        state.count[Count.SHORTENED] += select(unsolved, 1.0, 0.0)
+    if some(poor):
+        part = larger(QUARTER * step, options.time_step)
+        clock[Clock.STEP] = select(poor, part, clock[Clock.STEP])
+        state.count[Count.SHORTENED] += select(poor, 1.0, 0.0)
 
 
 @inlined

@@ -1,4 +1,4 @@
-"""Runs by time stepping: one, or many of one arch four at a time.
+"""Time stepping as a method: one run, or many of one arch four at a time.
 
 While the body force stays inside the range of rest of the configuration nothing is integrated.
 Four runs go side by side for as long as nothing but Newton's iteration on the modes is needed;
@@ -10,52 +10,50 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import end_of_motion, kick_between
-from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work, with_shapes
-from archfrag.mechanics.numbers import (
-    LANES,
-    lane,
-    lane_array,
-    nearest,
-    opposite,
-    runs_of,
-    select,
-    some,
+from archfrag.mechanics.ground import Grounds, end_of_motion, kick_between
+from archfrag.mechanics.lanes import LANES, lane_array, runs_of
+from archfrag.mechanics.model import (
+    Clock,
+    Model,
+    State,
+    Work,
+    model_of,
+    new_state,
+    new_work,
+    with_shapes,
 )
+from archfrag.mechanics.numbers import lane, opposite, select, some
 from archfrag.mechanics.status import Count
+from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
+from archfrag.methods import common
 from archfrag.methods.common import (
-    ALL,
-    AT_END,
-    BROKEN,
-    EXHAUSTED,
-    FALLEN,
-    GO,
-    IDLE,
-    PAUSE,
-    UNSOLVED,
     begin,
     end_run,
     log_change,
+    new_results,
+    no_output,
+    output_to,
     read_state,
+    ready,
 )
-from archfrag.methods.time_stepping.at_impacts import LEAD, beyond, locates, next_step, shorten
-from archfrag.methods.time_stepping.rest import (
-    BY_START,
-    rest_until_onset,
-    start_moving,
-    write_rest,
+from archfrag.methods.time_stepping import service
+from archfrag.methods.time_stepping.at_impacts import (
+    LEAD,
+    beyond,
+    expect_impact,
+    is_spoilt,
+    locates,
+    next_step,
+    shorten,
 )
-from archfrag.methods.time_stepping.service import accept_recorded, serve
 from archfrag.methods.time_stepping.step import accept_step, pose_step
 
-# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
-# or several linear problems each; so many on average mean no advance.
-MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
+UNKNOWN = (np.nan, np.nan)
 
 
 @kernel
@@ -77,32 +75,15 @@ def try_step(model, grounds, state, work, options, live):
     clock[Clock.ROUNDS] = select(active, rounds, 0.0)
     state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
     failed = live & opposite(solved | refused | active)
-    halved = failed & (step > 1.5 * options.time_step)
-    if some(refused | halved):
-        shorten(model, state, work, options, refused, halved)
-    return kick, solved, failed & opposite(halved)
-
-
-@inlined
-def code_after(state, options, until, outcome):
-    """Why runs wait after an attempt at a step: of what holds, what is last below.
-
-    `outcome` are masks: solved, unsolved, fallen, broken.
-    """
-    clock, count = state.clock, state.count
-    solved, unsolved, fallen, broken = outcome
-    checks = count[Count.STEPS] * (1.0 / options.check_interval)
-    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
-    over = clock[Clock.TIME] >= until
-    most = options.first_steps + until * (MOST_STEPS / options.time_step)
-    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
-    code = select(unsolved, float(UNSOLVED), clock[Clock.CODE])
-    code = select(solved & due, float(PAUSE), code)
-    code = select(spent, float(EXHAUSTED), code)
-    code = select(over, float(AT_END), code)
-    code = select(clock[Clock.CODE] > PAUSE, clock[Clock.CODE], code)
-    code = select(fallen, float(FALLEN), code)
-    return select(broken, float(BROKEN), code)
+    poor = failed & (step > 1.5 * options.time_step)
+    unsolved, long = failed & opposite(poor), solved & stops
+    if some(long):
+        spoilt = long & is_spoilt(model, state, work, options.tolerance)
+        solved, poor = solved & opposite(spoilt), poor | spoilt
+    expect_impact(model, state, work, options, solved)
+    if some(refused | poor):
+        shorten(model, state, work, options, refused, poor)
+    return kick, solved, unsolved
 
 
 @kernel
@@ -113,15 +94,15 @@ def step_four(model, grounds, state, work, options):
     until = end_of_motion(grounds, clock, options.follow)
     waits = False
     while not waits:
-        live = clock[Clock.CODE] == GO
+        live = clock[Clock.CODE] == common.GO
         kick, solved, unsolved = try_step(model, grounds, state, work, options, live)
         fallen = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
             fallen, broken = accept_step(model, state, work, kick, solved, options.loss_limit)
             next_step(state, options, solved, until)
-        code = code_after(state, options, until, (solved, unsolved, fallen, broken))
+        code = service.code_after(state, options, until, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
-        waits = some((code != GO) & (code != IDLE))
+        waits = some((code != common.GO) & (code != common.IDLE))
 
 
 @kernel
@@ -129,13 +110,13 @@ def step_one(model, grounds, state, work, options, output):
     """As `step_four`, one run with its history."""
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
-    while clock[Clock.CODE] == GO:
+    while clock[Clock.CODE] == common.GO:
         kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
         fallen = broken = False
         if solved:
-            fallen, broken = accept_recorded(model, state, work, kick, options, output)
+            fallen, broken = service.accept_recorded(model, state, work, kick, options, output)
             next_step(state, options, True, until)
-        clock[Clock.CODE] = code_after(
+        clock[Clock.CODE] = service.code_after(
             state, options, until, (solved, unsolved, fallen, broken)
         )
 
@@ -144,11 +125,11 @@ def step_one(model, grounds, state, work, options, output):
 def finish_one(model, grounds, state, work, path, options, output, results, row):
     """Move one run to its end."""
     code = int(state.clock[Clock.CODE])
-    while code == GO:
+    while code == common.GO:
         step_one(model, grounds, state, work, options, output)
         code = int(state.clock[Clock.CODE])
-        if code in (UNSOLVED, PAUSE):
-            code = serve(model, grounds, state, work, path, options, output)
+        if code in (common.UNSOLVED, common.PAUSE):
+            code = service.serve(model, grounds, state, work, path, options, output)
     end_run(model, state, work, options, output, results, row)
 
 
@@ -156,8 +137,8 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
 def start_at_rest(model, grounds, state, work, path, options, output):
     """Let the chain rest in its own geometry until the ground moves it."""
     begin(model, state, work, 0, state.clock[Clock.FACTOR])
-    write_rest(model, grounds, state, work, path, output)
-    state.clock[Clock.CODE] = rest_until_onset(
+    service.write_rest(model, grounds, state, work, path, output)
+    state.clock[Clock.CODE] = service.rest_until_onset(
         model, grounds, state, options, options.rest_plus, options.rest_minus, output
     )
 
@@ -166,8 +147,8 @@ def start_at_rest(model, grounds, state, work, path, options, output):
 def start_given(model, state, work, options, output):
     """Start from the positions and velocities of a given state."""
     read_state(model, state, work)
-    log_change(state, 0.0, BY_START, -1, ALL, output)
-    start_moving(state, options, output)
+    log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
+    service.start_moving(state, options, output)
 
 
 @kernel
@@ -242,14 +223,14 @@ def next_run(model, grounds, one, options, jobs, output, results):
         jobs.upcoming[0] += 1
         motion, factor = jobs.motion[run], jobs.factor[run]
         begin(model, state, one.work, motion, factor)
-        code = rest_until_onset(
+        code = service.rest_until_onset(
             model, grounds, state, options, options.rest_plus, options.rest_minus, output
         )
         state.clock[Clock.CODE] = code
-        if code == GO:
+        if code == common.GO:
             return run
         end_run(model, state, one.work, options, output, results, run)
-    state.clock[Clock.CODE] = IDLE
+    state.clock[Clock.CODE] = common.IDLE
     state.clock[Clock.STEP] = options.largest_step
     return -1
 
@@ -269,14 +250,86 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
         step_four(model, grounds, four.state, four.work, options)
         for number in range(LANES):
             code = int(lane(four.state.clock[Clock.CODE], number))
-            if code in (GO, IDLE):
+            if code in (common.GO, common.IDLE):
                 continue
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
-            if code in (UNSOLVED, PAUSE):
-                code = serve(model, grounds, state, one.work, one.path, options, output)
-            if code != GO:
+            if code in (common.UNSOLVED, common.PAUSE):
+                code = service.serve(model, grounds, state, one.work, one.path, options, output)
+            if code != common.GO:
                 end_run(model, state, one.work, options, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, options, jobs, output, results)
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)
+
+
+def rest_of(model: Model) -> tuple[float, float]:
+    """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
+    one = new_one(model)
+    begin(model, one.state, one.work, 0, 0.0)
+    found, plus, minus = service.rest_range(model, one.state, one.work)
+    return (plus, minus) if found else UNKNOWN
+
+
+def run(
+    chain: Chain,
+    grounds: Grounds,
+    factor: float,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Results:
+    """Integrate one chain under one ground motion; the signature of every method.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, (n_body, 3)
+        Initial state; overwritten with the final one.
+    from_rest : bool
+        Whether the initial state is the chain at rest in its own geometry.
+    frames, log
+        Overwritten with the history and the changes of the mechanism; of length zero for none.
+
+    Returns
+    -------
+    archfrag.mechanics.types.Results
+        One row.
+    """
+    model, results = model_of(chain), new_results(1)
+    options = ready(options, model, rest_of(model) if from_rest else UNKNOWN)
+    state, work, path = new_one(model)[:3]
+    output = output_to(frames, log, options.frame_interval)
+    state.clock[Clock.FACTOR] = factor
+    if from_rest and not np.isnan(options.rest_plus):
+        start_at_rest(model, grounds, state, work, path, options, output)
+    else:
+        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        start_given(model, state, work, options, output)
+    finish_one(model, grounds, state, work, path, options, output, results, 0)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return results
+
+
+def run_many(
+    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+) -> Results:
+    """Integrate one chain from rest under many scaled ground motions, four at a time.
+
+    Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
+    results is the same as of `run`.
+    """
+    model, results = model_of(chain), new_results(len(motion))
+    options = ready(options, model, rest_of(model))
+    jobs = Jobs(
+        np.ascontiguousarray(motion, np.int64),
+        np.ascontiguousarray(factor, float),
+        np.zeros(1, np.int64),
+        np.full(LANES, -1),
+    )
+    output = no_output(chain.mass.size, chain.friction.size)
+    run_four(model, grounds, new_four(model), new_one(model), options, jobs, output, results)
+    return results

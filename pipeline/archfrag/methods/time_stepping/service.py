@@ -1,43 +1,129 @@
 """What a run by steps may need besides Newton's iteration, done for it alone.
 
-Its history, a solution path where the modes are not reconciled, rest, and measurements of the
+Rest, its history, a solution path where the modes are not reconciled, and measurements of the
 contact residual.
 """
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.path import solve_anyhow
+from archfrag.mechanics.contact.placing import clearance, place_contacts
 from archfrag.mechanics.energy import kinetic_energy, record_work
 from archfrag.mechanics.ground import end_of_motion, end_rest, kick_between
 from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import nearest, select
+from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Peak
+from archfrag.methods import common
 from archfrag.methods.common import (
-    ALL,
-    AT_REST,
-    BROKEN,
-    FALLEN,
-    GO,
-    PAUSE,
-    UNSOLVED,
     log_change,
     write_frame,
 )
 from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.rest import (
-    is_as_built,
-    rest_range,
-    rest_until_onset,
-    write_rest,
-)
 from archfrag.methods.time_stepping.step import accept_step, pose_step
 
 # Changes of a joint's mode, the dominant one last.
 BY_STICK, BY_SLIDE, BY_HINGE = int(Cause.STICK), int(Cause.SLIDE), int(Cause.HINGE)
 BY_IMPACT, BY_LOSS, BY_REST = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.REST)
+BY_START = int(Cause.START)
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
+# or several linear problems each; so many on average mean no advance.
+MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
+
+
+@kernel
+def is_as_built(model, state):
+    """Whether all joints are closed and none has slipped: the chain is in its own geometry."""
+    for j in range(state.slip.size):
+        if state.touch[j, 0] < 0.5 or state.touch[j, 1] < 0.5:
+            return False
+        if abs(state.slip[j]) > common.CLOSED_GAP * model.length[j]:
+            return False
+    return True
+
+
+@allocating
+def rest_range(model, state, work):
+    """Load factors between which a configuration stays at rest; found, plus, minus."""
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    n_joint = state.slip.size
+    candidate = np.ones((n_joint, 2), np.int8)
+    for j in range(n_joint):
+        for k in range(2):
+            if clearance(j, k, work.face, work.tangent) > common.CLOSED_GAP * model.length[j]:
+                candidate[j, k] = 0
+    centroid = state.position[1:-1, :2].copy()
+    found = np.ones(2, np.bool_)
+    factor = np.zeros(2)
+    for k in range(2):
+        sense = 1.0 - 2.0 * k
+        limit = rest_limit(
+            model.mass[1:-1], centroid, work.point, work.normal, candidate, model.friction,
+            model.gravity, sense,
+        )  # fmt: skip
+        found[k], factor[k] = limit.found, sense * limit.load_factor
+    return found[0] and found[1], factor[0], factor[1]
+
+
+@kernel
+def start_moving(state, options, output):
+    """Begin to step from the positions and velocities of a state."""
+    clock = state.clock
+    clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
+    output.span[0] = 0.0
+    for j in range(state.impact.size):
+        state.impact[j] = 0.0
+        for c in range(3):
+            state.force[j, c] = 0.0
+
+
+@kernel
+def write_rest(model, grounds, state, work, path, output):
+    """Frame of the chain at rest, with the reactions that balance the body force."""
+    if output.frames.time.size == 0:
+        return
+    clock = state.clock
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
+    time = clock[Clock.TIME]
+    kick = kick_between(grounds, clock, time - tiny, time + tiny)
+    for i in range(1, state.position.shape[0] - 1):
+        work.free[i, 0] = -kick.x / (2.0 * tiny)
+        work.free[i, 1] = -kick.y / (2.0 * tiny) - model.gravity
+        work.free[i, 2] = 0.0
+        for c in range(3):
+            work.position[i, c] = state.position[i, c]
+    for j in range(state.slip.size):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+            work.candidate[j, k] = state.touch[j, k]
+    count = state.count
+    taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
+    solved, _ = solve_anyhow(model, state, work, path)
+    # A history does not change what a run has taken.
+    count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
+    if not solved:
+        work.reaction[:] = 0.0
+    write_frame(model, state, work, output)
+
+
+@kernel
+def rest_until_onset(model, grounds, state, options, plus, minus, output):
+    """Let a chain rest until the ground motion moves it; returns the code."""
+    clock = state.clock
+    leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    clock[Clock.RESTING] += leave - clock[Clock.TIME]
+    clock[Clock.TIME] = leave
+    if for_good:
+        return common.IDLE
+    start_moving(state, options, output)
+    output.due[0] = leave
+    log_change(state, leave, BY_START, -1, common.ALL, output)
+    return common.GO
 
 
 @kernel
@@ -111,7 +197,7 @@ def accept_recorded(model, state, work, kick, options, output):
     fallen, broken = accept_step(model, state, work, kick, True, options.loss_limit)
     keep_forces(work, step, output)
     if cause >= 0:
-        log_change(state, time, cause, joint, ALL, output)
+        log_change(state, time, cause, joint, common.ALL, output)
     return fallen, broken
 
 
@@ -136,13 +222,13 @@ def serve_unsolved(model, grounds, state, work, path, options, output):
         if compliant:
             measure_state(model, state, work)
         if broken:
-            return BROKEN
-        return FALLEN if fallen else PAUSE
+            return common.BROKEN
+        return common.FALLEN if fallen else common.PAUSE
     if clock[Clock.STEP] < SHORTEST * options.time_step:
-        return UNSOLVED
+        return common.UNSOLVED
     clock[Clock.STEP] *= 0.5
     state.count[Count.SHORTENED] += 1.0
-    return GO
+    return common.GO
 
 
 @kernel
@@ -152,23 +238,23 @@ def serve_pause(model, grounds, state, work, path, options, output):
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
     if clock[Clock.FASTEST] >= options.still:
-        return GO
+        return common.GO
     found, plus, minus = True, options.rest_plus, options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
         found, plus, minus = rest_range(model, state, work)
     if not found:
-        return GO
+        return common.GO
     motion = int(clock[Clock.MOTION])
     samples = grounds.first[motion + 1] - grounds.first[motion] - 1
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
     if leave <= clock[Clock.TIME] and not (over and for_good):
-        return GO
+        return common.GO
     record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
     state.velocity[:] = 0.0
     state.count[Count.RESTS] += 1.0
     write_rest(model, grounds, state, work, path, output)
-    log_change(state, clock[Clock.TIME], BY_REST, -1, AT_REST, output)
+    log_change(state, clock[Clock.TIME], BY_REST, -1, common.AT_REST, output)
     return rest_until_onset(model, grounds, state, options, plus, minus, output)
 
 
@@ -176,9 +262,31 @@ def serve_pause(model, grounds, state, work, path, options, output):
 def serve(model, grounds, state, work, path, options, output):
     """Do for one run what stopped it; the code that it goes on with, or ends with."""
     code = int(state.clock[Clock.CODE])
-    if code == UNSOLVED:
+    if code == common.UNSOLVED:
         code = serve_unsolved(model, grounds, state, work, path, options, output)
-    if code == PAUSE:
+    if code == common.PAUSE:
         code = serve_pause(model, grounds, state, work, path, options, output)
     state.clock[Clock.CODE] = code
     return code
+
+
+@inlined
+def code_after(state, options, until, outcome):
+    """Why runs wait after an attempt at a step: of what holds, what is last below.
+
+    `outcome` are masks: solved, unsolved, fallen, broken.
+    """
+    clock, count = state.clock, state.count
+    solved, unsolved, fallen, broken = outcome
+    checks = count[Count.STEPS] * (1.0 / options.check_interval)
+    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
+    over = clock[Clock.TIME] >= until
+    most = options.first_steps + until * (MOST_STEPS / options.time_step)
+    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
+    code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
+    code = select(solved & due, float(common.PAUSE), code)
+    code = select(spent, float(common.EXHAUSTED), code)
+    code = select(over, float(common.AT_END), code)
+    code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
+    code = select(fallen, float(common.FALLEN), code)
+    return select(broken, float(common.BROKEN), code)

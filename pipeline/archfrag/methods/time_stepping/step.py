@@ -20,15 +20,7 @@ import math
 
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_offset,
-    corner_velocity,
-    later_vertex_meets,
-    move_faces,
-    place_chain,
-    relative_velocity,
-)
+from archfrag.mechanics.contact import placing
 from archfrag.mechanics.energy import kinetic_energy, record_step
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
@@ -74,8 +66,8 @@ def bend_of(j, k, velocity, work):
     x, y = work.position[j + 1, 0], work.position[j + 1, 1]
     hx, hy = hx - after * after * (px - x), hy - after * after * (py - y)
     nx, ny = work.normal[j, 0], work.normal[j, 1]
-    ux, uy = corner_velocity(j, k, work.earlier, work)
-    face = select(later_vertex_meets(k, work.slip[j]), before, after)
+    ux, uy = placing.corner_velocity(j, k, work.earlier, work)
+    face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
     coriolis = 2.0 * face * (nx * uy - ny * ux)
     return hx + coriolis * nx, hy + coriolis * ny
 
@@ -83,7 +75,7 @@ def bend_of(j, k, velocity, work):
 @inlined
 def offset_of(j, k, model, work):
     """`corner_offset` at the middle of the step; none where it is rounding [m]."""
-    ex, ey = corner_offset(j, k, work.face, work.tangent, work.slip[j])
+    ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
     tiny = abs(ex) + abs(ey) < model.rounding
     return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
 
@@ -99,7 +91,7 @@ def aim_contacts(model, state, work, step, shortest):
     fastest = 0.0
     for j in range(work.slip.shape[0]):
         for k in range(2):
-            ux, uy = corner_velocity(j, k, work.earlier, work)
+            ux, uy = placing.corner_velocity(j, k, work.earlier, work)
             fastest = larger(fastest, abs(ux) + abs(uy))
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
@@ -115,7 +107,7 @@ def aim_contacts(model, state, work, step, shortest):
             ex, ey = offset_of(j, k, model, work)
             hx, hy = bend_of(j, k, velocity, work)
             ex, ey = ex + bend * hx, ey + bend * hy
-            ux, uy = corner_velocity(j, k, work.earlier, work)
+            ux, uy = placing.corner_velocity(j, k, work.earlier, work)
             own = abs(ux) + abs(uy)
             bx, by = _limited_bias(ex * rate, ey * rate, nx, ny, slow + own)
             work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
@@ -146,8 +138,8 @@ def go_to_middle(model, state, work, step):
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
-    place_chain(model, work.position, state, 0.0, work.slip, work)
-    relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+    placing.place_chain(model, work.position, state, 0.0, work.slip, work)
+    placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
 
 
 @inlined
@@ -211,7 +203,7 @@ def _is_complete(j, model, state, work):
     fall = model.gravity * step
     complete = True
     for k in range(2):
-        ux, uy = corner_velocity(j, k, work.earlier, work)
+        ux, uy = placing.corner_velocity(j, k, work.earlier, work)
         came = larger(abs(nx * ux + ny * uy), fall)
         ex, ey = offset_of(j, k, model, work)
         hx, hy = bend_of(j, k, state.velocity, work)
@@ -278,7 +270,7 @@ def record_overlap(model, state, work, where):
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            depth = -clearance(j, k, work.face, work.tangent) * (1.0 / model.length[j])
+            depth = -placing.clearance(j, k, work.face, work.tangent) * (1.0 / model.length[j])
             deepest = select(where & (depth > deepest), depth, deepest)
     state.peak[Peak.OVERLAP] = deepest
 
@@ -305,7 +297,7 @@ def make_step(model, state, work, kick, where, loss_limit):
             work.reaction[j, c] = work.reaction[j, c] / step
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
     fallen = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])

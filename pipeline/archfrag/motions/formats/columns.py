@@ -170,9 +170,7 @@ def _picked(rows: list[str], name: str, skip: int, chosen: list[int]) -> NDArray
     raise RecordError(f"{name}: cannot be read as columns of numbers")
 
 
-def _even_step(
-    times: NDArray[np.float64], rows: list[str], name: str, columns: Columns
-) -> float:
+def _even_step(times: NDArray[np.float64], rows: list[str], name: str, columns: Columns) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size

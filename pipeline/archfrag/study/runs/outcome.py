@@ -86,7 +86,5 @@ def tabulate_cases(
     from archfrag.simulate import results_of_runs
 
     options = {key: value for key, value in method.items() if key != "name"}
-    results, wall_time = results_of_runs(
-        arch, motions, factors, method=method["name"], **options
-    )
+    results, wall_time = results_of_runs(arch, motions, factors, method=method["name"], **options)
     return columns_of(results) | {"wall_time": wall_time}
