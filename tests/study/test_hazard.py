@@ -104,6 +104,9 @@ class TestOpenQuakeCsv:
         np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
         assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
         assert found.main_name == "mean"
+        named = openquake().replace("lon,", "custom_site_id,lon,").replace("\n1", "\nsite,1")
+        again = load_hazard(write(named), "PGA", site=(13.4, 42.3))
+        np.testing.assert_array_equal(again.main.rate, found.main.rate)
 
     def test_mean_comes_first_and_quantiles_follow(self, write):
         files = [write(openquake("quantile-0.84", p="2.000000E-01"), "q"), write(openquake(), "m")]

@@ -205,28 +205,26 @@ def _number(text: str, place: str) -> float:
     raise InputError(f"{place} is {text[:40]!r}; it must be a finite number")
 
 
-def _columns(text: str) -> dict[str, list[float]]:
-    """Numbers of a table in CSV by column."""
-    rows = read_csv(text)
-    return {
-        name: [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
-        for name in (rows[0] if rows else ())
-    }
+def _column(rows: list[dict[str, str]], name: str) -> list[float]:
+    """Numbers in one column of a table."""
+    return [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
 
 
 def _plain(text: str) -> Iterator[_Stated]:
     """Columns intensity and rates or probabilities."""
-    (first, im), *others = _columns(text).items() or [("", [])]
+    rows = read_csv(text)
+    first, *others = rows[0] if rows else [""]
     stated = _MEASURE_AND_UNIT.fullmatch(first)
     if stated is None or not others:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
     measure = None if stated[1] == "im" else stated[1]
-    for head, values in others:
+    for head in others:
         kind = _KIND.fullmatch(head)
         if kind is None:
             raise InputError(f"has a column {head[:60]!r}; {_RULE}")
         years = _number(kind[2], f"the years of column {head!r}") if kind[2] else None
-        site = {f"column {head!r}": (np.nan, np.nan, values)}
+        site = {f"column {head!r}": (np.nan, np.nan, _column(rows, head))}
+        im = _column(rows, first)
         yield _Stated(kind[3] or "mean", measure, stated[2], years, im, site)
 
 
@@ -237,14 +235,15 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
     if not about.startswith("#") or not {"imt", "investigation_time"} <= stated.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    columns = _columns(text)
-    levels = [head for head in columns if head.startswith("poe-")]
-    if not {"lon", "lat"} <= columns.keys() or len(levels) < 2:
+    rows = read_csv(text)
+    heads = list(rows[0]) if rows else []
+    levels = [head for head in heads if head.startswith("poe-")]
+    if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
     im = [_number(head[4:], f"the level of column {head!r}") for head in levels]
-    values = zip(*(columns[head] for head in levels))
-    rows = zip(columns["lon"], columns["lat"], map(list, values))
-    sites = {f"row {number}": row for number, row in enumerate(rows, start=1)}
+    lon, lat, *values = (_column(rows, head) for head in ("lon", "lat", *levels))
+    places = enumerate(zip(lon, lat, map(list, zip(*values))), start=1)
+    sites = {f"row {number}": place for number, place in places}
     years = _number(stated["investigation_time"], "investigation_time")
     yield _engine(stated.get("kind", "one branch"), stated["imt"], years, im, sites)
 
