@@ -98,6 +98,8 @@ PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 _KINDS = {
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"),
                     "must be a mapping of keys to values"),
+    "list_type": "must be a list",
+    "string_type": "must be text; put it in quotes",
     "string_unicode": "must be text in UTF-8",
     "string_pattern_mismatch": (
         "must begin with a letter or a digit and hold only letters, digits and _ . + -"
