@@ -81,7 +81,8 @@ class TestPlain:
             ("", "is not a table in CSV (No columns"),
             ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
             ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
-            ("strength,rate\n1,1\n", "has 'strength' as its first of 2 columns"),
+            ("strength\n1\n", "has 'strength' as its first of 1 columns; the header is `im [g]`"),
+            ("strength,rate\n1,1\n", "is a hazard of strength, but the study's levels are of PGA"),
             ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
             ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "has a column 'rate.1'"),
             ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),
@@ -103,6 +104,9 @@ class TestOpenQuakeCsv:
         np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
         assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
         assert found.main_name == "mean"
+        named = openquake().replace("lon,", "custom_site_id,lon,").replace("\n1", "\nsite,1")
+        again = load_hazard(write(named), "PGA", site=(13.4, 42.3))
+        np.testing.assert_array_equal(again.main.rate, found.main.rate)
 
     def test_mean_comes_first_and_quantiles_follow(self, write):
         files = [write(openquake("quantile-0.84", p="2.000000E-01"), "q"), write(openquake(), "m")]
@@ -119,8 +123,7 @@ class TestOpenQuakeCsv:
         ("changes", "options", "part"),
         [
             ({}, {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
-            ({}, {"site": (12.0, 42.3)}, "no site within 10 km of 12,42.3; the nearest is 13.4"),
-            ({}, {"site": (42.3, 113.4)}, "longitude comes first"),
+            ({}, {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42.3"),
             ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),
             ({"imt": "SA(0.3)"}, {"site": (13.4, 42.3)}, "hazard of Sa(0.3), but the study's"),
             ({"p": "1.5"}, {"site": (13.4, 42.3)}, "row 1 (lon 13.4, lat 42.3): the hazard"),

@@ -192,42 +192,33 @@ def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
 
 
 MODULES = (
-    "yaml", "snakemake", "numpy", "archfrag", "multiprocessing", "struct", "sitecustomize",
-    "usercustomize", "distributed", "dask", "numba", "click", "configargparse", "resource",
+    "yaml", "numpy", "archfrag", "multiprocessing", "struct", "sitecustomize", "usercustomize",
+    "distributed", "dask", "numba", "click", "resource", "planted",
 )  # fmt: skip
 CONFIGURATIONS = {
-    "profiles/default/config.yaml": "dry-run: true\n",
     "matplotlibrc": "backend: module://planted\n",
     "dask.yaml": "distributed: {worker: {preload: planted}, scheduler: {preload: planted}}\n",
     ".config/dask/dask.yaml": "distributed: {worker: {preload: planted}}\n",
     ".env": "PYTHONSTARTUP=planted.py\n",
-    "setup.cfg": "[snakemake]\nprofile = profiles/default\n",
-    "pyproject.toml": "[tool.snakemake]\nprofile = 'profiles/default'\n",
     ".numba_config.yaml": "cache_dir: cached\n",
-    "config/config.yaml": "study: elsewhere.yaml\n",
-    ".snakemake/iocache/latest.pkl": "cos\nsystem\n(S'touch ran'\ntR.",
 }
 
 
 def test_a_current_folder_from_somebody_else(tmp_path):
-    """Modules, plug-ins and configurations where a run is started and where its steps are."""
+    """Modules and configurations where a run is started and in the folder of its results."""
     path = small_study(tmp_path)
     (tmp_path / "ran").mkdir()
-    for place in (tmp_path, tmp_path / "out" / ".archfrag"):
-        plugins = place / ".snakemake" / "pip-deployments"
+    for number, place in enumerate((tmp_path, tmp_path / "out" / ".archfrag")):
         for name, text in CONFIGURATIONS.items():
             (place / name).parent.mkdir(parents=True, exist_ok=True)
             (place / name).write_text(text)
-        plugins.mkdir()
-        names = [f"snakemake_{kind}_plugin_x" for kind in ("executor", "storage", "logger")]
-        for folder, name in [*((place, n) for n in (*MODULES, "planted")),
-                             *((plugins, n) for n in (*names, "planted"))]:  # fmt: skip
-            mark = tmp_path / "ran" / f"{folder.name}-{name}"
-            (folder / f"{name}.py").write_text(f"open({str(mark)!r}, 'w')\nraise SystemExit(9)\n")
+        for name in MODULES:
+            mark = tmp_path / "ran" / f"{number}-{name}"
+            (place / f"{name}.py").write_text(f"open({str(mark)!r}, 'w')\nraise SystemExit(9)\n")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONSAFEPATH"}
     done = subprocess.run(
         [Path(sys.executable).parent / "archfrag", "run", path], cwd=tmp_path, text=True,
-        capture_output=True, env={**environment, "SNAKEMAKE_PROFILE": "profiles/default"},
+        capture_output=True, env=environment,
     )  # fmt: skip
     assert not [mark.name for mark in (tmp_path / "ran").iterdir()]
     assert done.returncode == 0, done.stderr

@@ -273,7 +273,8 @@ def test_a_stopped_run_takes_its_workers_with_it(tmp_path, number, whom):
         "    import archfrag.study.runs.execute as e\n    e.IN_PROCESS = 0.0\n"
     )
     path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
-    process = start(path, env={"PYTHONPATH": str(tmp_path / "now")})
+    places = [str(tmp_path / "now"), os.environ.get("PYTHONPATH", "")]
+    process = start(path, env={"PYTHONPATH": os.pathsep.join(filter(None, places))})
     children = []
     while len(children) < 3:  # two workers and what tracks them
         assert process.poll() is None

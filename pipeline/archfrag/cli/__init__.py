@@ -82,7 +82,7 @@ def init(folder: Path) -> None:
 @main.command()
 @click.option("--method", help="Only the kernels of this method; all methods if not given.")
 def warmup(method: str | None) -> None:
-    """Compile the kernels now, so that no later command waits for it."""
+    """Compile the kernels now, so that later commands start at once."""
     from archfrag.warmup import warmup as compile_kernels
 
     def show(message: str) -> None:

@@ -187,7 +187,7 @@ def onset_text(start: "Onset") -> str:
 
 
 def response_facts(response: "Response", scale: float) -> dict[str, Any]:
-    """What one run did, ready for JSON."""
+    """Results of one run, ready for JSON."""
     from archfrag.study.provenance import finite
 
     names = (
@@ -202,7 +202,7 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
 
 
 def response_text(response: "Response", scale: float) -> str:
-    """What one run did in short lines."""
+    """Results of one run in short lines."""
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import summary
 

@@ -1,4 +1,4 @@
-"""What the commands of records print, draw and need beside one call of `archfrag.motions`."""
+"""Work of the commands `archfrag records` that is more than one call of `archfrag.motions`."""
 
 import math
 import os
@@ -28,7 +28,7 @@ _MANY = 32  # files from which processes divide the work
 
 
 def inspection_facts(found: dict[str, Any]) -> dict[str, Any]:
-    """What `inspect_record` found in a file, in SI units, ready for JSON."""
+    """Facts that `inspect_record` found in a file, in SI units, ready for JSON."""
     channels = [
         {key: value for key, value in channel.items() if key != "motion"}
         for channel in found["channels"]
@@ -37,7 +37,7 @@ def inspection_facts(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def inspection_text(found: dict[str, Any]) -> str:
-    """What `inspect_record` found in a file, a line for each channel and for each fault."""
+    """The same as text: a line for each channel and for each fault."""
     from archfrag.arch import STANDARD_GRAVITY
 
     magnitude = None if found["magnitude"] is None else f"M {found['magnitude']:g}"
@@ -56,7 +56,7 @@ def inspection_text(found: dict[str, Any]) -> str:
 
 
 def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
-    """What to know of a file: columns are for plain text, not for formats that name themselves."""
+    """Options to read a file with: columns are for plain text only."""
     from archfrag.motions.formats import TEXT, recognise
 
     if reading["columns"] is None or not file.is_file():
@@ -71,7 +71,7 @@ def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 def measure_files(
     files: Sequence[Path], out: Path, periods: str | None, reading: dict[str, Any]
 ) -> "pd.DataFrame":
-    """Flatfile of record files, with what it takes to read them again."""
+    """Flatfile of record files, with the options to read them again."""
     import pandas as pd
 
     from archfrag.motions.partners import vertical_files
@@ -122,7 +122,7 @@ def _measured(
 
 
 def table_spectra(table: "pd.DataFrame") -> dict[float, NDArray[np.float64]]:
-    """Sa [g] of the rows of a flatfile by period [s]."""
+    """Sa [g] of the rows of a flatfile, by period [s]."""
     columns = table.columns.to_series().str.extract(rf"^{_SPECTRAL}$")[0].dropna()
     return {float(period): table[name].to_numpy(float) for name, period in columns.items()}
 

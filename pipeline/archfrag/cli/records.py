@@ -36,7 +36,7 @@ def _list_or_ends(low: float, high: float) -> Any:
 
 
 def _figure_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
-    """Refuse what is not an SVG file before anything is done."""
+    """Check that a figure is an SVG file before anything is done."""
     from archfrag.errors import InputError
 
     if path is not None and path.suffix.lower() != ".svg":

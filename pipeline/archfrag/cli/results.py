@@ -1,4 +1,4 @@
-"""The commands that hand results of a finished study on: `export` and `risk`."""
+"""The commands that use the results of a finished study: `export` and `risk`."""
 
 import json
 from pathlib import Path

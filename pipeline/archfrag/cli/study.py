@@ -131,7 +131,7 @@ _QUIET = click.option("--quiet", is_flag=True, help="No progress bar.")
 
 
 def _step(name: str, help_: str, *options: Callable) -> None:
-    """Make the command of a step, which makes files new for those who look at dates."""
+    """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
     def command(
         study_file: Path, overrides: tuple[str, ...], batch: int = 0, as_json: bool = False,

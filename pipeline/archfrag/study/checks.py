@@ -1,4 +1,4 @@
-"""What can be known to be wrong with a study before anything is computed."""
+"""Checks of a study before anything is computed."""
 
 import contextlib
 import errno
@@ -44,7 +44,7 @@ def _uncorrected(study: Study, is_raw: dict[str, bool]) -> tuple[str, ...]:
 
 
 def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
-    """What can be, but so rarely that a unit may have been mistaken; of the first arches."""
+    """Warn of values so unusual that a unit may be wrong; of the first arches."""
     from archfrag.simulate import onset
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
@@ -70,7 +70,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 
 def check_start(study: Study) -> None:
-    """See that the last step will have what it needs: a hazard, and a folder to write to.
+    """Check that the last step will have what it needs: a hazard, and a folder to write to.
 
     Nothing is created.
     """
@@ -83,7 +83,7 @@ def check_start(study: Study) -> None:
 
 
 def refuse_foreign_results(study: Study) -> None:
-    """See that the output folder holds no results of another study."""
+    """Check that the output folder holds no results of another study."""
     refuse_foreign_cube(study)
     owner = read_owner(study).get("id", study.id)
     if owner != study.id:
@@ -96,12 +96,8 @@ def _check_writable(folder: Path) -> None:
         place = next(path for path in (folder, *folder.parents) if path.exists())
     except OSError as error:
         raise cannot_write(folder, error) from error
-    code = 0
-    if not place.is_dir():
-        code = errno.ENOTDIR
-    elif not os.access(place, os.W_OK | os.X_OK):
-        code = errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES
-    if code:
+    code = errno.EACCES if place.is_dir() else errno.ENOTDIR
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         raise cannot_write(folder, OSError(code, os.strerror(code)))
 
 

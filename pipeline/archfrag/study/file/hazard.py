@@ -38,7 +38,7 @@ _STATED = re.compile(r"\b(\w+)=(?:[\"']+([^\"']*)[\"']+|([^\s,\"']+))")
 
 @dataclass(frozen=True)
 class Hazard:
-    """How often a site's motions exceed an intensity."""
+    """Hazard curves of a site."""
 
     measure: str  # of the study it is for
     source: str  # file or files
@@ -49,12 +49,12 @@ class Hazard:
 
     @property
     def main_name(self) -> str:
-        """Name of the curve that risk is quoted of."""
+        """Name of the curve that rates are computed with first."""
         return next(iter(self.curves))
 
     @property
     def main(self) -> HazardCurve:
-        """The curve that risk is quoted of."""
+        """The curve that rates are computed with first."""
         return self.curves[self.main_name]
 
 
@@ -129,7 +129,7 @@ def _curves(
 
 
 def _assumed(stated: _Stated, measure: str) -> str:
-    """What has to be assumed for a curve to be of the study's measure; empty if nothing."""
+    """Note on what is assumed of a curve's measure; InputError if it is another one."""
     if stated.measure is None:
         return f"does not name its measure, which is taken to be {measure}"
     wanted, given = parse_measure(measure), None
@@ -183,9 +183,6 @@ def _choose(sites: dict[str, Any], wanted: Sequence[float] | None) -> str:
         some = "; ".join(f"{lon:g},{lat:g}" for lon, lat in positions[:3])
         how = f"choose one by longitude and latitude, such as {some}"
         raise InputError(f"has {len(places)} sites; {how}")
-    if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
-        rule = "longitude comes first, then latitude from -90 to 90"
-        raise InputError(f"site {wanted[0]:g},{wanted[1]:g} is not on the earth: {rule}")
     lon, lat = np.radians(positions).T
     lon0, lat0 = np.radians(wanted)
     # Great-circle distances by the haversine formula.
@@ -195,8 +192,8 @@ def _choose(sites: dict[str, Any], wanted: Sequence[float] | None) -> str:
     if away[nearest] > FARTHEST:
         lon, lat = positions[nearest]
         raise InputError(
-            f"has no site within {FARTHEST:g} km of {wanted[0]:g},{wanted[1]:g}; the nearest is "
-            f"{lon:g},{lat:g}, {away[nearest]:.0f} km away"
+            f"has no site within {FARTHEST:g} km of longitude {wanted[0]:g}, latitude "
+            f"{wanted[1]:g}; the nearest is {lon:g},{lat:g}, {away[nearest]:.0f} km away"
         )
     return places[nearest]
 
@@ -208,32 +205,26 @@ def _number(text: str, place: str) -> float:
     raise InputError(f"{place} is {text[:40]!r}; it must be a finite number")
 
 
-def _columns(text: str) -> dict[str, list[float]]:
-    """Numbers of a table in CSV by column."""
-    rows = read_csv(text)
-    return {
-        name: [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
-        for name in (rows[0] if rows else ())
-    }
+def _column(rows: list[dict[str, str]], name: str) -> list[float]:
+    """Numbers in one column of a table."""
+    return [_number(row[name], f"row {i} of column {name!r}") for i, row in enumerate(rows, 1)]
 
 
 def _plain(text: str) -> Iterator[_Stated]:
     """Columns intensity and rates or probabilities."""
-    (first, im), *others = _columns(text).items() or [("", [])]
+    rows = read_csv(text)
+    first, *others = rows[0] if rows else [""]
     stated = _MEASURE_AND_UNIT.fullmatch(first)
-    name = stated[1] if stated else ""
-    known = name == "im"
-    with contextlib.suppress(InputError):
-        known = known or bool(parse_measure(name))
-    if stated is None or not known or not others:
+    if stated is None or not others:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
-    for head, values in others:
+    measure = None if stated[1] == "im" else stated[1]
+    for head in others:
         kind = _KIND.fullmatch(head)
         if kind is None:
             raise InputError(f"has a column {head[:60]!r}; {_RULE}")
         years = _number(kind[2], f"the years of column {head!r}") if kind[2] else None
-        site = {f"column {head!r}": (np.nan, np.nan, values)}
-        measure = None if name == "im" else name
+        site = {f"column {head!r}": (np.nan, np.nan, _column(rows, head))}
+        im = _column(rows, first)
         yield _Stated(kind[3] or "mean", measure, stated[2], years, im, site)
 
 
@@ -244,14 +235,15 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
     if not about.startswith("#") or not {"imt", "investigation_time"} <= stated.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    columns = _columns(text)
-    levels = [head for head in columns if head.startswith("poe-")]
-    if not {"lon", "lat"} <= columns.keys() or len(levels) < 2:
+    rows = read_csv(text)
+    heads = list(rows[0]) if rows else []
+    levels = [head for head in heads if head.startswith("poe-")]
+    if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
     im = [_number(head[4:], f"the level of column {head!r}") for head in levels]
-    values = zip(*(columns[head] for head in levels))
-    rows = zip(columns["lon"], columns["lat"], map(list, values))
-    sites = {f"row {number}": row for number, row in enumerate(rows, start=1)}
+    lon, lat, *values = (_column(rows, head) for head in ("lon", "lat", *levels))
+    places = enumerate(zip(lon, lat, map(list, zip(*values))), start=1)
+    sites = {f"row {number}": place for number, place in places}
     years = _number(stated["investigation_time"], "investigation_time")
     yield _engine(stated.get("kind", "one branch"), stated["imt"], years, im, sites)
 

@@ -1,4 +1,4 @@
-"""The arches that a study amounts to: its entries, what is drawn for them and rows of tables."""
+"""All arches of a study: those of its entries, samples drawn for them, and rows of tables."""
 
 import hashlib
 import re
@@ -51,7 +51,7 @@ class Member:
 
     @cached_property
     def chain(self) -> str:
-        """Digest of all that the kernels know of the arch."""
+        """Digest of the arrays that the kernels get of the arch."""
         digest = hashlib.sha256()
         for name, value in self.entry.build().chain._asdict().items():
             array = np.ascontiguousarray(value, "<f8")
@@ -80,7 +80,7 @@ class Members(tuple[Member, ...]):
         return [member.arch_class for member in self]
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
-        """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
+        """Numbers in which arches of a class differ: name to (n_arch,); nan where fixed."""
         table = pd.DataFrame([member.values for member in self])
         return {str(name): column.to_numpy(float) for name, column in table.items()}
 
@@ -90,7 +90,7 @@ class Members(tuple[Member, ...]):
         return {str(name): column.tolist() for name, column in table.items()}
 
     def checked(self) -> "Members":
-        """All arches, or of very many some at equal distances."""
+        """All arches; if there are very many, some of them at equal distances."""
         return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
 
     def meets(self, n_record: int) -> NDArray[np.bool_]:
@@ -139,7 +139,7 @@ def needs_records(entries: Sequence[ArchEntry]) -> bool:
 
 
 def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
-    """Make the list of all arches that entries of a study file amount to.
+    """List all arches of the entries of a study file.
 
     The number of records is needed where a class has `crossed: false`. StudyError if a table or
     drawing cannot be used, two arches have the same id, or there are too many.
@@ -194,7 +194,7 @@ def _drawn(base: Member, n_record: int | None, entry: ArchEntry) -> Iterator[Mem
 
 
 def read_table(entry: ArchEntry) -> list[Member]:
-    """Read the arches of a table; other keys of the entry hold for rows that do not give them."""
+    """Read the arches of a table; keys of the entry fill the cells that a row leaves empty."""
     path = Path(entry.table or "")
     text = read_text(path, LARGEST_TABLE, StudyError, "the table")
     try:
@@ -224,7 +224,7 @@ def read_table(entry: ArchEntry) -> list[Member]:
 
 
 def _check_table(rows: list[dict[str, str]], path: Path) -> None:
-    """See that the arches of a table have ids that differ, and no column is nearly a key."""
+    """Check that arches of a table have different ids, and no column is a misspelt key."""
     if not 1 <= len(rows) <= MOST_ROWS:
         raise StudyError(f"{path}: has {len(rows)} arches; it must have 1 to {MOST_ROWS}")
     for name in rows[0]:
@@ -251,7 +251,7 @@ def _value(text: str, place: str) -> Any:
 
 
 def check_buildable(given: Members) -> None:
-    """See that all arches can exist; `StudyError` with the first that cannot, and how many."""
+    """Check that all arches can exist; StudyError names the first that cannot."""
     wrong: list[tuple[Member, GeometryError]] = []
     for member in given:
         try:
@@ -266,7 +266,7 @@ def check_buildable(given: Members) -> None:
 
 
 def check_standing(given: Members) -> None:
-    """See that all arches can exist (or StudyError) and stand (or StabilityError)."""
+    """Check that all arches can exist (or StudyError) and stand (or StabilityError)."""
     from archfrag.simulate import onset
 
     check_buildable(given)
@@ -280,7 +280,7 @@ def check_standing(given: Members) -> None:
 
 
 def _samples(given: Members, some: Sequence[Member]) -> str:
-    """How many samples of the first one's class are among some, and what was drawn for it."""
+    """Count the wrong samples of the first one's class, and show what was drawn for it."""
     first = some[0]
     alike, drawn = (sum(m.place == first.place for m in each) for each in (some, given))
     values = listed(first.values)

@@ -58,7 +58,7 @@ class Section(BaseModel):
 
 
 def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The question whether the known name nearest to a wrong one was meant; empty if none is."""
+    """Ask whether the known name nearest to a wrong one was meant; empty if none is near."""
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
     return f"did you mean {close[0]}?" if close else ""
 
@@ -69,7 +69,7 @@ def refuse(text: str) -> PydanticCustomError:
 
 
 def refuse_key(key: str, text: str) -> PydanticCustomError:
-    """An error of a key of the present block: what it must be, or that it may not be there."""
+    """An error of a key of the present block."""
     return PydanticCustomError("refused_key", "{text}", {"keys": [key], "text": text})
 
 
@@ -79,17 +79,16 @@ def refuse_missing(keys: Iterable[str]) -> PydanticCustomError:
 
 
 def _absolute(value: str, info: ValidationInfo) -> str:
-    """A path below the folder that the validation is told of."""
+    """Make a path absolute: relative ones are below the folder in the validation's context."""
     path = os.path.expanduser(value)
     if path.startswith("~"):
         raise refuse("names the home folder of a user who does not exist")
     if info.context:
         path = os.path.abspath(os.path.join(info.context["folder"], path))
-    size = len(os.fsencode(path))
-    if max(map(len, os.fsencode(path).split(b"/"))) > LONGEST_NAME:
-        raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
-    if size > LONGEST_PATH:
-        raise refuse(f"has {size} bytes with the folders above it; at most {LONGEST_PATH}")
+    names = os.fsencode(path).split(b"/")
+    if max(map(len, names)) > LONGEST_NAME or len(os.fsencode(path)) > LONGEST_PATH:
+        most = f"{LONGEST_PATH} bytes in all, {LONGEST_NAME} between two slashes"
+        raise refuse(f"is too long; allowed are {most}")
     return path
 
 
@@ -99,6 +98,8 @@ PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 _KINDS = {
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"),
                     "must be a mapping of keys to values"),
+    "list_type": "must be a list",
+    "string_type": "must be text; put it in quotes",
     "string_unicode": "must be text in UTF-8",
     "string_pattern_mismatch": (
         "must begin with a letter or a digit and hold only letters, digits and _ . + -"
@@ -182,7 +183,7 @@ def _at(node: yaml.Node, problem: str) -> yaml.MarkedYAMLError:
 
 
 def parse_value(text: str, place: str) -> Any:
-    """A value in YAML; `StudyError` with the `place` and the line if it is none."""
+    """Read a value in YAML; StudyError with the `place` and the line if it is not valid."""
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -198,7 +199,7 @@ def parse_value(text: str, place: str) -> Any:
 def read_csv(text: str) -> list[dict[str, str]]:
     """Rows of a table in CSV by column; lines that begin with # are comments.
 
-    `InputError` if it is none.
+    InputError if it is not CSV.
     """
     content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
     try:

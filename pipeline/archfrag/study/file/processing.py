@@ -1,4 +1,4 @@
-"""What a study asks to be done to its records, one step after the other."""
+"""Steps that process the records of a study, one after the other."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,7 +73,7 @@ _LIBRARY = {"bandpass": "scipy", "resample": "scipy", "response": "obspy"}
 
 
 def _check(name: str, settings: Mapping[str, Any]) -> None:
-    """See that the settings of one step agree."""
+    """Check that the settings of one step agree."""
     given = [key for key in _ONE_OF.get(name, ()) if settings[key] is not None]
     if name in _ONE_OF and len(given) != 1:
         *first, last = _ONE_OF[name]
@@ -111,12 +111,12 @@ class Step(Section):
 
     @property
     def name(self) -> str:
-        """What is done."""
+        """Name of the step."""
         return next(iter(self.model_fields_set))
 
     @property
     def settings(self) -> dict[str, Any]:
-        """With what, all defaults filled in."""
+        """Settings, with defaults filled in."""
         found: dict[str, Any] = getattr(self, self.name).model_dump()
         return found
 
@@ -155,7 +155,7 @@ def described(steps: Sequence[Step]) -> list[dict[str, Any]]:
 
 
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
-    """Do one step to a motion."""
+    """Apply one step to a motion."""
     from archfrag.motions import process
 
     settings = step.settings

@@ -38,7 +38,7 @@ _AGAIN = "run `archfrag motions` on the study file"
 
 @dataclass(frozen=True)
 class PreparedRecord:
-    """One stored motion and what results state of it."""
+    """One stored motion with its facts for results."""
 
     id: str
     file: str  # of the stored motion, in the study's folder of work
@@ -116,13 +116,13 @@ def _read(source: Source) -> list["Motion"]:
 
 
 def _record(motion: "Motion", source: Source) -> Any:
-    """What the components of one record have in common."""
+    """Facts that all components of a record share."""
     facts = tuple(str(motion.metadata.get(k) or "") for k in ("event", "station", "start_time"))
     return facts if any(facts) else source.path
 
 
 def _pair(motion: "Motion") -> frozenset[tuple[str, str]]:
-    """What two motions have in common of which each has the other as its second component."""
+    """The two components of a motion; two motions share them if they are one record."""
     about = motion.metadata
     file = str(about.get("file", ""))
     other = str(about.get("file_transverse", file)), str(about.get("component_transverse", ""))
@@ -132,7 +132,7 @@ def _pair(motion: "Motion") -> frozenset[tuple[str, str]]:
 def _with_components(
     study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
-    """The motion with the components that the study asks for and without others."""
+    """Give a motion the components that the study asks for, and no others."""
     from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
     from archfrag.motions.read import read_vertical
 
@@ -170,7 +170,7 @@ def _lacks(source: Source, motion: "Motion", component: str, why: str) -> Record
 
 
 def _as_listed(partner: "Motion", source: Source) -> "Motion":
-    """A component as the index names it, whose event and station need not be the header's."""
+    """A component without the header's event and station, where an index states them."""
     if source.entry is None:
         return partner
     unknown = dict.fromkeys(("event", "date", "station"), "")
@@ -201,13 +201,13 @@ def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
 
 
 def is_raw(motion: "Motion") -> bool:
-    """Whether a record is uncorrected by its header, or in counts."""
+    """Whether a record is in counts, or its header states that it is uncorrected."""
     about = motion.metadata
     return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
 
 
 def study_inputs(study: Study) -> Inputs:
-    """What the motions of a study follow from, by content; errors are those of `find_sources`."""
+    """Digests of all files that the motions of a study are made from."""
     return read_inputs(study.motions.index, find_sources(study), study.folder)
 
 
@@ -241,7 +241,7 @@ def prepare_motions(
 
 
 def _remove_others(study: Study) -> None:
-    """Remove stored motions that the manifest does not name: older ones, or new ones in vain."""
+    """Remove stored motions that the manifest does not name."""
     with contextlib.suppress(InputError, OSError):
         kept = {Path(record["file"]).name for record in read_manifest(study)["records"]}
         for path in (study.work / FOLDER).glob("*.npz"):
@@ -280,7 +280,7 @@ def _number(value: Any) -> float | None:
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
-    """What `prepare_motions` wrote of its work."""
+    """The manifest that `prepare_motions` wrote."""
     path = study.work / MANIFEST
     try:
         manifest = read_json(path)

@@ -34,7 +34,7 @@ PATHS = {"output", "table", "drawing", "index", "files", "path", "inventory", "h
 
 
 def _check_columns(given: Any) -> Any:
-    """See that words such as ``time=1,acceleration=2`` state where the numbers are."""
+    """Check that words such as ``time=1,acceleration=2`` state where the numbers are."""
     from archfrag.motions.formats.columns import parse_columns
 
     if isinstance(given, dict):

@@ -74,7 +74,7 @@ def find_sources(study: Study) -> list[Source]:
 
 
 def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
-    """See that a study selects records that exist; `StudyError` names the first that does not."""
+    """Check that all selected records exist; `StudyError` names the first that does not."""
     names = list(known)
     for name in selected:
         if name not in names:
@@ -115,7 +115,7 @@ def _matches(pattern: Path) -> list[Path]:
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
-    """The same sources; those whose ids would be the same get their folders before the name.
+    """Give sources whose ids would be equal the names of their folders too.
 
     Folders that they have in common do not count, so that a study can be moved.
     """

@@ -1,4 +1,4 @@
-"""What of an arch is not known exactly: distributions, correlations and how they are sampled."""
+"""Uncertain keys of an arch: their distributions, correlations and sampling."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
