@@ -153,8 +153,9 @@ def split_curves(
 
     beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
     errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
-    beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of the errors of ln theta between arches: near that
-    of their ln capacities where all meet the same records, 0 where each has its own.
+    beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
+    the errors of ln theta between arches: near that of their ln capacities where all meet the
+    same records, 0 where each has its own.
     """
     logs = np.log(positive(theta, "theta"))
     betas = shaped(positive(beta, "beta"), logs.shape, "beta")

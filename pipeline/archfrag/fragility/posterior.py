@@ -181,7 +181,7 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
     known_width = known_width[np.isfinite(known_width)]
     resolved = max(np.median(known_width) if known_width.size else 0.0, np.diff(x).min())
     start = float(np.median(x)), float(resolved)
-    power = share * number
+    power = share * number.astype(float)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
         prior = _capacity_prior(beta, resolved, x)
@@ -197,7 +197,7 @@ def _with_scatter(found: Brackets, share: float) -> Posterior:
     if x.size < 2:
         raise FitError(ONE_LEVEL)
     runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
-    power = share * number
+    power = share * number.astype(float)
     start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
     line = fit_brackets(found.lower, found.upper)
     tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
