@@ -198,21 +198,22 @@ def _with_scatter(found: Brackets, share: float) -> Posterior:
         raise FitError(ONE_LEVEL)
     runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
     power = share * number.astype(float)
-    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
     line = fit_brackets(found.lower, found.upper)
+    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
     tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
     fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
     good = np.flatnonzero(fits > fits.max() - _FALL)
     ends = tried[max(good[0] - 1, 0)], tried[min(good[-1] + 1, _TRIED - 1)]
     scatter = np.geomspace(*ends, _SCATTERS)
+    step = np.log(scatter[1] / scatter[0])  # s is summed over in equal steps of ln s
     cells = [_chances(x, runs, s) for s in scatter]
 
     def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
         logs = []
         for s, own in zip(scatter, cells):
             of_records = np.sqrt(np.maximum(beta**2 - s**2, (1e-6 * s) ** 2))
-            each = _of_cells(*own, power, log_theta, of_records) + np.log(s / beta)
+            each = _of_cells(*own, power, log_theta, of_records) + np.log(step * s / beta)
             logs.append(np.where(beta > s, each, -np.inf))
         return np.array(logs)
 
