@@ -14,7 +14,7 @@ MOST_LEVELS = 500  # of runs by intensity
 
 @dataclass(frozen=True)
 class Brackets:
-    """Between which of its levels the capacity of each record lies, and the runs that show it."""
+    """The two levels between which the capacity of each record lies, and the runs that show it."""
 
     lower: FloatArray  #: (n_record,), highest level below the capacity; 0 if there is none
     upper: FloatArray  #: (n_record,), lowest level above the capacity; inf if there is none
@@ -50,7 +50,7 @@ class Brackets:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts, with those cells decided that the brackets imply, (n_record, n_level)."""
+        """Verdicts, and where there is none what the brackets imply, (n_record, n_level)."""
         unknown = ~(self.collapsed | self.survived)
         filled = self.verdict.copy()
         filled[unknown & (self.levels < self.lower[:, None])] = Verdict.STANDING

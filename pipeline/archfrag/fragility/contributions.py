@@ -59,7 +59,7 @@ class Deaggregation:
 
     @property
     def probability(self) -> FloatArray:
-        """Fraction of all runs that decide, (n_category, n_level); nan where none does."""
+        """Fraction of the runs that decide, (n_category, n_level); nan where no run does."""
         return self.counts / np.where(self.n > 0, self.n, np.nan)
 
 
@@ -156,8 +156,8 @@ def level_edges(levels: ArrayLike) -> FloatArray:
 def implied_collapses(
     collapsed: ArrayLike, simulated: ArrayLike, category: ArrayLike
 ) -> tuple[BoolArray, NDArray]:
-    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled: as the
-    nearest lower level of the record that was simulated.
+    """Fill the gaps of a bisection in `collapsed` and `category`, (n_record, n_level): each level
+    is as the nearest lower one of its record that was simulated.
     """
     fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)

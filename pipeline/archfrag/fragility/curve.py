@@ -35,7 +35,7 @@ class Fragility:
 
     @property
     def parts(self) -> FloatArray:
-        """theta and beta of the lognormal curves that this one is the mean of, (n, 2)."""
+        """theta and beta of the lognormal curves whose mean this curve is, (n, 2)."""
         return np.array([[self.theta, self.beta]]) if self.members is None else self.members
 
     @property
@@ -115,19 +115,18 @@ def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
 
 
 def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
-    """Divide the dispersion of capacities, (n_arch, n_record), of the arches of a class.
+    """Divide the dispersion of capacities, (n_arch, n_record), into two betas.
 
     By the law of total variance on ln capacity, with A the arch,
 
-        var ln C = E[var(ln C | A)] + var(E[ln C | A]),
+        var ln C = E[var(ln C | A)] + var(E[ln C | A]).
 
-    of which the first is beta_record_to_record^2 and the second beta_model^2: both betas. What
-    records do to some arches and not to others, and the scatter of single runs, belong to the
-    first. A variance that is estimated as negative counts as 0. Analysis of variance by moments
-    with two factors, since all arches meet the same records and their means all have the scatter
-    of the records (Searle, Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4).
-    Records with a capacity that is not known (nan) are left out; FitError if fewer than two
-    arches, or two records of each, remain.
+    The first part is beta_record_to_record^2, the second beta_model^2. What records do to some
+    arches and not to others, and the scatter of single runs, belong to the first. A variance that
+    is estimated as negative counts as 0. Analysis of variance by moments with two factors, since
+    all arches meet the same records (Searle, Casella and McCulloch 1992, *Variance Components*,
+    chapters 3 and 4). Records with an unknown capacity (nan) are left out. FitError if fewer than
+    two arches, or two records of each, remain.
     """
     logs = np.log(positive(capacity, "capacities", unknown=True))
     if logs.ndim != 2 or logs.size == 0:
@@ -150,13 +149,13 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
 def split_curves(
     theta: ArrayLike, beta: ArrayLike, standard_error: ArrayLike, *, shared: float = 0.0
 ) -> tuple[float, float]:
-    """As `split_capacities`, from the curve of each arch, (n_arch,): beta_model^2 is the variance
-    of ln theta over the arches less the mean square of its standard errors (moments, as
-    DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
-    beta_record_to_record^2 is the mean of beta^2.
+    """Divide the dispersion as `split_capacities`, from the curve of each arch, (n_arch,).
 
-    `shared`, 0 to below 1, is the correlation of the errors of ln theta between arches: near that
-    of their ln capacities where all meet the same records, 0 where each has its own.
+    beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
+    errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
+    beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
+    the errors of ln theta between arches: near that of their ln capacities where all meet the
+    same records, 0 where each has its own.
     """
     logs = np.log(positive(theta, "theta"))
     betas = shaped(positive(beta, "beta"), logs.shape, "beta")

@@ -168,11 +168,11 @@ def _sums(values: FloatArray, place: IntArray) -> FloatArray:
 def _compare_records(
     bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
 ) -> tuple[FloatArray, FloatArray]:
-    """`_COLUMNS` by measure from bounds of ln capacities (n_measure, n_record), equal where one
-    is known; ln capacities, expected ones where a bound is known.
+    """Values of `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
-    `rounding` is the variance that the width of a bracket adds. It is taken out of that of ln
-    capacity (Sheppard's correction) unless nothing would be left.
+    Bounds of ln capacities, (n_measure, n_record), are equal where a capacity is known. `rounding`
+    is the variance that the width of a bracket adds; it is taken out of that of ln capacity
+    (Sheppard's correction) unless nothing would be left.
     """
     low, high = bounds
     columns, exact = np.full((len(_COLUMNS), len(low)), np.nan), low[0] == high[0]
@@ -205,9 +205,7 @@ def _compare_records(
 def _slope_test(
     low: FloatArray, high: FloatArray, expected: FloatArray, covariate: FloatArray, place: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Slope of ln capacity on a covariate, likeliest where there are bounds, and the p-value of a
-    t test of the means at each place, in each measure.
-    """
+    """Slope of ln capacity on a covariate, and p-value of a t test of means, in each measure."""
     count = np.bincount(place)
     off, y = _sums(covariate, place) / count, _sums(expected, place) / count
     off, y = off - off.mean(), y - y.mean(axis=1, keepdims=True)

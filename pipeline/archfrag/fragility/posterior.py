@@ -181,7 +181,7 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
     known_width = known_width[np.isfinite(known_width)]
     resolved = max(np.median(known_width) if known_width.size else 0.0, np.diff(x).min())
     start = float(np.median(x)), float(resolved)
-    power = share * number
+    power = share * number.astype(float)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
         prior = _capacity_prior(beta, resolved, x)
@@ -197,22 +197,23 @@ def _with_scatter(found: Brackets, share: float) -> Posterior:
     if x.size < 2:
         raise FitError(ONE_LEVEL)
     runs, number = np.unique(np.stack([collapses, n - collapses]), axis=1, return_counts=True)
-    power = share * number
-    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
+    power = share * number.astype(float)
     line = fit_brackets(found.lower, found.upper)
+    start = float(np.log(np.nanmedian(found.middle))), float(np.median(np.diff(x)))
     tried = np.geomspace(0.2 * min(np.diff(x).min(), line.beta), 1.5 * line.beta, _TRIED)
     at = np.array([[np.log(line.theta)]]), np.array([[line.beta]])
     fits = np.array([_of_cells(*_chances(x, runs, s), power, *at)[0, 0] for s in tried])
     good = np.flatnonzero(fits > fits.max() - _FALL)
     ends = tried[max(good[0] - 1, 0)], tried[min(good[-1] + 1, _TRIED - 1)]
     scatter = np.geomspace(*ends, _SCATTERS)
+    step = np.log(scatter[1] / scatter[0])  # s is summed over in equal steps of ln s
     cells = [_chances(x, runs, s) for s in scatter]
 
     def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
         logs = []
         for s, own in zip(scatter, cells):
             of_records = np.sqrt(np.maximum(beta**2 - s**2, (1e-6 * s) ** 2))
-            each = _of_cells(*own, power, log_theta, of_records) + np.log(s / beta)
+            each = _of_cells(*own, power, log_theta, of_records) + np.log(step * s / beta)
             logs.append(np.where(beta > s, each, -np.inf))
         return np.array(logs)
 

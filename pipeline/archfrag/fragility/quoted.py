@@ -102,7 +102,7 @@ def _quoted(
 def capacity_posterior(
     found: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
-    """Posterior that `quoted_band` quotes, and the effective number of records."""
+    """The posterior that `quoted_band` quotes, and the effective number of records."""
     known = found.known()
     number = float(known.lower.size)
     if groups is not None:
@@ -112,8 +112,9 @@ def capacity_posterior(
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
-    """Names of earthquakes, a record's own where it has none; None unless some but not all
-    records share one.
+    """Labels of groups from names of earthquakes; a record without a name is its own group.
+
+    None if no two records share an earthquake, or all do.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]
@@ -153,7 +154,7 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
 
 
 def _expected_logs(found: Brackets) -> FloatArray:
-    """Mean of ln capacity within each bracket, by the curve of all, standardised."""
+    """Mean of standardised ln capacity within each bracket, by the curve of all records."""
     monotone = replace(found, contradictions=0 * found.contradictions)
     curve = fit_capacity_posterior(monotone).fragility
     with np.errstate(divide="ignore"):
