@@ -121,7 +121,7 @@ def run_case(case: CornerCase, method: str) -> list[Row]:
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """Every case by every method of ours: a row for each variant and method, and the cases."""
+    """Every case by every method of ours: a row for each variant and method."""
     cases = {name: load_case(name) for name in case_names()}
     tasks = {(name, method): (case, method)
              for name, case in cases.items() for method in available_methods()}  # fmt: skip
@@ -133,10 +133,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
             found = [{"case": name, "variant": variant, "method": method} | late
                      for variant, _, _ in cases[name].runs()]  # fmt: skip
         rows += found
-    about = [(name, case.scene.title, case.why, case.scene.source, len(case.runs()))
-             for name, case in cases.items()]  # fmt: skip
-    heads = ["case", "title", "why", "source", "variants"]
-    return {"runs": pd.DataFrame(rows), "cases": pd.DataFrame(about, columns=heads)}
+    return {"runs": pd.DataFrame(rows)}
 
 
 def _row(result: str, broke: str = "", figures: str = "") -> Row:

@@ -84,24 +84,24 @@ def points_of(
         end = 0.01 * math.ceil(reference.end_time / 0.01)
         scene = replace(scene, duration=min(scene.duration, end))
     points: list[Row] = []
-    began = time.perf_counter()
+    began, why = time.perf_counter(), ""
     for setting in settings:
         try:
             run = solve(scene, setting, history=True)
             spent = solve(scene, setting).seconds if ours else run.seconds
         except ArchfragError as reason:
-            return {"points": points, "left_out": [str(reason)]}
+            why = str(reason)
+            break
         if not run.frames.time.size:
-            return {"points": points, "left_out": [run.status]}
+            why = run.status
+            break
         points += _rows(reference, scene, setting, run, spent, quick)
-        passed, why = time.perf_counter() - began, ""
-        if spent > LONGEST[0 if ours else 1]:
+        passed = time.perf_counter() - began
+        slow = spent > LONGEST[0 if ours else 1] or (not ours and passed > ENOUGH * LIMIT[quick])
+        if slow and setting is not settings[-1]:
             why = f"finer than {setting.value:g}: a run took {spent:.2g} s of CPU"
-        elif not ours and passed > ENOUGH * LIMIT[quick]:
-            why = f"finer than {setting.value:g}: coarser ones took {passed:.0f} s"
-        if why and setting is not settings[-1]:
-            return {"points": points, "left_out": [why]}
-    return {"points": points, "left_out": []}
+            break
+    return {"points": points, "left_out": [why] if why else []}
 
 
 def _rows(

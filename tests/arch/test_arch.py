@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from archfrag.arch import STANDARD_GRAVITY, Arch, Block
+from tests.validation.scenes import column
 
 MAKERS = {
     "sector": lambda n, **more: Arch.circular(10.0, 1.5, 157.5, n, 0.7, **more),
@@ -23,14 +24,6 @@ MAKERS = {
     "catenary": lambda n, **more: Arch.catenary(10.0, 7.0, 0.5, n, 0.6, **more),
 }
 RINGS = [(name, n) for name in MAKERS for n in (2, 3, 7, 12)]
-
-
-def column(**more):
-    """The tapered column of validation section 5: 7 drums of 0.82 m and a block of 0.21 m."""
-    height = np.append(0.82 * np.arange(8), 5.95)
-    half = 0.5 * (1.11 + (0.90 - 1.11) * height / 5.95)
-    right, left = np.column_stack([half, height]), np.column_stack([-half, height])
-    return Arch.from_joints(right, left, math.inf, density=2620.0, free_end=True, **more)
 
 
 def reversed_order(arch):

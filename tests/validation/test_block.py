@@ -17,6 +17,7 @@ from archbench.paper.block import (
     uniform_block,
 )
 from archbench.paper.regions import painleve_friction
+from tests.physics.audit import tilted
 from tests.validation.scenes import falls, first_collapse, g
 
 TOPIC = "Single block"
@@ -32,17 +33,10 @@ def least_friction(stays, low=0.0, high=5.0):
     return high
 
 
-def tilted(half, alpha, tilt):
-    """Block and its state tilted about its right corner by `tilt` [rad], at rest."""
-    up = half / math.tan(alpha)
-    x = half - (half * math.cos(tilt) - up * math.sin(tilt))
-    y = half * math.sin(tilt) + up * math.cos(tilt) - up
-    return af.Block(2 * half, 2 * up, friction=5.0), (np.array([[x, y, -tilt]]), np.zeros((1, 3)))
-
-
 def free_rocking(half, alpha, tilt):
     """Histories of rotation and angular velocity, and the instants of impact."""
-    block, state = tilted(half, alpha, tilt)
+    width, height = 2 * half, 2 * half / math.tan(alpha)
+    block, state = af.Block(width, height, friction=5.0), tilted(width, height, tilt)
     still = af.Motion(np.zeros(50001), 1e-4)
     run = af.simulate(block, still, initial=state, history=True, follow=0.0, **FINE)
     impacts = [change.time for change in run.mechanism if change.cause == "impact"]

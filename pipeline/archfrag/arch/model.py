@@ -410,7 +410,8 @@ class Arch:
 
         `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
         load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn. It needs the extra `drawing`.
+        arch. Recesses are not drawn. It needs the extra `drawing`. `GeometryError` if there is no
+        such unit, or a layer cannot have this name; `OutputError` if the file cannot be written.
 
         Parameters
         ----------
@@ -420,13 +421,6 @@ class Arch:
             m, dm, cm, mm, in or ft.
         layer : str
             Of all that is drawn.
-
-        Raises
-        ------
-        GeometryError
-            If there is no such unit, or a layer cannot have this name.
-        OutputError
-            If the file cannot be written.
         """
         from archfrag.arch.drawing import write_dxf
 

@@ -148,15 +148,12 @@ class Response:
         Kinetic and potential energy at the end, work of the ground, of friction and of impacts,
         and the remainder ("balance_error") [J].
     work : dict of str to int
-        Counts of what was computed: "steps"; "iterations", linear contact problems on all
-        voussoirs (of quadratic_programme: iterations of its solver); "paths", contact problems
-        that needed the path following behind the Newton iteration; "compliant", those solved
-        with slightly compliant joints only; "shortened", steps
-        halved; "levels", contact problems solved by the first and second level;
-        "level_iterations", those of them that needed more than one round; "general", those that
-        the levels left to the general solver; "sweeps", passes of gauss_seidel over all
-        contacts; "unconverged", steps that a baseline took though its solver had not met its
-        tolerance; "refused", states that would have had to be moved to bear as they should;
+        Counts: "steps"; "iterations", linear contact problems on all voussoirs; "paths", contact
+        problems that needed path following behind the Newton iteration; "compliant", those solved
+        with slightly compliant joints only; "shortened", steps halved; "levels", contact problems
+        solved by the first and second level; "level_iterations", those of them that needed more
+        than one round; "general", those that the levels left to the general solver; "sweeps" and
+        "unconverged", of baselines; "refused", states that bodies would have had to be moved for;
         "refined", times that auto made a run again: with a tighter tolerance, then by steps alone.
     wall_time : float
         Time it took, compilation included if there was any [s].
@@ -271,10 +268,9 @@ def empty_output(
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     """The frames that were written, with names and units; along time, voussoir, joint, component.
 
-    All of a frame belongs to one instant. Event-driven methods evaluate it there; time stepping
-    writes it where a step sets out, with the velocities between those half a step before and
-    after and the mean reactions over that time; the baselines on the velocity level write the
-    middles of their steps. At an impact velocities and reactions of steps are means across it.
+    Event-driven methods evaluate a frame at its instant; time stepping writes it where a step sets
+    out, with the velocities between those half a step before and after and the mean reactions over
+    that time. At an impact velocities and reactions of steps are means across it.
     """
     import xarray
 
@@ -317,7 +313,7 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
 def mechanism_of(
     arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
 ) -> tuple[MechanismChange, ...]:
-    """Entries of a log in words, preceded by the standstill in which the run began if it did.
+    """Entries of a log in words, after the standstill in which the run began if it did.
 
     `n_entry` changes were made: more than the log has space for if it was too small.
     """
