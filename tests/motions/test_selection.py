@@ -218,7 +218,7 @@ def in_csv(text):
          ["no Sa between 0.6", "0.8"]),
         (chosen(lambda t: t.assign(record="x")), ["'x' is there twice"]),
         (chosen(lambda t: t.assign(**{"T0.050000S": -999.0})), ["of 50 candidates 0 have Sa"]),
-        (chosen(max_scale=1.001), ["20 records are wanted", "of 50 candidates"]),
+        (chosen(max_scale=1.001), ["20 records were asked for", "of 50 candidates"]),
         (chosen(per_event=0), ["per_event = 0"]),
         (chosen(lambda t: t.assign(event=["A", "B"] * 25), per_event=2), ["4 with at most 2"]),
     ],

@@ -77,8 +77,8 @@ def predict(
     or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12). Those of NGA-West2
     (the first five) give RotD50, ASB14 the geometric mean of two components; a single component
     varies somewhat more than either. Damping is 5 %; periods are in s. Notes name what of the
-    rupture is beyond what the model is recommended for. InputError if the model is unknown or does not know the mechanism or region,
-    or a period is outside the model's.
+    rupture is beyond what the model is recommended for. InputError if the model is unknown or
+    does not know the mechanism or region, or a period is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
@@ -104,8 +104,8 @@ def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
         word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
         options = getattr(parameter, "options", None)
         if options and value not in options:
-            has = f"the model {model}, which has {', '.join(options)}"
-            raise InputError(f"{word} {value!r} is none of {has}")
+            known = ', '.join(options)
+            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {known}")
         for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
             limit = getattr(parameter, name, None)
             if limit is not None and sign * value < sign * limit:
@@ -191,9 +191,9 @@ def conditional_spectrum(
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
     27(3), 797-815.
 
-    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is none of
-    them. InputError if a number is not positive, a period occurs twice, or is outside the model's
-    or the correlation's range.
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
+    of them. InputError if a number is not positive, a period occurs twice, or is outside the
+    range of the model or of the correlation.
 
     Examples
     --------
