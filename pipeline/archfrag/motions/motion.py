@@ -187,9 +187,7 @@ def load_motions(path: str | Path) -> list[Motion]:
                 name = f"vertical_{number}"
                 vertical = archive[name] if name in archive.files else None
                 about = {key: entry[key] for key in ("dt", "id", "metadata", "log")}
-                motions.append(
-                    Motion(archive[f"horizontal_{number}"], vertical=vertical, **about)
-                )
+                motions.append(Motion(archive[f"horizontal_{number}"], vertical=vertical, **about))
             return motions
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file of motions") from None

@@ -208,9 +208,7 @@ def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
     return taken
 
 
-def _matched(
-    ln_sa: Array, target: Target, start: Array, limit: float, groups: Groups
-) -> Rows:
+def _matched(ln_sa: Array, target: Target, start: Array, limit: float, groups: Groups) -> Rows:
     """Record nearest to each simulated spectrum among those still allowed, shape (count,)."""
     chosen = np.empty(0, dtype=np.int64)
     for spectrum in start:

@@ -104,7 +104,7 @@ def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
         word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
         options = getattr(parameter, "options", None)
         if options and value not in options:
-            known = ', '.join(options)
+            known = ", ".join(options)
             raise InputError(f"the model {model} does not know {word} {value!r}; it knows {known}")
         for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
             limit = getattr(parameter, name, None)

@@ -153,9 +153,7 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
     return fourier.median_correction(amplitude)
 
 
-def _terms(
-    magnitude: float, distance: float, seeds: Seeds, options: Options
-) -> tuple[Row, Row]:
+def _terms(magnitude: float, distance: float, seeds: Seeds, options: Options) -> tuple[Row, Row]:
     """What is added to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
     scenario = magnitude, distance, options.vs30
     ratio = _corrections(*scenario, True) if options.vertical else np.zeros(FREQUENCIES.size)
