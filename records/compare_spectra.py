@@ -30,8 +30,9 @@ BEGIN, END = "<!-- spectra: begin -->", "<!-- spectra: end -->"
 
 def predicted(model, magnitude, distance, vs30, periods):
     """ln of the median Sa [ln m/s2] and its standard deviation, of a Californian strike-slip."""
-    found = predict(Rupture(magnitude, distance, vs30, region="california"), model, periods)
-    return found.ln_median + np.log(STANDARD_GRAVITY), found.sd
+    rupture = Rupture(magnitude, distance, vs30, region="california")
+    ln_median, sd, _ = predict(rupture, model, periods)
+    return ln_median + np.log(STANDARD_GRAVITY), sd
 
 
 def beside(entry, model, periods):

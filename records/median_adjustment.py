@@ -32,7 +32,7 @@ def adjusted(magnitude: float, distance: float) -> np.ndarray:
     """Logarithm of the factor at each frequency for one scenario."""
     periods = 1.0 / FREQUENCIES
     rupture = Rupture(magnitude, distance, VS30, region="california")
-    models = [predict(rupture, model, periods).ln_median for model in MODELS]
+    models = [predict(rupture, model, periods)[0] for model in MODELS]
     wanted = np.mean(models, axis=0) + np.log(STANDARD_GRAVITY)
     logarithm = np.zeros(FREQUENCIES.size)
     for _ in range(ROUNDS):

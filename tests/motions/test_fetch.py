@@ -40,7 +40,7 @@ def fetch(centre, folder, **options):
     defaults = {"events_from": centre.address, "after": 20.0, "before": 5.0, "timeout": 20.0}
     request = Request((EVENT,), centre.address, **{**defaults, **options})
     found = list(fetch_records(request, folder))
-    new, kept = ([id for kind, id in found if kind == wanted] for wanted in ("new", "kept"))
+    new, kept = ([id for kind, id in found if kind == kind_of] for kind_of in ("new", "kept"))
     return new, kept, [each for each in found if each[0] not in ("new", "kept")]
 
 

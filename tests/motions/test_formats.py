@@ -1,5 +1,6 @@
 """Text formats of agencies: claims, one motion in each, headers, faults and refusals."""
 
+import io
 import time
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 from archfrag.errors import RecordError
 from archfrag.motions.formats import OWN, plug_in, recognise
 from archfrag.motions.formats.keyed import read_knet
-from archfrag.motions.formats.text import numbers, on_even_steps
+from archfrag.motions.formats.text import Text, on_even_steps
 from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
@@ -103,13 +104,6 @@ class TestEachFormat:
             with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number"):
                 plug_in(form, "read", "")(path)
 
-    @every_text
-    def test_cut_anywhere(self, tmp_path, form, text):
-        ends = (" 400 POINTS OF VELOC", "End of Data", "End-of-data", "\nCorrected acc")
-        first = min(found for end in ends if (found := text.find(end) % (len(text) + 900)) > 0)
-        for end in range(0, max(first - 900, 1), 900):
-            refuse(tmp_path, text[:end])
-
     @pytest.mark.parametrize(
         ("text", "rounding"),
         [
@@ -146,12 +140,14 @@ class TestEachFormat:
         ],
     )  # fmt: skip
     def test_numbers_in_columns_or_parted(self, lines, width, expected):
-        assert numbers(lines, 1, "a", len(expected), width).tolist() == expected
+        text = Text(io.BytesIO("\n".join(lines).encode()))
+        assert text.numbers(0, None, len(expected), width).tolist() == expected
 
     @pytest.mark.parametrize("word", ["1_0", "nan", "1e999", "0x10", "½", "--1", "0.00120.0023"])
     def test_what_is_no_number(self, word):
-        with pytest.raises(RecordError, match=r"a, line 8: .* is not a (finite )?number"):
-            numbers(["1.0", word], 7, "a", width=15)
+        text = Text(io.BytesIO(f"1.0\n{word}".encode("latin-1")))
+        with pytest.raises(RecordError, match=r"buffer, line 2: .* is not a (finite )?number"):
+            text.numbers(0, width=15)
 
 
 HEADERS = {

@@ -56,7 +56,7 @@ CLOSED = [
 
 
 @pytest.mark.parametrize(("motion", "name", "expected", "within"), CLOSED)
-def test_closed_forms_beside_those_of_the_validation(motion, name, expected, within):
+def test_closed_forms_that_the_validation_does_not_have(motion, name, expected, within):
     assert measure(motion, name) == pytest.approx(expected, rel=within, abs=1e-14)
 
 

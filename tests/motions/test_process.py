@@ -97,11 +97,11 @@ class TestRotation:
     @pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
     def test_to_an_azimuth(self, azimuth, code, apart):
         north, east = wave(), 2.0 * wave(frequency=3.0)
-        wanted, apart = np.deg2rad([azimuth, apart])
+        direction, apart = np.deg2rad([azimuth, apart])
         facts = {"component": "000", "component_transverse": code}
         other = np.cos(apart) * north + np.sin(apart) * east
         rotated = rotate(Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth)
-        expected = np.cos(wanted) * north + np.sin(wanted) * east
+        expected = np.cos(direction) * north + np.sin(direction) * east
         assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
         assert rotated.metadata["azimuth"] == azimuth
 

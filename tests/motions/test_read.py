@@ -74,7 +74,7 @@ class TestUnits:
             assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
 
     @pytest.mark.parametrize("name", ["record.xml", "XX.AB.xml"])
-    def test_counts_with_station_xml_beside_are_demeaned(self, tmp_path, name):
+    def test_counts_are_demeaned_by_a_station_xml_in_the_folder(self, tmp_path, name):
         path = write(tmp_path / "record.mseed", trace(data=COUNTS + 5000))
         station_xml().write(str(tmp_path / name), format="STATIONXML")
         motion = read_motion(path)
@@ -105,8 +105,8 @@ class TestUnits:
 
 class TestComponents:
     def test_every_horizontal_with_the_vertical(self, tmp_path):
-        north, upward = trace("HNN", data=-COUNTS), trace("HNZ", data=RAMP)
-        path = write(tmp_path / "three.mseed", trace(), north, upward)
+        north, vertical = trace("HNN", data=-COUNTS), trace("HNZ", data=RAMP)
+        path = write(tmp_path / "three.mseed", trace(), north, vertical)
         first = read_motion(path, unit="m/s2", accept=["pga"])
         assert "Horizontal HNE taken, the first of HNE, HNN." in first.log
         motions = read_motions(path, unit="m/s2", accept=["pga"])
@@ -121,8 +121,8 @@ class TestComponents:
         [(300, 0.0, slice(0, 300), slice(0, 300)), (400, 0.5, slice(50, 400), slice(0, 350))],
     )
     def test_cut_to_the_time_in_common(self, tmp_path, count, start, kept, their):
-        upward = trace("HNZ", data=RAMP[:count], start=start)
-        motion = read_motion(write(tmp_path / "a", trace(), upward), unit="gal", accept=["pga"])
+        vertical = trace("HNZ", data=RAMP[:count], start=start)
+        motion = read_motion(write(tmp_path / "a", trace(), vertical), unit="gal", accept=["pga"])
         assert np.allclose(motion.acceleration, 0.01 * COUNTS[kept])
         assert np.allclose(motion.vertical, 0.01 * RAMP[their])
         assert any(step.startswith("Cut to the") for step in motion.log)

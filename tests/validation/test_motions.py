@@ -13,7 +13,6 @@ import archfrag as af
 from archfrag.motions.measures import measure, pga, spectral_acceleration
 from archfrag.motions.read import read_motion
 from archfrag.motions.selection import (
-    Prediction,
     Rupture,
     conditional_spectrum,
     correlation,
@@ -116,7 +115,7 @@ class TestSelection:
     def test_conditional_spectrum(self, validated, monkeypatch):
         median = np.array([0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440])
         sd = np.array([0.4985, 0.4941, 0.4985, 0.5326, 0.6078, 0.6430, 0.6628, 0.6699])
-        monkeypatch.setattr(target, "predict", lambda *_: Prediction(np.log(median), sd, ()))
+        monkeypatch.setattr(target, "predict", lambda *_: (np.log(median), sd, ()))
         near = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
         found = conditional_spectrum(near, 1.1067, 0.2, self.PERIODS)
         case, source = "given Sa(0.2 s) = 1.1067 g", "pygmm's tests (MIT)"

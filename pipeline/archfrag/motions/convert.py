@@ -45,7 +45,7 @@ def convert_record(
     """
     for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
         if value not in allowed:
-            raise InputError(f"{word} {value!r} is none that is written: {', '.join(allowed)}")
+            raise InputError(f"{word} {value!r} cannot be written; use {' or '.join(allowed)}")
     file = Path(path)
     channels, _ = read_channels(file, options or Reading())
     for channel in channels:

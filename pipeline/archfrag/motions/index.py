@@ -35,7 +35,7 @@ _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
 def goes_with_records(path: Path) -> bool:
-    """Whether a file of this name lies beside records and is none: StationXML, an index."""
+    """Whether a file of this name belongs to records and is not one: StationXML, an index."""
     return path.suffix.lower() == ".xml" or path.name == INDEX_NAME
 
 

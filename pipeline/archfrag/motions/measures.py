@@ -151,7 +151,7 @@ def parse_measure(name: str) -> Measure:
 
     ``PGA``, ``PGV``, ``PGD``, ``Arias``, ``CAV``, ``CAVstd``, ``D5_95``, ``HI``, ``Sa(0.5)`` or
     ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``;
-    InputError if the name is none of these or a period is not a positive number.
+    InputError for any other name, or a period that is not a positive number.
 
     Examples
     --------
@@ -206,8 +206,8 @@ def measure(motion: Motion, name: str) -> float:
 def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
     """Values of several intensity measures by name, in SI units; one pass for all spectra.
 
-    InputError if a name is none that `parse_measure` knows, or needs the other horizontal
-    component and the motion has none.
+    InputError for an unknown name, or one that needs the other horizontal component if the motion
+    has only one.
 
     Examples
     --------

@@ -117,7 +117,7 @@ class Motion:
     def _changed(
         self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
     ) -> "Motion":
-        """This motion with the same done to each component, and a line about it in the log."""
+        """Do the same to each component, and add a line about it to the log."""
         changed = {
             key: samples if samples is None else change(samples)
             for key, samples in self.components.items()
@@ -126,7 +126,7 @@ class Motion:
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
-        """Acceleration, vertical and transverse by name; None if there is none."""
+        """Acceleration, vertical and transverse by name; None for one that is missing."""
         return {key: getattr(self, key) for key in _WORDS}
 
     @property

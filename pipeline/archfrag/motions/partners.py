@@ -81,8 +81,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Files of a folder that by their names hold components of one record.
 
     Two names that are equal but for a direction are a pair if these are at right angles and there
-    is no third such name: numbered files are no components. Their vertical is of the same name
-    with ``UP``, ``Z`` or the like in the place of the direction.
+    is no third such name: numbered files are no components. Their vertical has the same name
+    with ``UP``, ``Z`` or the like instead of the direction.
 
     Returns the name of the other horizontal component by that of each (they are mutual), and the
     name of the vertical one by that of each horizontal one.
@@ -159,7 +159,7 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 def with_vertical(motion: Motion, vertical: Motion) -> Motion:
     """Join a motion with its vertical component, cut to the time of both.
 
-    `vertical` has that in the place of its horizontal one. RecordError if headers state different
+    `vertical` holds it as its horizontal component. RecordError if headers state different
     stations or events, time steps differ, or they have no time in common.
     """
     labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}

@@ -148,7 +148,7 @@ def read_vertical(
     accept: Iterable[str] = (),
     columns: Columns | None = None,
 ) -> Motion:
-    """Read the vertical component of a file, in the place of the horizontal one of a motion.
+    """Read the vertical component of a file as the horizontal component of a motion.
 
     Parameters and errors are those of `read_motion`.
     """

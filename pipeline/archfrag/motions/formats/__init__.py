@@ -14,8 +14,7 @@ import resource
 import signal
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -134,14 +133,24 @@ def read_apart(path: str) -> list[Trace]:
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
     context = multiprocessing.get_context("fork")
-    with ProcessPoolExecutor(1, context, initializer=_limit) as pool:
-        try:
-            return pool.submit(_read_limited, path).result()
-        except BrokenProcessPool:
-            raise RecordError(
-                f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
-                "computing; the file is damaged or not what it seems"
-            ) from None
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(theirs, path), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        found = ours.recv()
+    except EOFError:  # it ended before
+        found = RecordError(
+            f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
+            "computing; the file is damaged or not what it seems"
+        )
+    finally:
+        ours.close()
+        process.join(timeout=5.0)
+        process.kill()
+    if isinstance(found, RecordError):
+        raise found
+    return found
 
 
 def _limit() -> None:
@@ -158,13 +167,17 @@ def _limit() -> None:
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
 
 
-def _read_limited(path: str) -> list[Trace]:
+def _answer(pipe: Connection, path: str) -> None:
+    """Send the traces of a file, or why there are none."""
+    _limit()
     name = recognise(path, IN_C)
     try:
         traces = [] if name is None else read_as(path, name)
         for trace in traces:
             trace.data = trace.data.astype(float)
+        pipe.send(traces)
+    except RecordError as error:
+        pipe.send(error)
     except (TypeError, ValueError):
         wrong = f"the {name} file holds something other than numbers"
-        raise RecordError(f"{path}: {wrong}") from None
-    return traces
+        pipe.send(RecordError(f"{path}: {wrong}"))

@@ -123,7 +123,7 @@ def _smc_record(
 
 
 def _time(year: float, day: float, hour: float, minute: float, second: float) -> Any:
-    """Time by the day of the year; of an unknown second its minute, None if there is none such."""
+    """Time by the day of the year, None if there is no such time; unknown seconds count as 0."""
     if not (1 <= day <= 366 and 0 <= hour < 24 and 0 <= minute < 60):
         return None
     second = second if 0 <= second < 60 else 0.0

@@ -10,7 +10,7 @@ from obspy import Trace
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.facts import trace_of
-from archfrag.motions.formats.text import Text, numbers
+from archfrag.motions.formats.text import Text, split
 
 MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
@@ -102,16 +102,16 @@ def parse_columns(text: str) -> Columns:
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
-    name = str(path)
-    rows = _rows(Text(path), columns.skip)
+    text, name = Text(path), str(path)
+    _make_plain(text, columns.skip)
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if not chosen and _times_in_front([row for row in rows[:_FIRST] if row]):
+    if not chosen and _times_in_front([row for row in text.lines if row][:_FIRST]):
         raise RecordError(f"{name}: {_RISES}")
-    values = _picked(rows, name, columns.skip, chosen)
+    values = _picked(text, chosen) if chosen else text.numbers(columns.skip)[:, None]
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
     timed = columns.time is not None
-    step = _even_step(values[:, 0], rows, name, columns) if timed else columns.dt
+    step = _even_step(values[:, 0], text, columns) if timed else columns.dt
     traces = []
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
         samples = np.ascontiguousarray(values[:, index])
@@ -126,29 +126,27 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     return traces
 
 
-def _rows(text: Text, skip: int) -> list[str]:
-    """Lines from one on with blanks between numbers; comments are empty."""
-    rows, comma, points = [], 0, False
-    for place, line in enumerate(text.lines[skip:], start=skip):
+def _make_plain(text: Text, skip: int) -> None:
+    """Leave blanks between numbers; comments and the lines before the first row are empty."""
+    comma, points = 0, False
+    text.lines[:skip] = [""] * min(skip, len(text))
+    for place, line in enumerate(text.lines):
         if len(line) > LONGEST_LINE:
             raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")
         row = line.translate(_BETWEEN).strip()
-        rows.append("" if row.startswith(("#", "%")) else row)
-        if rows[-1]:
+        text.lines[place] = "" if row.startswith(("#", "%")) else row
+        if text.lines[place]:
             comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
         raise RecordError(
             f"{text.name}, line {comma}: numbers with commas and none with a decimal point; write "
             "decimal points, and commas between numbers only"
         )
-    return rows
 
 
-def _picked(rows: list[str], name: str, skip: int, chosen: list[int]) -> NDArray[np.float64]:
-    """Columns of rows, shape (n_row, n_chosen); without any all numbers, (n_sample, 1)."""
-    if not chosen:
-        return numbers(rows, skip + 1, name)[:, None]
-    filled = [row.translate(_FORTRAN) for row in rows if row]
+def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
+    """Columns of rows, shape (n_row, n_chosen)."""
+    filled = [row.translate(_FORTRAN) for row in text.lines if row]
     if not filled:
         return np.empty((0, len(chosen)))
     try:
@@ -157,20 +155,20 @@ def _picked(rows: list[str], name: str, skip: int, chosen: list[int]) -> NDArray
             return values
     except ValueError:
         pass
-    for place, row in enumerate(rows, start=skip + 1):
-        words = row.split()
+    for place, row in enumerate(text.lines):
+        words, where = row.split(), text.place(place)
         if words and len(words) <= max(chosen):
             raise RecordError(
-                f"{name}, line {place}: has {len(words)} column(s), column {max(chosen) + 1} is "
-                "asked for; lines of text before the numbers are passed over by `skip`"
+                f"{where}: has {len(words)} column(s), column {max(chosen) + 1} is asked for; "
+                "lines of text before the numbers are passed over by `skip`"
             )
         for word in (words[c] for c in chosen if words):
-            if numbers([word], place, name).size != 1:
-                raise RecordError(f"{name}, line {place}: {word!r} is not a number")
-    raise RecordError(f"{name}: cannot be read as columns of numbers")
+            if len(split(word, where)) != 1:
+                raise RecordError(f"{where}: {word!r} is not a number")
+    raise RecordError(f"{text.name}: cannot be read as columns of numbers")
 
 
-def _even_step(times: NDArray[np.float64], rows: list[str], name: str, columns: Columns) -> float:
+def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -179,17 +177,15 @@ def _even_step(times: NDArray[np.float64], rows: list[str], name: str, columns: 
     if not backwards and off.max() <= UNEVEN * mean:
         return float(f"{mean:.9g}")
     late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
-    filled = [place for place, row in enumerate(rows, start=columns.skip + 1) if row]
-    where = f"{name}, line {filled[late]}"
+    where = text.place([place for place, row in enumerate(text.lines) if row][late])
+    before, after = (f"{time:.9g} s" for time in times[late - 1 : late + 1])
     if backwards:
-        raise RecordError(
-            f"{where}: time {times[late]:.9g} s in column {columns.time} does not come after "
-            f"{times[late - 1]:.9g} s"
-        )
+        order = f"time {after} in column {columns.time} does not come after {before}"
+        raise RecordError(f"{where}: {order}")
     raise RecordError(
-        f"{where}: times in column {columns.time} are not evenly spaced; {times[late - 1]:.9g} s "
-        f"to {times[late]:.9g} s is {steps[late - 1]:.6g} s, the mean step {mean:.6g} s; where "
-        "the times are only rounded give dt in their place"
+        f"{where}: times in column {columns.time} are not evenly spaced; {before} to {after} is "
+        f"{steps[late - 1]:.6g} s, the mean step {mean:.6g} s; if times are only rounded, give dt "
+        "instead of their column"
     )
 
 

@@ -1,4 +1,4 @@
-"""What headers of text formats state of event, station and samples, in common words."""
+"""What headers of text formats state about event, station and samples, in common words."""
 
 import math
 import re
@@ -58,7 +58,7 @@ def read_fields(table: Table, find: Callable[[Any], Any]) -> dict[str, Any]:
 
 
 def number(text: str | None) -> float | None:
-    """A finite number of a header, None if there is none."""
+    """A finite number of a header; None for any other text."""
     try:
         value = float((text or "").upper().replace("D", "E"))
     except ValueError:
@@ -84,7 +84,7 @@ def iso_date(text: str) -> str:
 
 
 def utc_time(text: str) -> UTCDateTime | None:
-    """Date and time of day in a text with UTC or GMT; None if there is none such."""
+    """Date and time of day in a text with UTC or GMT; None if it has no such time."""
     date, clock = iso_date(text), _CLOCK.search(text.upper())
     if not date or clock is None:
         return None
@@ -94,7 +94,7 @@ def utc_time(text: str) -> UTCDateTime | None:
 
 
 def moment(year: float, month: float, day: float, *clock: float) -> UTCDateTime | None:
-    """Time by its parts to hour, minute and second; None if there is none such."""
+    """Time by its parts to hour, minute and second; None if there is no such time."""
     hour, minute, second = (*clock, 0.0, 0.0, 0.0)[:3]
     try:
         midnight = UTCDateTime(int(year), int(month), int(day))

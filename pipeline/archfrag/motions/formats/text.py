@@ -64,8 +64,26 @@ class Text:
         self, first: int, last: int | None = None, expected: int | None = None,
         width: int | None = None,
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Numbers of some lines, see `numbers`."""
-        return numbers(self.lines[first:last], first + 1, self.name, expected, width)
+        """Finite numbers of some lines, between blanks or in columns of a width."""
+        lines = self.lines[first:last]
+        words = _converted(lines, None)
+        if width is not None and (words is None or words.size != expected):
+            columns = _converted(lines, width)
+            if columns is not None and (words is None or columns.size == expected):
+                return columns
+        if words is not None:
+            return words
+        values: list[float] = []
+        for number, line in enumerate(lines, start=first):
+            for word in _words(line, width):
+                try:
+                    values += split(word, self.place(number))
+                except RecordError as error:
+                    if number - first + 1 < len(lines):
+                        raise
+                    cut_off = "the file seems to be cut off there"
+                    raise RecordError(f"{error}; {cut_off}") from None
+        return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """The first line from `index` on that passes a test; the number of lines if none does."""
@@ -112,30 +130,6 @@ def format_width(text: str) -> int | None:
     return int(found.group(1)) or None if found else None
 
 
-def numbers(
-    lines: Sequence[str], first: int, name: str, expected: int | None = None,
-    width: int | None = None,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Finite numbers of lines from line `first` on, between blanks or in columns of a width."""
-    words = _converted(lines, None)
-    if width is not None and (words is None or words.size != expected):
-        columns = _converted(lines, width)
-        if columns is not None and (words is None or columns.size == expected):
-            return columns
-    if words is not None:
-        return words
-    values: list[float] = []
-    for number, line in enumerate(lines, start=first):
-        for word in _words(line, width):
-            try:
-                values += _split(word, f"{name}, line {number}")
-            except RecordError as error:
-                if number - first + 1 < len(lines):
-                    raise
-                raise RecordError(f"{error}; the file seems to be cut off there") from None
-    return np.array(values)
-
-
 def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] | None:
     """All numbers at once; None if a word or a column is not a finite number."""
     parts = [np.zeros(0)]
@@ -169,7 +163,7 @@ def _words(line: str, width: int | None) -> list[str]:
     return words
 
 
-def _split(word: str, place: str) -> list[float]:
+def split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
     shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")

@@ -7,7 +7,6 @@ from archfrag.motions.selection.select import Selection, select_records
 from archfrag.motions.selection.target import (
     MODELS,
     PERIODS,
-    Prediction,
     Rupture,
     Target,
     conditional_spectrum,
@@ -18,6 +17,6 @@ from archfrag.motions.selection.target import (
 )
 
 __all__ = [
-    "MODELS", "PERIODS", "Prediction", "Rupture", "Selection", "Target", "conditional_spectrum",
+    "MODELS", "PERIODS", "Rupture", "Selection", "Target", "conditional_spectrum",
     "correlation", "predict", "read_target", "select_records", "spectrum_target",
 ]  # fmt: skip

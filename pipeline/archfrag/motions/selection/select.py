@@ -279,7 +279,8 @@ def _candidates(
         story += f", {most} with at most {per_event} of one event"
     if most < count:
         raise RecordError(
-            f"{name_of(table)}: {count} records are wanted and {most} may be selected; {story}"
+            f"{name_of(table)}: {count} records were asked for, but only {most} may be selected; "
+            f"{story}"
         )
     return records, ln_sa, groups
 

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,23 +68,17 @@ class Rupture:
         return {key: value for key, value in found.items() if value is not None}
 
 
-class Prediction(NamedTuple):
-    """ln of the median Sa [ln g] and standard deviation of ln Sa [1], (n_period,) each."""
-
-    ln_median: Array
-    sd: Array
-    notes: tuple[str, ...]
-
-
-def predict(rupture: Rupture, model: str, periods: ArrayLike) -> Prediction:
-    """Predict Sa at periods [s] by a ground-motion model, 5 % damping.
+def predict(
+    rupture: Rupture, model: str, periods: ArrayLike
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014)
     or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12). Those of NGA-West2
     (the first five) give RotD50, ASB14 the geometric mean of two components; a single component
-    varies somewhat more than either. Notes name what of the rupture is beyond what the model is
-    recommended for. InputError if the model is unknown or does not know the mechanism or region,
-    or a period is outside the model's.
+    varies somewhat more than either. Damping is 5 %; periods are in s. Notes name what of the
+    rupture is beyond what the model is recommended for. InputError if the model is unknown or
+    does not know the mechanism or region, or a period is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
@@ -101,8 +95,7 @@ def predict(rupture: Rupture, model: str, periods: ArrayLike) -> Prediction:
     # A period of the table's end may differ from the one typed by rounding.
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
-    ln_median = prediction.interp_ln_spec_accels(inside)
-    return Prediction(ln_median, prediction.interp_ln_stds(inside), notes)
+    return prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside), notes
 
 
 def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
@@ -111,8 +104,8 @@ def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
         word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
         options = getattr(parameter, "options", None)
         if options and value not in options:
-            has = f"the model {model}, which has {', '.join(options)}"
-            raise InputError(f"{word} {value!r} is none of {has}")
+            known = ", ".join(options)
+            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {known}")
         for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
             limit = getattr(parameter, name, None)
             if limit is not None and sign * value < sign * limit:
@@ -198,9 +191,9 @@ def conditional_spectrum(
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
     27(3), 797-815.
 
-    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is none of
-    them. InputError if a number is not positive, a period occurs twice, or is outside the model's
-    or the correlation's range.
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
+    of them. InputError if a number is not positive, a period occurs twice, or is outside the
+    range of the model or of the correlation.
 
     Examples
     --------
