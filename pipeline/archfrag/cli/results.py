@@ -60,11 +60,11 @@ def export(
     from archfrag.study.file.schema import load_study
 
     made = export_study(load_study(study_file, overrides), formats, out, members)
-    for arch, why in made.left_out.items():
+    for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
-    for note in made.notes:
+    for note in made["notes"]:
         warn(f"note: {note}")
-    show(made.facts, "\n".join(f"{name}: {path}" for name, path in made.files), as_json)
+    show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
 
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
@@ -113,8 +113,7 @@ def risk(
     from archfrag.errors import FitError
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.fits import FITS, load_answers, open_cube
-    from archfrag.study.answer.risk import risk_of
-    from archfrag.study.answer.risk import risk_facts, risk_text
+    from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
     from archfrag.study.file.hazard import load_hazard
     from archfrag.study.file.schema import load_study
     from archfrag.study.files import write_text

@@ -13,8 +13,7 @@ from archfrag.report.axes import Panel, even_ticks, log_ticks
 from archfrag.report.drawing import BELOW, Box, Entry, FloatArray, Sheet, figure
 from archfrag.report.results import Scale, digits, measured, table, to, years
 from archfrag.report.runs import LOOKS, level_axis
-from archfrag.study.answer.risk import OTHER, ArchRisk, StudyRisk
-from archfrag.study.answer.risk import ASSUMPTIONS
+from archfrag.study.answer.risk import ASSUMPTIONS, OTHER, ArchRisk, StudyRisk
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.members import SHOWN
 
