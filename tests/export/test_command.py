@@ -15,7 +15,7 @@ from archfrag.study.answer.fits import load_answers
 from archfrag.study.file.schema import load_study
 from tests.export.made import fragility
 from tests.report import synthetic
-from tests.study.small import small_study
+from tests.study.small import files_below, small_study
 
 ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 FILES = {
@@ -52,12 +52,12 @@ def test_all_formats(study, tmp_path):
     pytest.importorskip("pyarrow")
     made, folder = export_study(study, ALL, tmp_path / "x"), tmp_path / "x"
     assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
-    assert sorted(path for _, path in made.files) == sorted(folder.iterdir())
-    assert made.left_out == {"slab": "it fell"}
-    assert made.notes[0].startswith(
+    assert sorted(each["file"] for each in made["files"]) == sorted(map(str, folder.iterdir()))
+    assert made["left_out"] == {"slab": "it fell"}
+    assert made["notes"][0].startswith(
         "limit state 'residual' is left out: its curve lies below that of a severer state by"
     )
-    assert made.notes[1] == "limit state 'motion' is left out: not every arch has a curve of it"
+    assert made["notes"][1] == "limit state 'motion' is left out: not every arch has a curve of it"
     stated = pd.read_csv(folder / "small-parameters.csv")
     assert stated["limit_state"].tolist() == ["contact_lost", "collapse"]
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
@@ -66,8 +66,9 @@ def test_all_formats(study, tmp_path):
     for side in ("lower", "upper"):  # the band that the report quotes
         expected = np.interp(curves["intensity"], answer.im, getattr(answer, side))
         np.testing.assert_allclose(curves[side], expected, rtol=1e-9, atol=1e-12)
-    before = [path.read_bytes() for _, path in made.files]
-    assert [path.read_bytes() for _, path in export_study(study, ALL, folder).files] == before
+    before = files_below(folder)
+    assert export_study(study, ALL, folder) == made
+    assert files_below(folder) == before
 
 
 def test_no_curve_at_all(study):
@@ -76,7 +77,7 @@ def test_no_curve_at_all(study):
     with pytest.raises(FitError, match="no curve to export for pelicun: ring: it fell"):
         export_study(study, ["csv", "pelicun"])
     assert not (study.folder / "export").exists()
-    assert len(export_study(study, ["csv"]).files) == 6
+    assert len(export_study(study, ["csv"])["files"]) == 6
 
 
 def test_messages_and_json(study, tmp_path):

@@ -50,11 +50,11 @@ def export(
     from archfrag.study.file.schema import load_study
 
     made = export_study(load_study(study_file, overrides), formats, out, members)
-    for arch, why in made.left_out.items():
+    for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
-    for note in made.notes:
+    for note in made["notes"]:
         warn(f"note: {note}")
-    show(made.facts, "\n".join(f"{name}: {path}" for name, path in made.files), as_json)
+    show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
 
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,25 +27,9 @@ FOLDER = "export"
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
 
 
-@dataclass
-class Exported:
-    """What was written."""
-
-    folder: Path
-    files: list[tuple[str, Path]] = field(default_factory=list)  # format and file
-    left_out: dict[str, str] = field(default_factory=dict)  # by arch, why it has no curve in them
-    notes: list[str] = field(default_factory=list)  # what to know before the files are used
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """For JSON."""
-        files = [{"format": name, "file": str(path)} for name, path in self.files]
-        return asdict(self) | {"folder": str(self.folder), "files": files}
-
-
 def export_study(
     study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False
-) -> Exported:
+) -> dict[str, Any]:
     """Write curves and runs of a study in the formats of other programs.
 
     A class of arches has one curve.
@@ -61,6 +45,12 @@ def export_study(
     members : bool
         Write curves of the arches of classes as well.
 
+    Returns
+    -------
+    dict
+        ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no curve;
+        ``notes``, what to know before the files are used.
+
     Raises
     ------
     InputError
@@ -73,25 +63,30 @@ def export_study(
     """
     require(study, "cube")
     require(study, "fit")
-    wanted = list(dict.fromkeys(formats))
+    requested = list(dict.fromkeys(formats))
+    files: list[tuple[str, Path]] = []
     with open_cube(study) as cube:
         arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
         answers = quoted(cube, arches, classes, members)
         curves, notes = study_curves(study, cube, answers)
-        texts = {name: written(curves, name) for name in wanted if name in FORMATS}
-        if "parquet" in wanted:
+        texts = {name: written(curves, name) for name in requested if name in FORMATS}
+        if "parquet" in requested:
             from_extra("pyarrow", "parquet")  # before anything is written
-        made = Exported(make_folder(folder or study.folder / FOLDER), left_out=curves.left_out)
-        for name in wanted:
-            for ending, text in texts.get(name, {}).items():
-                path = made.folder / f"{study.id}-{ending}"
-                write_text(path, text)
-                made.files.append((name, path))
-        for name in [name for name in wanted if name in ("csv", "parquet")]:
-            made.files += _write_tables(study, cube, curves, answers, made.folder, name)
+        folder = make_folder(folder or study.folder / FOLDER)
+        for name, parts in texts.items():
+            for ending, text in parts.items():
+                files.append((name, folder / f"{study.id}-{ending}"))
+                write_text(files[-1][1], text)
+        for name in requested:
+            if name not in FORMATS:
+                paths = _write_tables(study, cube, curves, answers, folder, name)
+                files += [(name, path) for path in paths]
     about = {name: named_measure(FORMATS[name][0], curves.measure).note for name in texts}
-    made.notes = [*notes, *sorted(f"{name}: {note}" for name, note in about.items() if note)]
-    return made
+    notes += sorted(f"{name}: {note}" for name, note in about.items() if note)
+    listed = [{"format": name, "file": str(path)} for name, path in files]
+    return {
+        "folder": str(folder), "files": listed, "left_out": curves.left_out, "notes": notes,
+    }  # fmt: skip
 
 
 def study_curves(
@@ -176,7 +171,7 @@ def crossing(mild: Fragility, severe: Fragility) -> float:
 def _write_tables(
     study: Study, cube: xr.Dataset, curves: CurveSet, answers: Mapping[str, Answer],
     folder: Path, ending: str,
-) -> list[tuple[str, Path]]:  # fmt: skip
+) -> list[Path]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     about = {name: curves.described(name) for name in curves.classes}
     facts = {"made": asdict(curves.made), "classes": about, "left_out": curves.left_out}
@@ -196,4 +191,4 @@ def _write_tables(
         paths.append(folder / f"{study.id}-tables.json")
         content = facts | {"tables": {name: table.columns for name, table in every.items()}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    return [(ending, path) for path in paths]
+    return paths

@@ -86,14 +86,15 @@ def stoppable() -> Iterator[Stop]:
 
 @contextlib.contextmanager
 def without_dask() -> Iterator[None]:
-    """Keep xarray from importing dask and distributed, which takes it half a second."""
-    before = sys.modules.get("dask")
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # as if it were not installed
+    """Let xarray, imported within, find no dask: importing that would take half a second."""
+    hidden = not {"dask", "xarray"} & sys.modules.keys()
+    if hidden:
+        sys.modules["dask"] = None  # type: ignore[assignment]  # imports of it fail
     try:
         yield
     finally:
-        if before is None:
-            sys.modules.pop("dask", None)
+        if hidden:
+            del sys.modules["dask"]
 
 
 @contextlib.contextmanager

@@ -101,31 +101,15 @@ def run_batch(
 ) -> tuple[BatchLog, "pd.DataFrame"]:  # fmt: skip
     """Make the runs of one batch that the design requests; those that are there are kept.
 
-    Parameters
-    ----------
-    study : Study
-        Its motions are prepared.
-    batch : int
-        Which of the study's batches.
-    workers : int, optional
-        Processes, in the place of the study's.
-    quiet : bool
-        Show no progress.
-    plan : Plan, optional
-        Of the study, if it is known.
-
-    Returns
-    -------
-    (BatchLog, pandas.DataFrame)
-        And a row for each run of the batch: arch, record, level, verdict, steps, wall time [s].
-        WorkerError if workers cannot be started or are lost; finished parts are kept.
+    Returned are the log and a row for each run of the batch: arch, record, level, verdict, steps,
+    wall time [s]. `workers` take the place of the study's; `plan` is that of the study, if it is
+    known. WorkerError if workers cannot be started or are lost; finished parts are kept.
     """
     import pandas as pd
 
     started, log = time.perf_counter(), BatchLog(batch)
-    plan = plan or make_plan(study)
-    make_folder(plan.parts)
-    store = Store(plan.parts)
+    known = plan or make_plan(study)
+    store = Store(make_folder(known.parts))
     count = workers or study.execution.workers or available_cores()
     bar = tqdm(
         unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
@@ -133,7 +117,7 @@ def run_batch(
     )  # fmt: skip
 
     def verdicts_of(cases: Cases) -> Verdicts:
-        keys = plan.keys(cases)
+        keys = known.keys(cases)
         missing = np.flatnonzero(store.places(keys) < 0)
         # Arches that differ in id only have runs in common.
         missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
@@ -153,15 +137,15 @@ def run_batch(
         verdicts: Verdicts = store.rows(keys)["verdict"]
         return verdicts
 
-    with bar, contextlib.closing(_Makers(plan, count, bar)) as makers:
-        cases, _ = ask(plan.requests(batch, study.execution.batches), verdicts_of)
+    with bar, contextlib.closing(_Makers(known, count, bar)) as makers:
+        cases, _ = ask(known.requests(batch, study.execution.batches), verdicts_of)
     log.workers, log.wall_time = makers.used, time.perf_counter() - started
     add_to_log(study.work, {"step": "runs", **asdict(log), **machine()})
-    rows = store.rows(plan.keys(cases))
+    rows = store.rows(known.keys(cases))
     names = np.array([member.name.lower() for member in Verdict], object)
     return log, pd.DataFrame({
-        "arch": np.array(plan.arches.ids, object)[cases["arch"]],
-        "record": np.array([record.id for record in plan.records], object)[cases["record"]],
+        "arch": np.array(known.arches.ids, object)[cases["arch"]],
+        "record": np.array([record.id for record in known.records], object)[cases["record"]],
         "level": cases["level"], "verdict": names[rows["verdict"]],
         "steps": rows["steps"], "wall_time": rows["wall_time"],
     })  # fmt: skip
