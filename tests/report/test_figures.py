@@ -136,6 +136,7 @@ class TestLabelsKeepClear:
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert drawn[0].panels[2].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
 
+
 def dots_of(sheet):
     """Centres of the hinges that are drawn on a sheet [px]."""
     pattern = r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) [^>]*stroke="#fff"/>'
@@ -162,8 +163,8 @@ class TestArchFigure:
                 np.testing.assert_allclose(sides[0], scale * sides[1], atol=0.3)
             assert not overlaps(sheet)
 
-class TestRuns:
 
+class TestRuns:
     @pytest.mark.parametrize("n", [2, 200, 5000])
     def test_envelope_keeps_the_peaks(self, n):
         values = np.random.default_rng(n).standard_normal(n)

@@ -228,7 +228,7 @@ def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: 
             limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
             fraction = f"{group.overall[i]:.2f}"
             rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
-    heads = ["motion or joint", "collapses", "fraction", f"{percent} html.interval"]
+    heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None:
         numbers = {"collapses": collapsed.sum(), "effective": groups[0].n_effective}
