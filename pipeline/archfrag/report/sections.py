@@ -209,7 +209,8 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
 def _geometry(parameters: Mapping[str, Any]) -> Rows:
     for key, value in parameters.items():
         if value is not None:
-            shown = f"{np.size(value)} values" if np.size(value) > 6 else str(value)
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
             shown = {"True": "yes", "False": "no"}.get(shown, shown)
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
