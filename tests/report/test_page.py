@@ -4,6 +4,7 @@ import json
 import os
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import lxml.html
 import numpy as np
@@ -279,6 +280,15 @@ class TestOffline:
         html, _ = render(synthetic.inputs((name,)))
         assert "<script" not in html
         assert name in map(text, lxml.html.document_fromstring(html).xpath("//h2"))
+
+
+def test_dark_mode_changes_colours_that_figures_have():
+    folder = files("archfrag.report")
+    css = (folder / "templates" / "report.css").read_text()
+    changed = set(re.findall(r'figure \[(?:fill|stroke)="(#\w+)"\]', css))
+    sources = [path.read_text() for path in folder.iterdir() if path.name.endswith(".py")]
+    assert len(changed) > 8
+    assert [colour for colour in changed if f'"{colour}"' not in "".join(sources)] == []
 
 
 class TestNumbers:
