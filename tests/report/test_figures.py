@@ -77,9 +77,11 @@ class TestLabelsKeepClear:
         data = results(n_level=n_level)
         runs.verdict_map(data)
         curves.curve(data, synthetic.none("no run collapsed"))
+        curves.curve(data, synthetic.answer_of(4.0))
         runs.fractions(runs.groupings(data, 0.9), data)
-        assert [sheet.width for sheet in drawn] == 3 * [NARROW, WIDE]
-        assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
+        assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
+        assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
+        assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
 
     @pytest.mark.parametrize("n_record", [1, 60])
     def test_records(self, n_record, drawn):
