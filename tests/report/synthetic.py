@@ -9,7 +9,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.inputs import ReportInputs
-from archfrag.simulate import Onset
+from archfrag.simulate import onset
 from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
@@ -31,33 +31,9 @@ def motions(n_record=6, seed=1):
 
 
 def arch_and_onset(voussoirs=7):
-    """The arch of the reference values with its tabulated onset and hinges."""
-    arch = Arch.circular(
-        radius=10.0, thickness=1.5, embrace=157.5, voussoirs=voussoirs, friction=0.7
-    )
-    middle = 0.5 * (arch.intrados + arch.extrados)
-    half = 0.4 * (arch.extrados - arch.intrados)
-    last = arch.n_joint - 1
-    hinges = [
-        (0, "extrados"), (round(0.3 * last), "intrados"), (round(0.6 * last), "extrados"),
-        (last, "intrados"),
-    ]  # fmt: skip
-    joints = [joint for joint, _ in hinges]
-    sides = [1.25 if side == "extrados" else -1.25 for _, side in hinges]
-    offset = np.interp(np.arange(last + 1), joints, sides)[:, None]
-    onset = Onset(
-        stands=True,
-        plus=0.37,
-        minus=0.37,
-        hinges=hinges,
-        hinges_minus=[(last - joint, side) for joint, side in hinges],
-        sliding=[],
-        sliding_minus=[],
-        thrust=middle + 0.3 * half * np.cos(np.linspace(0, 4 * np.pi, last + 1))[:, None],
-        thrust_plus=middle + offset * half,
-        thrust_minus=middle + offset[::-1] * half,
-    )
-    return arch, onset
+    """The arch of the reference values."""
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs, 0.7)
+    return arch, onset(arch)
 
 
 def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4, seed=2):
@@ -74,7 +50,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     verdict[0, 0, -1] = Verdict.UNFINISHED
     verdict[0, 1, -2] = Verdict.SOLVER_FAILURE
     fell = verdict == Verdict.COLLAPSED
-    joint = generator.choice(n_joint, size=shape, p=_bathtub(n_joint))
+    joint = generator.integers(0, n_joint, size=shape)
     impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
     mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
     end = generator.uniform(20.0, 26.0, shape)
@@ -122,13 +98,13 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
 def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
     """Everything `write_report` takes, for a small made-up study."""
     items = motions(n_record)
-    arch, onset = arch_and_onset(voussoirs)
+    arch, start = arch_and_onset(voussoirs)
     data = cube(names, items, n_level, arch.n_joint)
     values = {
         "cube": data,
         "measure": "PGA",
         "motions": items,
-        "arches": [(name, arch, onset) for name in names],
+        "arches": [(name, arch, start) for name in names],
         "answers": answers_of(changes.get("cube", data)),
         "timings": {name: [0.05] * (n_record * n_level) for name in names},
     }
@@ -184,8 +160,3 @@ def _split(end, moving):
     """Time of each model: three models have the motion."""
     parts = [end - moving, *(part * moving for part in (0.3, 0.6, 0.1))]
     return np.stack(parts, axis=-1)
-
-
-def _bathtub(n):
-    weight = 0.3 + np.abs(np.linspace(-1, 1, n)) ** 2
-    return weight / weight.sum()

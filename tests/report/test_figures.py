@@ -77,9 +77,11 @@ class TestLabelsKeepClear:
         data = results(n_level=n_level)
         runs.verdict_map(data)
         curves.curve(data, synthetic.none("no run collapsed"))
+        curves.curve(data, synthetic.answer_of(4.0))
         runs.fractions(runs.groupings(data, 0.9), data)
-        assert [sheet.width for sheet in drawn] == 3 * [NARROW, WIDE]
-        assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
+        assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
+        assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
+        assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
 
     @pytest.mark.parametrize("n_record", [1, 60])
     def test_records(self, n_record, drawn):
@@ -206,8 +208,7 @@ def test_run_that_is_shown():
     assert arches.choose(data, None)[:2] == (0, 8)
     data.verdict[:] = 0
     data.verdict[3, 8] = Verdict.UNFINISHED
-    for name, value in (("peak_displacement", 7.0), ("peak_rotation", 8.0)):
-        data[name][3, 8], data[name][5, 2] = 9.0, value
+    data["peak_rotation"][3, 8], data["peak_rotation"][5, 2] = 9.0, 8.0
     assert arches.choose(data, None)[:2] == arches.farthest(data)[:2] == (5, 2)
     data["peak_rotation"][:] = 0.0
     assert arches.farthest(data) is None

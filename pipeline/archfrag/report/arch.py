@@ -135,13 +135,12 @@ class Example:
 def choose(results: ArchResults, median: float | None) -> Chosen | None:
     """Run whose capacity, the lowest collapsing level, is nearest the median of the arch.
 
-    Without a curve the median of these capacities counts, without a collapse the largest
-    displacement of a standing run; None if no run collapsed or stood.
+    Without a curve the median of these capacities counts. If nothing collapsed, as `farthest`.
     """
     collapsed = results.verdict == Verdict.COLLAPSED
     records = np.flatnonzero(collapsed.any(axis=1))
     if not records.size:
-        return farthest(results, "peak_displacement", "displacement", -0.5)
+        return farthest(results)
     first = collapsed[records].argmax(axis=1)
     logs = np.log(results.levels[first])
     centre = np.median(logs) if median is None else np.log(median)
@@ -150,17 +149,14 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
     return int(records[place]), int(first[place]), reason
 
 
-def farthest(
-    results: ArchResults, name: str = "peak_rotation", words: str = "rotation of a voussoir",
-    above: float = 0.0,
-) -> Chosen | None:  # fmt: skip
-    """The standing run with the largest value of a table; None if none is above some value."""
+def farthest(results: ArchResults) -> Chosen | None:
+    """The standing run with the largest rotation of a voussoir; None if none rotated."""
     standing = results.verdict == Verdict.STANDING
-    reach = np.where(standing, np.nan_to_num(results[name]), -1.0)
+    reach = np.where(standing, np.nan_to_num(results["peak_rotation"]), 0.0)
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    if not reach[record, level] > above:
+    if reach[record, level] == 0.0:
         return None
-    return int(record), int(level), f"the standing run with the largest {words}"
+    return int(record), int(level), "the standing run with the largest rotation of a voussoir"
 
 
 def repeat(

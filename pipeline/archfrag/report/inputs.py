@@ -239,7 +239,7 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
 
 
 def summary(inputs: ReportInputs) -> dict[str, Any]:
-    """Content of ``summary.json``: plain values, null where something is not known."""
+    """Content of ``summary.json``, as docs/reference/results.md lists it."""
     cube, attributes = inputs.cube, inputs.cube.attrs
     scale, of_class = reading_scale(cube, inputs.measure), arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}

@@ -129,19 +129,16 @@ def _shown_factors(inputs: ReportInputs, scale: Scale) -> tuple[dict[str, float]
     They belong to the level closest to the median capacity, or to the middle level if no arch has
     a curve; to the runs if each run has a level of its own.
     """
-    cube = inputs.cube
-    records, factors = cube["record"].values.astype(str).tolist(), cube["scale_factor"]
-    if cube["intensity"].ndim > 1:
-        own = factors.isel({dim: 0 for dim in factors.dims if dim != "record"}).values
-        made = {r: float(f) for r, f in zip(records, own, strict=True) if np.isfinite(f)}
-        return made, "scaled as in the runs"
+    cube, level, words = inputs.cube, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
-    fits = [answer.curve for answer in inputs.answers.values()]
-    medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
-    level, why = intensity.size // 2, "the middle level"
-    if medians:
-        level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
-        why = "the level nearest to the median capacity"
-    chosen = factors.transpose("record", "level").values[:, level]
-    words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
-    return dict(zip(records, chosen, strict=True)), words
+    if intensity.ndim == 1:
+        fits = [answer.curve for answer in inputs.answers.values()]
+        medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
+        level, why = intensity.size // 2, "the middle level"
+        if medians:
+            level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
+            why = "the level nearest to the median capacity"
+        words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
+    chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+    factors = zip(cube["record"].values.astype(str).tolist(), chosen.tolist(), strict=True)
+    return {record: factor for record, factor in factors if np.isfinite(factor)}, words

@@ -64,7 +64,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         inputs.answers, inputs.classes, arch_classes(cube), scale, highest, inputs.at
     )
     sections: list[tuple[str, str, Iterable[Any]]] = []
-    if every is not None:
+    if every is not None and len(quoted(cube, inputs.answers, inputs.classes)) > 1:
         sections.append(("all", "All arches", [every]))
     for i, name in enumerate(inputs.classes):
         sections.append((f"class{i}", f"Class {name}", _parts(class_parts, inputs, name, scale)))
@@ -157,7 +157,7 @@ def _compared(inputs: ReportInputs, scale: Scale) -> Iterable[Any]:
     keys = sorted({**settings[0], **settings[1]})
     rows = [[key, *(each.get(key, "–") for each in settings)] for key in keys]
     differing = [row for row in rows if row[1] != row[2]]
-    yield table("Settings in which the studies differ", ["key", *names], differing, "html.pairs")
+    yield table("Settings in which the studies differ", ["key", *names], differing, "pairs")
     for arch in common:
         yield html.heading(arch)
         sides = [(arch_results(cube, arch, scale), answers[arch]) for cube, answers in studies]

@@ -96,21 +96,17 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     level = results.own_levels[run]
     verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
     reach = results["peak_displacement"].sum(axis=1)[run]
-    moved = np.isfinite(reach) & (reach > 0.0)
     looks = {code: entry._replace(mark="dot") for code, entry in VERDICTS.items()}
     looks[Verdict.STANDING] = Entry("standing", look.SKY, "dot")
     entries = [entry for code, entry in looks.items() if np.any(verdict == code)]
-    seen = reach[moved] if moved.any() else np.array([1e-3, 1.0])
-    low = float(10.0 ** np.floor(np.log10(max(seen.min(), 1e-6))))
-    high = max(float(10.0 ** np.ceil(np.log10(seen.max()))), 10.0 * low)
+    low, high = 1e-4, 10.0 ** np.ceil(np.log10(max(np.nanmax(reach), 1e-3)))
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
     panel = look.panel_below(sheet, entries, 220.0, x, (low, high), left=56.0, log=True)
     panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
     panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
     for code, (_, colour, _) in looks.items():
         own = verdict == code
-        height = np.clip(np.where(moved, reach, low), low, high)
-        panel.dots(level[own], height[own], colour, radius=2.6)
+        panel.dots(level[own], np.clip(reach[own], low, high), colour, radius=2.6)
     return (
         f"{level.size} runs of {results.arch}: intensity, largest displacement and verdict",
         TEXTS["single_runs"]["caption"].format(low=low),

@@ -39,9 +39,7 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield heading("Fragility curve")
     yield curves.curve(results, answer)
     free = more.get("free", {})
-    if isinstance(answer.curve, str):
-        yield paragraph(f"No curve: {answer.curve}.", "none")
-    elif "test_of_fit" in free:
+    if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
@@ -74,16 +72,10 @@ def class_parts(inputs: ReportInputs, name: str, scale: Scale) -> Parts:
     yield heading("Fragility curve of the class")
     yield curves.all_curves(members, {name: answer}, of_class, scale, highest, inputs.at)
     split = answer.more.get("dispersion") or {}
-    if split:
-        yield heading("Parts of the dispersion")
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
     elif split:
-        yield html.pairs(f"Dispersion of the class {name}", [
-            ("from record to record", f"{split['beta_record_to_record']:.3f}"),
-            ("between the arches of the class", f"{split['beta_model']:.3f}"),
-        ], "part of β")  # fmt: skip
-        yield paragraph("β of the class is the root of the sum of their squares.", "note")
+        yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
         yield from _limit_states(answer, name, scale, highest)
     differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
@@ -217,7 +209,8 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
 def _geometry(parameters: Mapping[str, Any]) -> Rows:
     for key, value in parameters.items():
         if value is not None:
-            shown = f"{np.size(value)} values" if np.size(value) > 6 else str(value)
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
             shown = {"True": "yes", "False": "no"}.get(shown, shown)
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
@@ -236,7 +229,7 @@ def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: 
             limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
             fraction = f"{group.overall[i]:.2f}"
             rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
-    heads = ["motion or joint", "collapses", "fraction", f"{percent} html.interval"]
+    heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
     if results.own_levels is None:
         numbers = {"collapses": collapsed.sum(), "effective": groups[0].n_effective}
