@@ -120,3 +120,13 @@ class TestAgainstTimeStepping:
             same += one == other
         assert compared >= 8
         assert same >= compared - 1
+
+
+# Time stepping collapses from 0.6038 g on.
+@pytest.mark.parametrize(
+    ("amplitude", "tolerance"), [(0.4906183863126449, 1e-4), (0.593843, 1e-4), (0.593843, 1e-5)]
+)
+def test_slips_of_a_rejected_stage_are_not_handed_to_time_stepping(amplitude, tolerance):
+    push = one_pulse(amplitude, 0.4 - 1e-4)
+    run = af.simulate(oppenheim(27), push, rtol=tolerance, **EVENT_DRIVEN)
+    assert run.collapsed is False

@@ -38,29 +38,14 @@ SHORTER = 0.25
 
 
 def count_breaks(grounds: Grounds) -> int:
-    """Number of samples at which the ground acceleration is not linear in time.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archfrag.mechanics.ground import grounds_of
-    >>> from archfrag.methods.auto import count_breaks
-    >>> count_breaks(grounds_of([(np.where(np.arange(900) < 300, 1.0, 0.0), None, 0.01)]))
-    2
-    """
+    """Number of samples at which the ground acceleration is not linear in time."""
     return int(np.unique(grounds.next_break).size) - 1
 
 
 def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bool:
     """Whether runs go from event to event rather than by steps on all voussoirs.
 
-    Parameters
-    ----------
-    n_body : int
-    tolerance : float
-    n_break : float
-        Times at which the ground acceleration is not linear (`count_breaks`) where a history is
-        asked for, else infinite.
+    `n_break` is `count_breaks` where a history is asked for, else infinite.
 
     Examples
     --------

@@ -55,19 +55,9 @@ def own_step(rtol: float, n_body: int) -> tuple[float, float]:
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """Steps at impacts, and the largest between them, that go with a tolerance.
 
-    Where impacts follow each other closely, the error of time stepping is of first order in the
-    steps at impacts; between them, and through lone impacts, of second order in the others.
-
-    Parameters
-    ----------
-    rtol : float
-    n_body : int
-
-    Returns
-    -------
-    impact, largest : float
-        Over the root of the shortest joint's length over gravity [1]: 0.4 and 4 ms for joints of
-        1.5 m at the default tolerance.
+    Over the root of the shortest joint's length over gravity [1]: 0.4 and 4 ms for joints of
+    1.5 m at the default. Where impacts follow each other closely, the error of time stepping is of
+    first order in the former; else, and through lone impacts, of second order in the latter.
 
     Examples
     --------
@@ -164,12 +154,5 @@ def known_methods() -> dict[str, MethodInfo]:
 
 
 def resolve(name: str) -> MethodInfo | None:
-    """Method of a given name; None if there is no such method.
-
-    Examples
-    --------
-    >>> from archfrag.methods.registry import resolve
-    >>> resolve("auto").name, resolve("newmark")
-    ('auto', None)
-    """
+    """Method of a given name; None if there is no such method."""
     return known_methods().get(name)

@@ -23,7 +23,13 @@ from archfrag.mechanics.laws import MINUS, PLUS
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, opposite, select, smaller, some
 from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.time_stepping.step import bend_of, is_centred, offset_of
+from archfrag.methods.time_stepping.step import (
+    add_carried,
+    bend_of,
+    is_centred,
+    offset_of,
+    time_before,
+)
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
@@ -89,8 +95,8 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 
 @kernel
-def is_spoilt(model, state, work, tolerance):
-    """Where a solved step that should hold no impact closes a corner, or has too large an error.
+def errors_of_step(model, state, work, tolerance):
+    """Where a solved step closes a corner, and where its error of energy is too large.
 
     A slip that ends inside a long step sticks until its end, held by a friction that made energy.
     """
@@ -101,7 +107,33 @@ def is_spoilt(model, state, work, tolerance):
     friction, impact, balance_error = contact_works(state, work)
     error = abs(unexplained_work(friction, impact, balance_error))
     kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved))
-    return closes | (error > ENERGY_OF_STEP * tolerance * kinetic)
+    return closes, error > ENERGY_OF_STEP * tolerance * kinetic
+
+
+@kernel
+def refuse_poor(model, state, work, solved, stops, tolerance):
+    """Of solved steps those that are not good enough: to be made shorter, or again as they are.
+
+    Reactions of the last step may be wrong for the time before an impact, as they are where joints
+    open instead: such a step is made again without.
+    """
+    carries = False
+    for j in range(state.slip.shape[0]):
+        carries = carries | (abs(state.force[j, 0]) + abs(state.force[j, 1]) > 0.0)
+    again = solved & carries & is_centred(state.clock, state.clock[Clock.STEP])
+    shorter = solved & stops
+    if some(again | shorter):
+        if some(again):
+            add_carried(state, work, time_before(state, state.clock[Clock.STEP]))
+        closes, wrong = errors_of_step(model, state, work, tolerance)
+        if some(again):
+            add_carried(state, work, -time_before(state, state.clock[Clock.STEP]))
+        again, shorter = again & wrong, shorter & (closes | wrong)
+        if some(again):
+            for j in range(state.slip.shape[0]):
+                for c in range(3):
+                    state.force[j, c] = select(again, 0.0, state.force[j, c])
+    return again, shorter
 
 
 @kernel

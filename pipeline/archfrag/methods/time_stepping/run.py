@@ -46,9 +46,9 @@ from archfrag.methods.time_stepping.at_impacts import (
     LEAD,
     beyond,
     expect_impact,
-    is_spoilt,
     locates,
     next_step,
+    refuse_poor,
     shorten,
 )
 from archfrag.methods.time_stepping.step import accept_step, pose_step
@@ -76,10 +76,9 @@ def try_step(model, grounds, state, work, options, live):
     state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
     failed = live & opposite(solved | refused | active)
     poor = failed & (step > 1.5 * options.time_step)
-    unsolved, long = failed & opposite(poor), solved & stops
-    if some(long):
-        spoilt = long & is_spoilt(model, state, work, options.tolerance)
-        solved, poor = solved & opposite(spoilt), poor | spoilt
+    unsolved = failed & opposite(poor)
+    again, shorter = refuse_poor(model, state, work, solved, stops, options.tolerance)
+    solved, poor = solved & opposite(again | shorter), poor | shorter
     expect_impact(model, state, work, options, solved)
     if some(refused | poor):
         shorten(model, state, work, options, refused, poor)
