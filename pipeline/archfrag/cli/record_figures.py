@@ -73,10 +73,15 @@ def _chart(
 ) -> tuple[Any, Any]:
     """A figure of matplotlib with axes of spectra, which have the last row of a grid."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     chart = Figure(figsize=(9.0, height), layout="constrained")
     axes = chart.add_subplot(chart.add_gridspec(*shape, height_ratios=heights)[-1, :])
     axes.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.3)
     return chart, axes
 
