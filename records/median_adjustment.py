@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.selection import Rupture, predict
-from archfrag.motions.synthetic import Options, make_motion, motion
+from archfrag.motions.synthetic import Options, amplitude, make_motion
 from archfrag.motions.synthetic.amplitude import VS30
 from archfrag.motions.units import STANDARD_GRAVITY
 
@@ -33,18 +33,18 @@ def adjusted(magnitude: float, distance: float) -> np.ndarray:
     periods = 1.0 / FREQUENCIES
     rupture = Rupture(magnitude, distance, VS30, region="california")
     models = [predict(rupture, model, periods)[0] for model in MODELS]
-    wanted = np.mean(models, axis=0) + np.log(STANDARD_GRAVITY)
+    target = np.mean(models, axis=0) + np.log(STANDARD_GRAVITY)
     logarithm = np.zeros(FREQUENCIES.size)
     for _ in range(ROUNDS):
 
         def factor(f, *_, row=logarithm):
             return np.exp(np.interp(np.log(f), np.log(FREQUENCIES), row))
 
-        with mock.patch.object(motion, "median_adjustment", factor):
+        with mock.patch.object(amplitude, "median_adjustment", factor):
             made = [make_motion(magnitude, distance, seed, Options(vary=False))
                     for seed in range(SEEDS)]  # fmt: skip
         found = np.log([spectral_acceleration(each, periods) for each in made]).mean(axis=0)
-        logarithm = logarithm + wanted - found
+        logarithm = logarithm + target - found
     return logarithm
 
 
@@ -57,7 +57,7 @@ def main() -> None:
     lines = [f"magnitude,distance_km,{names}"]
     for (magnitude, distance), row in zip(scenarios, rows, strict=True):
         lines.append(f"{magnitude:g},{distance:g},{','.join(f'{value:.3f}' for value in row)}")
-    table = Path(motion.__file__).with_name("adjustment.csv")
+    table = Path(amplitude.__file__).with_name("adjustment.csv")
     table.write_text(HEAD + "\n".join(lines) + "\n", encoding="utf-8")
 
 
