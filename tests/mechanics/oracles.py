@@ -1,60 +1,29 @@
-"""The contact laws and the balance of a chain, written out apart from the package in numpy.
+"""The contact laws and the balance of a chain by the paper's formulas, apart from the package.
 
 Axes of a joint: normal n from the earlier body to the later one, tangent t = n rotated by +90
 degrees, from corner 0 to corner 1. Reactions act on the later body.
 """
 
-import itertools
-
 import numpy as np
 
 from archbench.paper import block
-from archbench.paper.arch import cross, full_motion, rotated
-from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, framed
-
-
-def motion_matrix(problem):
-    """B of the relative velocities B w at both corners, (m, 2, 2, 3 n), without bias."""
-    n, m = problem.mass.size, problem.friction.size
-    matrix = np.zeros((m, 2, 2, n, 3))
-    for j, c in itertools.product(range(m), range(2)):
-        for body, sign in ((j, 1.0), (j - 1, -1.0)):
-            if 0 <= body < n:
-                arm = problem.point[j, c] - problem.centroid[body]
-                matrix[j, c, :, body, :2] = sign * np.eye(2)
-                matrix[j, c, :, body, 2] = sign * rotated(arm)
-    return matrix.reshape(m, 2, 2, 3 * n)
-
-
-def masses(problem):
-    """Diagonal of the mass matrix, (3 n,)."""
-    return np.stack([problem.mass, problem.mass, problem.inertia], axis=1).ravel()
+from archbench.paper.arch import cross, full_motion, next_reaction, relative_velocity, rotated
+from tests.mechanics.adapters import MINUS, PLUS, framed
 
 
 def corner_rates(problem, velocity):
-    """Relative velocity at both corners of all joints, with bias, (m, 2, 2)."""
-    centroid, motion = framed(problem.centroid)[:, None], framed(velocity)[:, None]
-    m = problem.friction.size
-    after, before = (
-        motion[i : i + m, :, :2]
-        + motion[i : i + m, :, 2:] * rotated(problem.point - centroid[i : i + m])
-        for i in (1, 0)
-    )
-    return after - before + problem.bias
+    """Relative velocity at both corners of all joints (Eq 22), with bias, (m, 2, 2)."""
+    bodies = list(zip(framed(problem.centroid), framed(velocity)))
+    pairs = zip(problem.point, bodies, bodies[1:])
+    return np.array([relative_velocity(*pair) for pair in pairs]) + problem.bias
 
 
 def balance_error(problem, solution):
-    """Largest part of M (w - w_free) - H r, over the largest force and moment."""
-    n, m = problem.mass.size, problem.friction.size
-    load = np.zeros((n, 3))
-    for j in range(m):
-        for body, sign in ((j, 1.0), (j - 1, -1.0)):
-            if 0 <= body < n:
-                force, moment = solution.wrench[j, :2], solution.wrench[j, 2]
-                about = moment - cross(problem.centroid[body], force)
-                load[body] += sign * np.array([*force, about])
-    gain = masses(problem).reshape(n, 3) * (solution.velocity - problem.free)
-    return np.abs(gain - load).max() / (np.abs(solution.wrench).max() or 1.0)
+    """Largest part of a reaction that does not follow from the one before it (Eq 35)."""
+    p, following = problem, np.vstack([solution.wrench, np.zeros(3)])
+    bodies = zip(p.mass, p.inertia, p.centroid, solution.velocity, p.free)
+    left = [next_reaction(following[i], *body) - following[i + 1] for i, body in enumerate(bodies)]
+    return np.abs(left).max() / (np.abs(solution.wrench).max() or 1.0)
 
 
 def corner_forces(problem, wrench):
@@ -110,18 +79,19 @@ def corner_violation(problem, j, c, rate, force):
     return least
 
 
-def law_violation(problem, solution, enough=np.inf, matrix=None):
+def scale_of(problem):
+    """Largest relative velocity of corners that may touch, without reactions."""
+    return np.abs(corner_rates(problem, problem.free)[problem.touching]).max()
+
+
+def law_violation(problem, solution):
     """Largest violation of Signorini's and Coulomb's laws in a chain [1].
 
     Joints of which both corners may touch have parallel faces. Velocities count over the largest
-    relative velocity without reactions, forces over the largest of them. Beyond `enough` no more
-    joints are looked at.
+    relative velocity without reactions, forces over the largest of them.
     """
     touching = problem.touching
-    matrix = motion_matrix(problem) if matrix is None else matrix
-    free = matrix @ problem.free.ravel() + problem.bias
-    rates = matrix @ solution.velocity.ravel() + problem.bias
-    rates /= np.abs(free[touching]).max()
+    rates = corner_rates(problem, solution.velocity) / scale_of(problem)
     wrench = solution.wrench / (np.abs(solution.wrench[:, :2]).max() or 1.0)
     forces = corner_forces(problem, wrench)
     worst = 0.0
@@ -136,98 +106,30 @@ def law_violation(problem, solution, enough=np.inf, matrix=None):
             worst = max(worst, off, corner_violation(problem, j, c, rates[j, c], force))
         else:
             worst = max(worst, np.abs(wrench[j]).max())
-        if not worst < enough:
-            return worst
     return worst
 
 
-def mode_rows(problem, j, mode):
-    """Constraints of a joint in a mode and the reactions they admit, in pairs.
+def balanced(problem, modes):
+    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27).
 
-    Returns
-    -------
-    list of (corner weights (2,), direction (2,), force directions (2, 2) by corner)
-        Constrained is the weighted sum of both corners' rates along the direction.
+    Constrained are both components at a joint's first corner that bears, the normal one at its
+    second.
     """
-    mu = problem.friction[j]
-    if mode.corners == CLOSED.corners:
-        n, t = problem.normal[j], rotated(problem.normal[j])
-        force = n + mode.slip * mu * t if mode.slip else n
-        rows = [(np.eye(2)[c], n, np.eye(2)[c][:, None] * force) for c in range(2)]
-        if not mode.slip:
-            rows.append((np.array([0.5, 0.5]), t, np.full((2, 1), 0.5) * t))
-        return rows
-    rows = []
-    for c in mode.corners:
-        n = problem.normal_minus[j, c] if mode.slip == MINUS else problem.normal_plus[j, c]
-        at = np.eye(2)[c]
-        if not mode.slip:
-            rows += [(at, n, at[:, None] * n), (at, rotated(n), at[:, None] * rotated(n))]
-        else:
-            ray = mode.slip * rotated(n) if np.isinf(mu) else n + mode.slip * mu * rotated(n)
-            rows.append((at, n, at[:, None] * ray))
-    return rows
-
-
-def possible_modes(problem, j):
-    """All modes of a joint that its touching corners and its friction admit."""
-    corners = [c for c in range(2) if problem.touching[j, c]]
-    found = [OPEN]
-    for some in [(c,) for c in corners] + ([(0, 1)] if len(corners) == 2 else []):
-        for slip in (0, PLUS, MINUS):
-            if problem.sliding[j] and slip != problem.sliding[j]:
-                continue
-            if len(some) == 2 and slip and np.isinf(problem.friction[j]):
-                continue
-            found.append(Mode(some, slip))
-    return found
-
-
-class Dense:
-    """The linear problem of given modes, by dense matrices."""
-
-    def __init__(self, problem):
-        self.problem, self.matrix = problem, motion_matrix(problem)
-        self.inverse = 1.0 / masses(problem)
-        self.rows = {}
-
-    def _rows_of(self, j, mode):
-        """Constrained directions, those of their forces, bias and wrenches of unit forces."""
-        if (j, mode) not in self.rows:
-            found = mode_rows(self.problem, j, mode)
-            row = [np.einsum("c,d,cdk->k", w, d, self.matrix[j]) for w, d, _ in found]
-            column = [np.einsum("cd,cdk->k", f, self.matrix[j]) for *_, f in found]
-            bias = [w @ self.problem.bias[j] @ d for w, d, _ in found]
-            about = [cross(self.problem.point[j], f).sum() for *_, f in found]
-            wrench = [[*f.sum(0), moment] for (*_, f), moment in zip(found, about)]
-            width = self.inverse.size
-            self.rows[j, mode] = (
-                np.reshape(row, (-1, width)), np.reshape(column, (-1, width)),
-                np.array(bias), np.reshape(wrench, (-1, 3)),
-            )  # fmt: skip
-        return self.rows[j, mode]
-
-    def rows_of(self, modes):
-        return [np.concatenate(parts) for parts in zip(*map(self._rows_of, range(99), modes))]
-
-    def lacking_rank(self, modes):
-        """How many reactions in these modes are not determined by the motion."""
-        row = self.rows_of(modes)[0] * np.sqrt(self.inverse)
-        if row.size == 0:
-            return 0
-        row /= np.linalg.norm(row, axis=1)[:, None]
-        return len(row) - np.linalg.matrix_rank(row, tol=1e-9)
-
-    def solve(self, modes, ease=1e-10):
-        """Motion, and reactions on the later bodies with moments about the origin.
-
-        Constraints are eased by a part of their own compliance, which chooses among reactions
-        that are not unique.
-        """
-        row, column, bias, unit = self.rows_of(modes)
-        free = self.problem.free
-        velocity, unknown = full_motion(self.inverse, row, column, bias, free.ravel(), ease)
-        counts = [len(self._rows_of(j, mode)[0]) for j, mode in enumerate(modes)]
-        wrench = np.zeros((len(counts), 3))
-        np.add.at(wrench, np.repeat(np.arange(len(counts)), counts), unknown[:, None] * unit)
-        return velocity.reshape(free.shape), wrench
+    n = problem.mass.size
+    still = problem.but(bias=np.zeros_like(problem.bias))
+    units = np.eye(3 * n).reshape(-1, n, 3)
+    matrix = np.stack([corner_rates(still, unit) for unit in units], axis=-1)
+    held = [
+        (j, c, axis)
+        for j, mode in enumerate(modes)
+        for k, c in enumerate(mode.corners)
+        for axis in (np.eye(2) if k == 0 else problem.normal[j : j + 1])
+    ]
+    rows = np.array([axis @ matrix[j, c] for j, c, axis in held])
+    bias = np.array([axis @ problem.bias[j, c] for j, c, axis in held])
+    inverse = 1.0 / np.stack([problem.mass, problem.mass, problem.inertia], axis=1).ravel()
+    _, forces = full_motion(inverse, rows, rows, bias, problem.free.ravel(), ease=0.0)
+    wrench = np.zeros((len(modes), 3))
+    for force, (j, c, axis) in zip(forces, held):
+        wrench[j] += force * np.array([*axis, cross(problem.point[j, c], axis)])
+    return wrench

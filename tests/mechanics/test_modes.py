@@ -14,7 +14,7 @@ import pytest
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Joint, Mode, posed, proposed
-from tests.physics.random_states import KINDS, random_state
+from tests.mechanics.random_states import KINDS, random_state
 
 HALF = 0.5
 STILL = (0.0, 0.0, 0.0)
@@ -85,21 +85,6 @@ class TestOpenJoint:
 
 
 class TestClosedJoint:
-    @pytest.mark.parametrize(
-        ("shear", "slip"), [(0.49, 0), (-0.49, 0), (0.51, PLUS), (-0.51, MINUS)]
-    )
-    def test_sticks_inside_its_cone_and_slides_beyond_it(self, shear, slip):
-        """Coulomb (Eq 6): the shear force tends to the bound of its own sign."""
-        assert asked(CLOSED, STILL, pressing(0.7, 0.3, shear)) == Mode((0, 1), slip)
-
-    @pytest.mark.parametrize("sense", [PLUS, MINUS])
-    def test_slides_on_against_its_friction_and_sticks_where_it_would_slide_with_it(self, sense):
-        """Eq 6: friction takes power; T times slip rate may not be positive."""
-        sliding, force = Mode((0, 1), sense), pressing(0.7, 0.3, 0.5 * sense)
-        assert asked(sliding, opening(0.0, 0.0, -0.2 * sense), force) == sliding
-        assert asked(sliding, opening(0.0, 0.0, 0.2 * sense), force) == CLOSED
-        assert asked(sliding, opening(0.0, 0.0, 0.2 * sense), force, sliding=sense) == sliding
-
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
     def test_the_corner_that_needs_tension_is_left(self, slip):
         """Signorini (Eq 5): both normal forces are compressive; a contact that is in tension
@@ -114,25 +99,37 @@ class TestClosedJoint:
         assert asked(CLOSED, STILL, pressing(0.7, 0.3, 80.0), friction=math.inf) == CLOSED
 
 
-class TestCorner:
-    """A hinge at a corner whose other corner parts, or does not touch."""
+# Corners that bear, motion of the joint that they allow, and a reaction of unit normal force.
+BEARING = {
+    "face": ((0, 1), (0.0, 0.0), lambda shear: pressing(0.7, 0.3, shear)),
+    "corner 0": ((0,), (0.0, 1.0), lambda shear: at_corner(0, 1.0, shear)),
+    "corner 1": ((1,), (1.0, 0.0), lambda shear: at_corner(1, 1.0, shear)),
+}
 
-    @pytest.mark.parametrize("corner", [0, 1])
+
+@pytest.mark.parametrize(("corners", "rates", "force"), BEARING.values(), ids=BEARING)
+class TestCoulomb:
     @pytest.mark.parametrize(
         ("shear", "slip"), [(0.49, 0), (-0.49, 0), (0.51, PLUS), (-0.51, MINUS)]
     )
-    def test_rotates_inside_its_cone_and_slides_beyond_it(self, corner, shear, slip):
-        motion = opening(*((0.0, 1.0) if corner == 0 else (1.0, 0.0)))
-        mode = asked(Mode((corner,)), motion, at_corner(corner, 1.0, shear))
-        assert mode == Mode((corner,), slip)
+    def test_sticks_inside_its_cone_and_slides_beyond_it(self, corners, rates, force, shear, slip):
+        """Coulomb (Eq 6): the shear force tends to the bound of its own sign."""
+        assert asked(Mode(corners), opening(*rates), force(shear)) == Mode(corners, slip)
 
     @pytest.mark.parametrize("sense", [PLUS, MINUS])
-    def test_slides_on_against_its_friction_and_sticks_where_it_would_slide_with_it(self, sense):
-        sliding, force = Mode((1,), sense), at_corner(1, 1.0, 0.5 * sense)
-        assert asked(sliding, opening(1.0, 0.0, -0.2 * sense), force) == sliding
-        assert asked(sliding, opening(1.0, 0.0, 0.2 * sense), force) == Mode((1,))
-        motion = opening(1.0, 0.0, 0.2 * sense)
-        assert asked(sliding, motion, force, sliding=sense) == sliding
+    def test_slides_on_against_its_friction_and_sticks_where_it_would_slide_with_it(
+        self, corners, rates, force, sense
+    ):
+        """Eq 6: friction takes power; T times slip rate may not be positive."""
+        sliding, bound = Mode(corners, sense), force(0.5 * sense)
+        against, along = (opening(*rates, rate * sense) for rate in (-0.2, 0.2))
+        assert asked(sliding, against, bound) == sliding
+        assert asked(sliding, along, bound) == Mode(corners)
+        assert asked(sliding, along, bound, sliding=sense) == sliding
+
+
+class TestCorner:
+    """A hinge at a corner whose other corner parts, or does not touch."""
 
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
     def test_is_lost_where_it_needs_tension(self, slip):

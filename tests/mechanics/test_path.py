@@ -1,6 +1,4 @@
-"""Contact problems solved along paths: laws, balance, the other solver, all combinations."""
-
-import itertools
+"""Contact problems solved by either solver: laws, balance, and states without a solution."""
 
 import numpy as np
 import pytest
@@ -9,18 +7,18 @@ from tests.mechanics.adapters import (
     PLUS,
     Mode,
     Problem,
-    Solution,
     by_newton,
     by_path,
+    residual,
+    solve,
 )
 from tests.mechanics.oracles import (
-    Dense,
     balance_error,
     corner_rates,
     law_violation,
-    possible_modes,
+    scale_of,
 )
-from tests.physics.random_states import KINDS, random_state
+from tests.mechanics.random_states import KINDS, random_state
 
 FRICTION = (0.2, 0.4, 0.8, 1.2, np.inf)
 
@@ -37,23 +35,6 @@ def random_problem(rng, n, kind, mu=None):
     return problem.but(bias=bias)
 
 
-def scale_of(problem):
-    return np.abs(corner_rates(problem, problem.free)[problem.touching]).max()
-
-
-def answers_of(problem):
-    """Motions of all combinations of modes that obey the laws, dense."""
-    dense = Dense(problem)
-    every = [possible_modes(problem, j) for j in range(problem.friction.size)]
-    found = []
-    for modes in itertools.product(*every):
-        velocity, wrench = dense.solve(modes)
-        solution = Solution(True, velocity, wrench, modes)
-        if law_violation(problem, solution, 1e-6, dense.matrix) < 1e-6:
-            found.append(velocity)
-    return found
-
-
 def rod(friction, lift=0.0):
     """The end of a steep thin rod that slides on the ground against its friction PLUS.
 
@@ -63,24 +44,45 @@ def rod(friction, lift=0.0):
     along = np.array([np.cos(np.pi / 3.0), np.sin(np.pi / 3.0)])
     up = np.array([0.0, 1.0])
     return Problem(
-        mass=np.ones(1),
-        inertia=np.full(1, 1.0 / 3.0),
-        centroid=np.array([along * [-1.0, 1.0]]),
-        point=np.array([[[0.0, 0.0], [-0.1, 0.0]]]),
-        normal=up[None],
-        normal_plus=np.array([[up, up]]),
-        normal_minus=np.array([[up, up]]),
-        touching=np.array([[True, False]]),
-        sliding=np.array([PLUS]),
-        bias=np.zeros((1, 2, 2)),
-        friction=np.array([friction]),
-        free=np.array([[0.0, lift - 10.0, 0.0]]),
+        mass=np.ones(1), inertia=np.full(1, 1.0 / 3.0), centroid=np.array([along * [-1.0, 1.0]]),
+        point=np.array([[[0.0, 0.0], [-0.1, 0.0]]]), normal=up[None],
+        normal_plus=np.array([[up, up]]), normal_minus=np.array([[up, up]]),
+        touching=np.array([[True, False]]), sliding=np.array([PLUS]), bias=np.zeros((1, 2, 2)),
+        friction=np.array([friction]), free=np.array([[0.0, lift - 10.0, 0.0]]),
         start=[Mode((0,), PLUS)],
-    )
+    )  # fmt: skip
+
+
+def measured(problem, solution):
+    """Residual of the laws by the package's measure, its velocities worked out apart from it."""
+    return residual(problem, solution, corner_rates(problem, solution.velocity), scale_of(problem))
+
+
+def test_the_package_s_measure_sees_a_broken_law():
+    problem = random_state(np.random.default_rng(3), 9, 0.7, "hinged")
+    solution = by_newton(problem)
+    assert measured(problem, solution) < 1e-10
+    wrench, velocity = solution.wrench.copy(), solution.velocity.copy()
+    wrench[4, 1] *= 1.001
+    velocity[3, 0] += 1e-3
+    assert measured(problem, solution._replace(wrench=wrench)) > 1e-7
+    assert measured(problem, solution._replace(velocity=velocity)) > 1e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestLaws:
+    def test_are_met_in_a_thousand_states(self, kind):
+        rng, unsolved = np.random.default_rng(KINDS.index(kind)), 0
+        for _ in range(1000):
+            n = int(rng.integers(2, 82)) if rng.random() < 0.25 else int(rng.integers(2, 12))
+            friction = rng.uniform(0.2, 1.2) if rng.random() < 0.8 else np.inf
+            problem = random_state(rng, n, friction, kind)
+            solution = solve(problem)
+            unsolved += not solution.solved
+            assert not solution.solved or measured(problem, solution) <= 1e-10
+        # One at rest, of 71 voussoirs that cannot slide; there `solve_anyhow` eases the contacts.
+        assert unsolved <= (kind == "resting")
+
     def test_hold_with_the_balance_and_the_motion_is_that_of_the_iteration_on_modes(self, kind):
         rng = np.random.default_rng(60 + KINDS.index(kind))
         compared = other = 0
@@ -100,32 +102,11 @@ class TestLaws:
         assert other <= 0.1 * compared
 
 
-class TestEnumeration:
-    """Short chains, where every combination of modes can be tried."""
-
-    @pytest.mark.parametrize(("n", "trials"), [(2, 24), (3, 8)])
-    def test_the_motion_is_among_those_of_all_combinations(self, n, trials):
-        rng = np.random.default_rng(80 + n)
-        several = 0
-        for trial in range(trials):
-            kind = KINDS[1 + trial % 3] if n == 3 else KINDS[trial % 4]
-            problem = random_problem(rng, n, kind)
-            solution, answers = by_path(problem), answers_of(problem)
-            assert solution.solved
-            near = [
-                np.abs(answer - solution.velocity).max() < 1e-5 * scale_of(problem)
-                for answer in answers
-            ]
-            assert any(near)
-            several += not all(near)
-        assert several <= 0.1 * trials
-
-    @pytest.mark.parametrize(("friction", "solutions"), [(1.3, 1), (1.4, 0), (4.0, 0)])
-    def test_a_state_without_a_solution_is_reported_as_one(self, friction, solutions):
-        problem = rod(friction)
-        assert len(answers_of(problem)) == solutions
-        assert by_path(problem).solved == by_newton(problem).solved == bool(solutions)
-        # At any friction it has one without contact.
-        lifted = by_path(rod(friction, lift=11.0).but(start=[Mode(())]))
-        assert lifted.solved
-        assert lifted.velocity[0] == pytest.approx([0.0, 1.0, 0.0])
+@pytest.mark.parametrize(("friction", "solvable"), [(1.3, True), (1.4, False), (4.0, False)])
+def test_a_state_without_a_solution_is_reported_as_one(friction, solvable):
+    problem = rod(friction)
+    assert by_path(problem).solved == by_newton(problem).solved == solvable
+    # At any friction it has one without contact.
+    lifted = by_path(rod(friction, lift=11.0).but(start=[Mode(())]))
+    assert lifted.solved
+    assert lifted.velocity[0] == pytest.approx([0.0, 1.0, 0.0])

@@ -16,6 +16,7 @@ from archfrag.mechanics.contact.placing import (
     relative_velocity,
 )
 from archfrag.mechanics.model import model_of, new_work
+from tests.mechanics.linkages import rotate
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7, sector=False)
 MODEL = model_of(ARCH.chain)
@@ -44,10 +45,8 @@ class TestFaces:
         position = at_rest()
         position[3] += [0.1, -0.2, 0.3]
         work = placed(position)
-        arm = ARCH.intrados[2] - ARCH.chain.centroid[2]
-        c, s = np.cos(0.3), np.sin(0.3)
-        expected = position[3, :2] + [c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]]
-        assert work.face[2, 1, 0] == pytest.approx(expected)
+        arm = rotate(ARCH.intrados[2] - ARCH.chain.centroid[2], 0.3)
+        assert work.face[2, 1, 0] == pytest.approx(position[3, :2] + arm)
         along = work.face[2, 1, 1] - work.face[2, 1, 0]
         assert work.tangent[2, 1] == pytest.approx(along / np.linalg.norm(along))
 
@@ -78,12 +77,7 @@ class TestContacts:
     def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one(self):
         position = at_rest()
         pivot = ARCH.extrados[0]
-        tilt = -0.1
-        arm = ARCH.chain.centroid[0] - pivot
-        c, s = np.cos(tilt), np.sin(tilt)
-        position[1] = [
-            pivot[0] + c * arm[0] - s * arm[1], pivot[1] + s * arm[0] + c * arm[1], tilt
-        ]  # fmt: skip
+        position[1] = *(pivot + rotate(ARCH.chain.centroid[0] - pivot, -0.1)), -0.1
         work = placed(position)
         place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
         plus, minus = work.side_normal[:, :, 0], work.side_normal[:, :, 1]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archbench.paper.arch import contact_centre, next_reaction
-from tests.mechanics.adapters import CLOSED, Posed
+from archbench.paper.arch import contact_centre
+from tests.mechanics.adapters import CLOSED, OPEN, Posed
 from tests.mechanics.linkages import random_hinged_arch
-from tests.mechanics.oracles import Dense, balance_error, corner_forces, law_violation
+from tests.mechanics.oracles import balance_error, balanced, corner_forces, law_violation
 
 g = 9.80665
 
@@ -29,26 +29,6 @@ def states(seed, friction, count):
         yield Posed(arch.chain, state.position, state.velocity, state.modes, push, lift)
 
 
-def balanced(posed, modes):
-    """Forces of the modes by a dense balance of all voussoirs: normal at both corners, shear."""
-    problem = posed.problem()
-    velocity, wrench = Dense(problem).solve(modes, ease=0.0)
-    return velocity, corner_forces(problem, wrench)
-
-
-def assert_propagated(posed, solution):
-    """Reactions of the paper's propagation (Eq 35) and contact centres inside joints (Eq 34)."""
-    problem, wrench = posed.problem(), solution.wrench[0]
-    size = np.abs(solution.wrench).max()
-    for i in range(problem.mass.size):
-        body = problem.mass[i], problem.inertia[i], problem.centroid[i]
-        wrench = next_reaction(wrench, *body, solution.velocity[i], problem.free[i])
-        if i + 1 < problem.friction.size:
-            assert np.abs(wrench - solution.wrench[i + 1]).max() < 1e-9 * size
-            if np.hypot(*wrench[:2]) > 1e-3 * size and problem.touching[i + 1].all():
-                assert -1e-6 < contact_centre(wrench, problem.point[i + 1]) < 1.0 + 1e-6
-
-
 def assert_same(posed, theirs):
     """Both levels in the modes of the contact problem: its motion, its reactions, its laws."""
     followed = posed.with_modes(theirs.modes)
@@ -62,7 +42,10 @@ def assert_same(posed, theirs):
     force = np.abs(theirs.wrench).max()
     assert np.abs(ours.wrench - theirs.wrench).max() < 1e-9 * force
     assert followed.margins()[1] > -1e-9 * force
-    assert_propagated(followed, ours)
+    # Where it bears, a reaction meets its closed joint between both ends (Eq 34).
+    for wrench, face, touching in zip(ours.wrench, problem.point, problem.touching):
+        if np.hypot(*wrench[:2]) > 1e-3 * force and touching.all():
+            assert -1e-6 < contact_centre(wrench, face) < 1.0 + 1e-6
 
 
 @pytest.mark.parametrize("friction", [0.36, 0.7, np.inf])
@@ -74,7 +57,10 @@ class TestAgainstTheContactProblem:
             theirs = posed.by_contact_problem()
             assert theirs.solved
             assert law_violation(problem, theirs) < 1e-9
-            if Dense(problem).lacking_rank(theirs.modes) > 0:
+            unknown = [
+                len(mode.corners) + (mode != OPEN and not mode.slip) for mode in theirs.modes
+            ]
+            if sum(unknown) > 3 * problem.mass.size:
                 count["not unique"] += 1
                 continue
             count["new modes"] += theirs.modes != problem.start
@@ -90,7 +76,7 @@ class TestMarginsInside:
     def compare(self, posed, friction):
         """The least margin, after comparing all of them with the dense balance."""
         modes = posed.problem().start
-        _, forces = balanced(posed, modes)
+        forces = corner_forces(posed.problem(), balanced(posed.problem(), modes))
         value, least = posed.margins()
         inside = [j for j, mode in enumerate(modes) if mode == CLOSED]
         size = np.abs(forces).max()

@@ -84,14 +84,6 @@ def test_a_history_under_a_pulse_goes_by_events_and_a_verdict_by_steps():
     assert alone.peak_rotation == pytest.approx(shown.peak_rotation, rel=0.05)
 
 
-def test_many_runs_by_events_are_those_made_alone():
-    many = af.simulate_many(ARCH, MOTION, [0.8, 1.0], method="event_driven", rtol=1e-3)
-    for row, factor in enumerate([0.8, 1.0]):
-        alone = af.simulate(ARCH, MOTION, scale=factor, method="event_driven", rtol=1e-3)
-        assert many.peak_rotation.values[row] == alone.peak_rotation
-        assert many.steps.values[row] == alone.steps
-
-
 def test_events_are_rare_for_blocks_and_for_pulses_on_short_chains():
     cases = {
         (1, 1e-2): True,

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 import archfrag as af
 from archbench.paper.arch import hinged_motion
 from tests.mechanics.adapters import PLUS, Mode
-from tests.mechanics.linkages import hinged_arch
+from tests.mechanics.linkages import hinged_arch, rotate
 from tests.methods.moving import Moving
 
 GROUND = (1.0, 5.0, -0.5, 3.0)
@@ -24,13 +24,10 @@ def linkage():
 
     def rate(time, y):
         position, velocity = y.reshape(2, 3, 3)
-        c, s = np.cos(position[:, 2]), np.sin(position[:, 2])
-        hinge = np.empty((4, 2))
-        for j in range(4):
-            face = chain.face_after[j, corners[j]]
-            hinge[j] = face if j == 3 else position[j, :2] + [
-                c[j] * face[0] - s[j] * face[1], s[j] * face[0] + c[j] * face[1]
-            ]  # fmt: skip
+        face = chain.face_after[range(4), corners]
+        hinge = np.array(
+            [place[:2] + rotate(arm, place[2]) for place, arm in zip(position, face)] + [face[3]]
+        )
         ground_x, rate_x, ground_y, rate_y = GROUND
         force = [-ground_x - rate_x * time, -chain.gravity - ground_y - rate_y * time, 0.0]
         free = np.tile(force, (3, 1))

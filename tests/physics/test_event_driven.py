@@ -7,21 +7,10 @@ import pytest
 
 import archfrag as af
 from archfrag.mechanics.status import Status
-from tests.physics.audit import g, pulse, random_scene, tilted
+from tests.physics.audit import g, pulse, random_scene, sampled, tilted
+from tests.validation.scenes import oppenheim
 
 EVENT_DRIVEN = {"method": "event_driven"}
-
-
-def one_pulse(amplitude, duration, dt=1e-4):
-    """Ground acceleration +a for `duration`, then nothing [g, s]."""
-    n = round(duration / dt)
-    samples = np.zeros(n + 3)
-    samples[: n + 1] = amplitude * g
-    return af.Motion(samples, dt)
-
-
-def oppenheim(voussoirs=7, friction=0.7):
-    return af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
 
 
 class TestBlock:
@@ -87,9 +76,9 @@ class TestArch:
         assert kept.peak_displacement == plain.peak_displacement
 
     def test_four_hinges_near_the_onset(self):
-        arch = oppenheim(27)
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 27, 0.7)
         limit = af.onset(arch).plus
-        run = af.simulate(arch, one_pulse(1.01 * limit, 0.3), history=True, **EVENT_DRIVEN)
+        run = af.simulate(arch, sampled(lambda t: 1.01 * limit, 0.3), history=True, **EVENT_DRIVEN)
         first = run.mechanism[1] if run.mechanism[0].model == "rest" else run.mechanism[0]
         assert first.model == "four_hinges"
         assert run.model_time["four_hinges"] > 0.1
@@ -104,6 +93,14 @@ class TestArch:
             run = af.simulate(arch, af.Motion(sine, 0.01), method=method)
             assert run.collapsed is False
             assert run.peak_displacement < 0.2
+
+    # Time stepping collapses from 0.6038 g on.
+    @pytest.mark.parametrize(
+        ("amplitude", "rtol"), [(0.4906183863126449, 1e-4), (0.593843, 1e-4), (0.593843, 1e-5)]
+    )
+    def test_slips_of_a_rejected_stage_are_not_handed_to_time_stepping(self, amplitude, rtol):
+        arch, push = af.Arch.circular(10.0, 1.5, 157.5, 27, 0.7), sampled(lambda t: 1.0, 0.4)
+        assert af.simulate(arch, push, amplitude, rtol=rtol, **EVENT_DRIVEN).collapsed is False
 
 
 class TestAgainstTimeStepping:

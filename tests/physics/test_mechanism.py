@@ -17,6 +17,7 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
 )
 from archfrag.mechanics.model import model_of, new_work
 from tests.mechanics.adapters import CLOSED, decode_all, set_modes, views_of
+from tests.validation.scenes import oppenheim
 
 PATTERNS = {
     "four hinges": {0: 4, 2: 1, 4: 4, 7: 1},
@@ -27,10 +28,6 @@ PATTERNS = {
     "a part at rest beside a part in motion": {3: 1, 4: 4, 5: 1},
     "contact lost": {0: 4, 3: 0, 6: 1, 7: 4},
 }
-
-
-def arch_of(voussoirs=7, friction=0.7):
-    return af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
 
 
 def rigid_state(mega, rng, size=0.02):
@@ -60,7 +57,7 @@ def kinetic(model, velocity):
 @pytest.mark.parametrize("pattern", PATTERNS.values(), ids=PATTERNS.keys())
 class TestGrouping:
     def build(self, pattern, free_end, slips=0.0):
-        arch = arch_of()
+        arch = oppenheim()
         if free_end:
             side = np.array([[0.5 - 0.01 * k, 1.0 * k] for k in range(9)])
             arch = af.Arch.from_joints(side, side - [[1.0, 0.0]], 0.7, free_end=True)

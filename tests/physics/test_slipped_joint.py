@@ -6,13 +6,14 @@ Both are compared with equations of motion written for the two bodies' geometry.
 """
 
 import functools
-import math
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
+from archbench.paper.arch import cross
+from tests.mechanics.linkages import rotate
 from tests.physics.audit import g
 
 simulate = functools.partial(af.simulate, method="time_stepping")
@@ -24,11 +25,6 @@ SHIFTS = [-0.1, 0.1]
 FINE = {"rtol": 1e-11, "atol": 1e-13}
 
 
-def rotated(rotation, arm):
-    c, s = math.cos(rotation), math.sin(rotation)
-    return np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
-
-
 def pivots(shift):
     """Where a block shifted by `shift` touches when it leans to the right, and to the left."""
     return min(HALF, HALF + shift), max(-HALF, -HALF + shift)
@@ -37,7 +33,7 @@ def pivots(shift):
 def leaning(shift, tilt):
     """Displacement from rest of a block shifted, then rotated to the right by `tilt`, (1, 3)."""
     pivot = np.array([pivots(shift)[0], 0.0])
-    centre = pivot + rotated(-tilt, np.array([shift, UP]) - pivot)
+    centre = pivot + rotate(np.array([shift, UP]) - pivot, -tilt)
     return np.array([[centre[0], centre[1] - UP, -tilt]])
 
 
@@ -67,9 +63,9 @@ def slide(friction, shift, tilt, duration):
         _, _, rotation, vx, vy, spin = state
         if shift < 0.0:
             normal = np.array([0.0, 1.0])
-            arm = rotated(rotation, corner)
+            arm = rotate(corner, rotation)
             return normal, arm, -g - spin**2 * arm[1]
-        normal = rotated(rotation, np.array([0.0, 1.0]))
+        normal = rotate(np.array([0.0, 1.0]), rotation)
         arm = edge - state[:2]
         swung = spin * np.array([-normal[1], normal[0]])
         bend = 2.0 * swung @ [vx, vy] + spin**2 * (normal @ arm)
@@ -83,16 +79,10 @@ def slide(friction, shift, tilt, duration):
     def moving(_, state, sense):
         normal, arm, unforced = contact(state)
         reaction = normal - sense * friction * np.array([normal[1], -normal[0]])
-        moment = arm[0] * reaction[1] - arm[1] * reaction[0]
-        lever = arm[0] * normal[1] - arm[1] * normal[0]
+        moment, lever = cross(arm, reaction), cross(arm, normal)
         press = -unforced / (normal @ reaction + lever * moment / GYRATION)
         assert press > 0.0
-        return [
-            *state[3:],
-            press * reaction[0],
-            press * reaction[1] - g,
-            press * moment / GYRATION,
-        ]
+        return [*state[3:], *(press * reaction - [0.0, g]), press * moment / GYRATION]
 
     x, y, rotation = leaning(shift, tilt)[0]
     start = np.array([x, y + UP, rotation, 0.0, 0.0, 0.0])

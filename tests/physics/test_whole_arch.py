@@ -5,11 +5,7 @@ import pytest
 
 import archfrag as af
 from archfrag.mechanics.status import Status
-from tests.validation.scenes import g, pulse
-
-
-def oppenheim(voussoirs=7, **options):
-    return af.Arch.circular(10.0, 1.5, 157.5, voussoirs, **{"friction": 0.7, **options})
+from tests.validation.scenes import g, oppenheim, pulse
 
 
 class TestRest:
@@ -45,7 +41,8 @@ class TestEnergy:
     def test_no_run_gains_energy(self):
         rng = np.random.default_rng(11)
         for _ in range(30):
-            arch = oppenheim(int(rng.integers(3, 15)), friction=rng.uniform(0.45, 1.0))
+            voussoirs, friction = int(rng.integers(3, 15)), rng.uniform(0.45, 1.0)
+            arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
             motion = pulse(rng.uniform(0.4, 1.2), rng.uniform(0.1, 0.5))
             response = af.simulate(arch, motion)
             largest = response.energy["largest_kinetic"]
