@@ -57,7 +57,7 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
     from archfrag.motions.measures import measure_unit
 
     regular, measure = study.design.on_levels, study.intensity.measure
-    levels, factors = np.array(study.intensity.si), plan.factors(runs.cases)
+    levels, factors = plan.levels, plan.factors(runs.cases)
     shape = (len(plan.arches), len(plan.records), len(levels) if regular else 1)
     cells = runs.cases["arch"], runs.cases["record"], runs.cases["place"]
 

@@ -49,6 +49,11 @@ class Plan:
         return self.study.method.model_dump()
 
     @cached_property
+    def levels(self) -> NDArray[np.float64]:
+        """Levels of the study, (n_level,) [SI]."""
+        return np.array(self.study.intensity.si)
+
+    @cached_property
     def power(self) -> float:
         """A level grows with the factor to the power 1 / `power`."""
         from archfrag.motions.measures import scaling_exponent
@@ -100,7 +105,7 @@ class Plan:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         from archfrag.fragility.quoted import shared_events
 
-        design, levels = self.study.design, np.array(self.study.intensity.si)
+        design = self.study.design
         events = np.array([record.event for record in self.records])
         requests, measures = {}, self._measures()
         for arch, member in enumerate(self.arches):
@@ -111,7 +116,7 @@ class Plan:
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
                 requests[arch] = design.requests(Grid(
-                    arch, records, levels, self._unscaled[records], self.power,
+                    arch, records, self.levels, self._unscaled[records], self.power,
                     measures[records], shared_events(events[records]),
                 ))  # fmt: skip
         return requests
