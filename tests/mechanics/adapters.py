@@ -47,15 +47,6 @@ CLOSED = Mode((0, 1))
 PLUS, MINUS = 1, -1
 
 
-# By their numbers in the package's histories.
-_SLIPS = (0, PLUS, MINUS)
-MODES = (OPEN, *(Mode(at, slip) for at in ((0,), (1,), (0, 1)) for slip in _SLIPS))
-
-
-def decode_all(numbers):
-    return [MODES[int(number)] for number in numbers]
-
-
 def set_modes(modes, touch, slide):
     """Write modes in the layout of the package."""
     for j, mode in enumerate(modes):

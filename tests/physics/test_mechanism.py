@@ -16,17 +16,18 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
     split_state,
 )
 from archfrag.mechanics.model import model_of, new_work
-from tests.mechanics.adapters import CLOSED, decode_all, set_modes, views_of
+from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, set_modes, views_of
 from tests.validation.scenes import oppenheim
 
+INNER, OUTER = Mode((0,)), Mode((1,))
 PATTERNS = {
-    "four hinges": {0: 4, 2: 1, 4: 4, 7: 1},
-    "split hinges": {0: 4, 2: 1, 4: 4, 5: 4, 7: 1},
-    "every joint open": dict(enumerate([4, 1, 1, 4, 4, 1, 4, 1])),
-    "a joint that slides without opening": {0: 4, 3: 8, 5: 1, 7: 4},
-    "a corner that slides": {1: 6, 2: 1, 4: 5, 6: 1},
-    "a part at rest beside a part in motion": {3: 1, 4: 4, 5: 1},
-    "contact lost": {0: 4, 3: 0, 6: 1, 7: 4},
+    "four hinges": {0: OUTER, 2: INNER, 4: OUTER, 7: INNER},
+    "split hinges": {0: OUTER, 2: INNER, 4: OUTER, 5: OUTER, 7: INNER},
+    "every joint open": dict(enumerate([OUTER, INNER, INNER, OUTER, OUTER, INNER, OUTER, INNER])),
+    "a joint that slides without opening": {0: OUTER, 3: Mode((0, 1), PLUS), 5: INNER, 7: OUTER},
+    "a corner that slides": {1: Mode((1,), MINUS), 2: INNER, 4: Mode((1,), PLUS), 6: INNER},
+    "a part at rest beside a part in motion": {3: INNER, 4: OUTER, 5: INNER},
+    "contact lost": {0: OUTER, 3: OPEN, 6: INNER, 7: OUTER},
 }
 
 
@@ -64,7 +65,7 @@ class TestGrouping:
         model = model_of(arch.chain)
         n_joint = model.friction.size
         touch, slide, mega = np.ones((n_joint, 2)), np.zeros(n_joint), new_mega_voussoirs(model)
-        modes = decode_all([pattern.get(j, 7) for j in range(n_joint)])
+        modes = [pattern.get(j, CLOSED) for j in range(n_joint)]
         set_modes(modes, touch, slide)
         slip = np.random.default_rng(1).uniform(-slips, slips, n_joint)
         assemble(model, touch, slide, slip, mega)
