@@ -124,6 +124,7 @@ class TestAgainstTimeStepping:
     ("amplitude", "tolerance"), [(0.4906183863126449, 1e-4), (0.593843, 1e-4), (0.593843, 1e-5)]
 )
 def test_slips_of_a_rejected_stage_are_not_handed_to_time_stepping(amplitude, tolerance):
-    push = one_pulse(amplitude, 0.4 - 1e-4)
-    run = af.simulate(oppenheim(27), push, rtol=tolerance, **EVENT_DRIVEN)
+    push = af.Motion(np.append(np.full(4000, amplitude * g), np.zeros(3)), 1e-4)
+    arch = af.Arch.circular(10.0, 1.5, 157.5, 27, 0.7)
+    run = af.simulate(arch, push, rtol=tolerance, **EVENT_DRIVEN)
     assert run.collapsed is False

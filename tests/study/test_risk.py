@@ -179,4 +179,4 @@ class TestCommand:
             finish(load_study(study[0], study[2:]), "fit")
         assert result.exit_code == 6
         assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
-        assert result.stderr == "archfrag: error: there is no rate, since no arch has a curve\n"
+        assert result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"

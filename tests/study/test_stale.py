@@ -142,7 +142,7 @@ def test_two_stored_motions_swapped_by_hand(copied):
     content = one.read_bytes()
     one.write_bytes(two.read_bytes())
     two.write_bytes(content)
-    message = f"{one}: is not the motion that was prepared of record 'wave0', but missing"
+    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
     with pytest.raises(InputError) as caught:
         make_plan(copied.study)
     assert str(caught.value).startswith(message)

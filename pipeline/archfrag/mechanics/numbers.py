@@ -139,7 +139,7 @@ def _select(mask, x, y):
     return lambda mask, x, y: _select_number(mask, x, y)
 
 
-@_for_four(lambda mask: _is_some(mask))
+@_for_four(lambda mask: _is_some(mask))  # type: ignore[call-arg]
 def some(mask):
     """Whether `mask` holds in any run."""
     return mask
@@ -157,13 +157,13 @@ def width(x):
     return 1
 
 
-@_for_four(lambda x, number: _lane_of(x, number))
+@_for_four(lambda x, number: _lane_of(x, number))  # type: ignore[call-arg]
 def lane(x, number):
     """A number or truth of one run."""
     return x
 
 
-@_for_four(lambda x, number, value: _with_lane_of(x, number, value))
+@_for_four(lambda x, number, value: _with_lane_of(x, number, value))  # type: ignore[call-arg]
 def with_lane(x, number, value):
     """`x` with another value in one run."""
     return value
