@@ -40,13 +40,14 @@ class TestStop:
     def test_code_that_does_not_return_is_ended(self):
         """A hash of many rounds stands for a compiler."""
         code = (
-            "from archfrag.study import running; running.GRACE = 0.5\n"
+            "import hashlib; from archfrag.study import running; running.GRACE = 0.5\n"
             "with running.stoppable():\n"
             "    print('ready', flush=True)\n"
-            "    __import__('hashlib').pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
+            "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
         )
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)  # until the hash has begun
         process.send_signal(signal.SIGTERM)
         assert process.wait(5.0) == 128 + signal.SIGTERM
         process.communicate()

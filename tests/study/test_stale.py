@@ -149,7 +149,7 @@ def test_two_stored_motions_swapped_by_hand(copied):
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
     assert changed[0].startswith(message)
-    with pytest.raises(InputError, match="is not the motion that was prepared"):
+    with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])
     prepare_motions(copied.study)
     assert make_plan(copied.study).digests == copied.plan.digests
