@@ -70,7 +70,7 @@ def pages(site):
 
 def test_pages_are_there(pages):
     assert "math" in pages["method/index.html"].tags
-    assert "study-circular" in pages["study_file.html"].anchors
+    assert "study-vary" in pages["study_file.html"].anchors
     wanted = {"index", "tutorial", "limits", "study_file", "changelog", "howto/index",
               "howto/records", "howto/drawing", "method/index", "validation",
               "reference/python", "reference/command_line", "made/tutorial-report"}  # fmt: skip
