@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
+from archfrag.motions.spectra import ANGLES, response_spectrum, rotated_spectrum
 from archfrag.motions.units import STANDARD_GRAVITY
 
 Samples = NDArray[np.float64]
@@ -285,5 +285,6 @@ def _rotated(motion: Motion, found: Measure) -> float:
     else:
         if found.kind == "PGV":
             pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.transverse)))
-        peaks = peaks_by_angle(*pair)
+        one, other = pair
+        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in ANGLES])
     return float(np.percentile(peaks, _PERCENTILES[found.rotated]))

@@ -17,7 +17,7 @@ from archfrag.errors import InputError
 
 SAMPLES_PER_PERIOD = 200  # where peaks are looked for
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
-_ANGLES = np.deg2rad(np.arange(180.0))
+ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 
 
 def response_spectrum(
@@ -37,12 +37,7 @@ def rotated_spectrum(
     damping: float = 0.05,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Sa in each direction of the horizontal plane, (n_period, 180) [m/s2], by degrees."""
-    return _spectrum(pair[0] + 1j * pair[1], dt, periods, damping, _ANGLES)
-
-
-def peaks_by_angle(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Largest |one cos(angle) + other sin(angle)| at 0, 1, … 179 degrees."""
-    return np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
+    return _spectrum(pair[0] + 1j * pair[1], dt, periods, damping, ANGLES)
 
 
 def _spectrum(
