@@ -145,9 +145,9 @@ def tables_of(studies: Sequence[Study], levels: Array) -> dict[str, pd.DataFrame
 
 def curve_of(levels: Array, counts: Array) -> tuple[float, float]:
     """ln theta and beta of what collapsed and stood by record and level; nan without a curve."""
-    fell, held = counts.sum(axis=1)
+    collapsed, held = counts.sum(axis=1)
     try:
-        fit = fit_stripes(levels, fell, fell + held)
+        fit = fit_stripes(levels, collapsed, collapsed + held)
     except FitError:
         return math.nan, math.nan
     return float(np.log(fit.theta)), fit.beta

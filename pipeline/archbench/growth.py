@@ -124,6 +124,6 @@ def measure_growth(
     middle, rows = positions_at(base.frames, time), []
     for k in range(pairs):
         factor = (1.0 if k % 2 == 0 else -1.0) * (1 + k // 2)
-        beside = solve(scene, setting, history=True, scale=1.0 + factor * DIFFERENCE)
-        rows.append(lengths(positions_at(beside.frames, time) - middle).max(axis=1) / abs(factor))
+        near = solve(scene, setting, history=True, scale=1.0 + factor * DIFFERENCE)
+        rows.append(lengths(positions_at(near.frames, time) - middle).max(axis=1) / abs(factor))
     return growth_of(time, np.array(rows), scene.thickness, onset)

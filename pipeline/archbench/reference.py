@@ -80,14 +80,14 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     if base.collapsed is None or base.response is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status}")
     marks = marks_of(base)
-    seen, beside = (observe(scene, run, marks) for run in (base, coarser))
+    seen, compared = (observe(scene, run, marks) for run in (base, coarser))
     # With the peak over frames too: event-driven runs look for it at the ends of steps only.
     highest = (float(lengths(run.frames.displacement).max()) for run in (base, coarser))
-    seen, beside = (replace(each, peak=max(each.peak, top))
-                    for each, top in zip((seen, beside), highest))  # fmt: skip
+    seen, compared = (replace(each, peak=max(each.peak, top))
+                    for each, top in zip((seen, compared), highest))  # fmt: skip
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # proves nothing about an error below the tolerance itself.
-    errors = errors_of(beside, seen, scene.thickness) | {"overlap": seen.overlap}
+    errors = errors_of(compared, seen, scene.thickness) | {"overlap": seen.overlap}
     error = {name: max(value, tight.value) for name, value in errors.items()}
     between = math.nan
     if not math.isnan(marks.position):  # what interpolation may cost: as every second frame goes
@@ -135,12 +135,13 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
     true, thickness = reference.seen, scene.thickness
     if len(runs) >= 4:
         seen = [observe(scene, run, reference.marks) for run in runs]
-        found, doubt = limit_of([np.array(each.position) for each in seen])
+        found, uncertainty = limit_of([np.array(each.position) for each in seen])
         away = largest_distance(found, np.array(true.position))
-        _note(reference, "position", away / thickness, doubt / thickness)
+        _compare(reference, "position", away / thickness, uncertainty / thickness)
         if true.peak > 0.0 and not any(each.collapsed for each in [*seen, true]):
-            found, doubt = limit_of([np.array(each.peak) for each in seen])
-            _note(reference, "peak", abs(float(found) - true.peak) / true.peak, doubt / true.peak)
+            found, uncertainty = limit_of([np.array(each.peak) for each in seen])
+            away = abs(float(found) - true.peak)
+            _compare(reference, "peak", away / true.peak, uncertainty / true.peak)
     used = [step for step, run in zip(STEPS, runs, strict=False) if run.seconds <= limit / 3.0]
     error = reference.error["amplitude"]
     if len(used) < 4 or math.isnan(error):
@@ -152,13 +153,13 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
         if math.isnan(change.offset):
             return
         offsets.append(np.array(change.offset))
-    found, doubt = limit_of(offsets)
-    _note(reference, "amplitude", abs(float(found)), doubt)
+    found, uncertainty = limit_of(offsets)
+    _compare(reference, "amplitude", abs(float(found)), uncertainty)
 
 
-def _note(reference: Reference, quantity: str, away: float, doubt: float) -> None:
-    reference.second[quantity] = [away, doubt]
-    if away > doubt + reference.error.get(quantity, math.nan):
+def _compare(reference: Reference, quantity: str, away: float, uncertainty: float) -> None:
+    reference.second[quantity] = [away, uncertainty]
+    if away > uncertainty + reference.error.get(quantity, math.nan):
         reference.error[quantity] = away
 
 

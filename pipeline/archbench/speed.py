@@ -38,8 +38,8 @@ LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Cost and errors of all methods, and of other solvers, on all scenes."""
     quick, place = bench.quick, (bench.quick, (bench.records, bench.real))
-    wanted = "quick" if quick else "chart"
-    names = [name for name in scene_names() if wanted in load_scene(name).source.split(", ")]
+    requested = "quick" if quick else "chart"
+    names = [name for name in scene_names() if requested in load_scene(name).source.split(", ")]
     tasks = {(name, quick): (name, *place) for name in names}
     left_out: list[tuple[str, str, str]] = []
     references = {}
@@ -122,9 +122,9 @@ def _rows(
     known = [name for name in OF_A_RUN if setting.ours or math.isfinite(errors[name])]
     rows = [row(name, cost, errors[name], run.status) for name in known]
     loaded = scene if setting.ours else replace(scene, duration=scene.duration + FALL)
-    doubt = reference.error["amplitude"]
-    if not math.isnan(doubt) and (setting.ours or spent <= ENOUGH * LIMIT[quick] / SEARCH):
-        least = max(MARGIN * doubt, 0.0 if setting.ours else 1e-4)
+    uncertainty = reference.error["amplitude"]
+    if not math.isnan(uncertainty) and (setting.ours or spent <= ENOUGH * LIMIT[quick] / SEARCH):
+        least = max(MARGIN * uncertainty, 0.0 if setting.ours else 1e-4)
         asked = partial(collapses, loaded, setting)
         found = nearest_change(asked, reference.amplitude, least, REACH)
         status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
@@ -151,11 +151,11 @@ def _reference_rows(each: Reference) -> list[Row]:
               "position": each.marks.position}  # fmt: skip
     rows = []
     for quantity in QUANTITIES:
-        away, doubt = each.second.get(quantity, (math.nan, math.nan))
+        away, uncertainty = each.second.get(quantity, (math.nan, math.nan))
         rows.append({
             "scene": each.scene, "quantity": quantity, "value": values.get(quantity, math.nan),
             "error": each.error.get(quantity, math.nan), "rtol": each.tight,
-            "coarser_rtol": each.loose, "second_away": away, "second_uncertainty": doubt,
+            "coarser_rtol": each.loose, "second_away": away, "second_uncertainty": uncertainty,
             "exponent": each.growth["exponent"], "horizon": each.growth["horizon"],
             "not_drawn_because": each.why_not(quantity),
         })  # fmt: skip

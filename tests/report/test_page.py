@@ -95,7 +95,7 @@ class TestAnswer:
             "solver failures": 1,
             "effective number": 6,
         }
-        assert answer.n_islands == 0
+        assert answer.n_non_monotone == 0
         assert not page.xpath('//*[@class="caution"]')
 
     def test_levels(self, study, page):

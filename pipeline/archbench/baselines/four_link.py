@@ -74,7 +74,7 @@ class Motion(NamedTuple):
     then: np.ndarray  # (3,) at the end of the step taken last
     shake: np.ndarray  # (2, 2) ground acceleration `now`, and its rate: x, y
     tensile: np.ndarray  # (1,) one where a pin is in tension
-    fell: np.ndarray  # (2,) joint and mode that are nearest to collapse
+    collapse: np.ndarray  # (2,) joint and mode that are nearest to collapse
 
 
 @kernel
@@ -158,7 +158,7 @@ def _weakest_pin(case, linkage):
 def fall_margin(case, linkage, motion):
     """How far the configuration accelerated last is from collapse; negative: collapsed.
 
-    The joint that is nearest to it, and the mode of collapse, go into ``motion.fell``.
+    The joint that is nearest to it, and the mode of collapse, go into ``motion.collapse``.
     """
     model, state = case.model, case.state
     weight = rise = 0.0
@@ -176,7 +176,7 @@ def fall_margin(case, linkage, motion):
         left = inner_sine(linkage, state, k) / linkage.sine[k - 1] - STRAIGHT
         if left < margin:
             margin, joint, mode = left, linkage.joint[k], HINGING
-    motion.fell[0], motion.fell[1] = joint, mode
+    motion.collapse[0], motion.collapse[1] = joint, mode
     return margin
 
 
@@ -429,7 +429,7 @@ class Run:
         elif code == FALLEN:
             results.status[0] = int(Status.COLLAPSED)
             results.collapse_time[0] = results.end_time[0]
-            results.collapse_joint[0], results.collapse_mode[0] = self.motion.fell
+            results.collapse_joint[0], results.collapse_mode[0] = self.motion.collapse
         return results
 
 

@@ -47,8 +47,8 @@ class _Group(click.Group):
             ctx.exit(error.exit_code)
 
 
-def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
-    if wanted and not ctx.resilient_parsing:
+def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
+    if requested and not ctx.resilient_parsing:
         import archfrag
         from archfrag.study.provenance import commit
 

@@ -78,15 +78,15 @@ def measure_files(
 
     paths = list(dict.fromkeys(files))
     verticals = vertical_files(sorted(paths))
-    wanted = [path for path in paths if path not in verticals]
+    requested = [path for path in paths if path not in verticals]
     measured = partial(_measured, out=out, periods=_periods(periods), reading=reading)
-    workers = available_cores() if len(wanted) >= _MANY else 1
+    workers = available_cores() if len(requested) >= _MANY else 1
     if workers == 1:
-        return pd.concat(map(measured, wanted), ignore_index=True)
+        return pd.concat(map(measured, requested), ignore_index=True)
     # Ctrl-C stops the command, not each of its processes.
     ignore = (signal.SIGINT, signal.SIG_IGN)
     with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=ignore) as pool:
-        tables = pool.map(measured, wanted, chunksize=8)
+        tables = pool.map(measured, requested, chunksize=8)
         return pd.concat(tables, ignore_index=True)
 
 
@@ -176,7 +176,7 @@ def selection_text(selection: "Selection", out: Path) -> str:
     return f"{count} selected of {selection.candidates}: {near}: {out}"
 
 
-def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
+def make_chosen(out: Path, requested: dict[str, Any]) -> list[Path]:
     """Make synthetic motions with their index: those asked for, or those that archfrag ships."""
     from archfrag.motions.index import index_table
     from archfrag.motions.synthetic import Plan, make_suite, plan_motions
@@ -185,7 +185,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
     if others:
         listed = f"the index there lists other records ({others[0]})"
         raise InputError(f"--out {out}: {listed}; name another folder")
-    given = {key: value for key, value in wanted.items() if value is not None}
+    given = {key: value for key, value in requested.items() if value is not None}
     if not given:
         return make_suite(out)
     missing = [f"--{key.replace('_', '-')}" for key in ("events", "magnitude", "distance_km")

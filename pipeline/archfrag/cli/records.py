@@ -191,12 +191,12 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
     click.option("--to", "form", default="mseed",
                  type=click.Choice(["mseed", "at2", "text"], case_sensitive=False),
                  show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
-    click.option("--in", "wanted", type=click.Choice(["m/s2", "g"]), default="m/s2",
+    click.option("--in", "requested", type=click.Choice(["m/s2", "g"]), default="m/s2",
                  show_default=True, help="Unit to write."),
     takes_record, json_option,
 )  # fmt: skip
 def convert(
-    files: tuple[Path, ...], out: Path, form: str, wanted: str, as_json: bool, **reading: Any
+    files: tuple[Path, ...], out: Path, form: str, requested: str, as_json: bool, **reading: Any
 ) -> None:
     """Write record FILES in another format.
 
@@ -213,7 +213,9 @@ def convert(
     written = [
         {"file": str(path), "source": str(file)}
         for file in files
-        for path in convert_record(file, out, form, wanted, Reading(**reading_of(file, reading)))
+        for path in convert_record(
+            file, out, form, requested, Reading(**reading_of(file, reading))
+        )
     ]
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
@@ -299,7 +301,7 @@ def fetch(
                  help="Seed of the random numbers; 1 if not given."),
     json_option,
 )  # fmt: skip
-def make(out: Path, as_json: bool, **wanted: Any) -> None:
+def make(out: Path, as_json: bool, **requested: Any) -> None:
     """Make synthetic motions with their index.
 
     A study reads them by `motions: {index: OUT/index.csv}`. Without any option but --out the
@@ -313,6 +315,6 @@ def make(out: Path, as_json: bool, **wanted: Any) -> None:
     from archfrag.cli.record_tables import make_chosen
     from archfrag.files import counted
 
-    paths = make_chosen(out, wanted)
+    paths = make_chosen(out, requested)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     show(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)

@@ -107,12 +107,12 @@ def contributions(
     seed, confidence
         Of the bootstrap.
     """
-    fell = np.asarray(collapsed, dtype=bool)
-    rates = shaped(level_rate, fell.shape[1:], "level_rate").astype(float)
+    collapse = np.asarray(collapsed, dtype=bool)
+    rates = shaped(level_rate, collapse.shape[1:], "level_rate").astype(float)
     if not np.all(rates >= 0.0):
         raise InputError(f"level_rate holds {rates.min():g}; a rate is a number from 0 upwards")
     names, ends = tuple(categories), tails(confidence)
-    masks = _by_category(fell, category, len(names))
+    masks = _by_category(collapse, category, len(names))
     counts = masks.sum(axis=1)
 
     def divided(counts: IntArray) -> FloatArray:  # (n_category, ..., n_level)
@@ -120,7 +120,7 @@ def contributions(
 
     rate = divided(counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
-    times = draws_of_records(event, len(fell), seed, RESAMPLES)
+    times = draws_of_records(event, len(collapse), seed, RESAMPLES)
     drawn = divided(times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
@@ -133,18 +133,18 @@ def contributions(
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
 
 
-def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
+def _by_category(collapse: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
     """Collapses of each category, (n_category, n_record, n_level); InputError if one has none."""
-    kind = shaped(category, fell.shape, "category")
-    if fell.ndim != 2:
-        raise InputError(f"the runs have shape {fell.shape}; (n_record, n_level) is needed")
-    foreign = kind[fell & ~np.isin(kind, np.arange(n_category))]
+    kind = shaped(category, collapse.shape, "category")
+    if collapse.ndim != 2:
+        raise InputError(f"the runs have shape {collapse.shape}; (n_record, n_level) is needed")
+    foreign = kind[collapse & ~np.isin(kind, np.arange(n_category))]
     if foreign.size:
         raise InputError(
             f"category holds {foreign.flat[0]!s} for a run that collapsed; it must be from 0 to "
             f"{n_category - 1}, a position in categories"
         )
-    return fell & (kind == np.arange(n_category)[:, None, None])
+    return collapse & (kind == np.arange(n_category)[:, None, None])
 
 
 def level_edges(levels: ArrayLike) -> FloatArray:
@@ -159,11 +159,11 @@ def implied_collapses(
     """Fill the gaps of a bisection in `collapsed` and `category`, (n_record, n_level): each level
     is as the nearest lower one of its record that was simulated.
     """
-    fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
-    source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)
+    collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
+    source = np.where(np.asarray(simulated, dtype=bool), np.arange(collapse.shape[1]), -1)
     source = np.maximum.accumulate(source, axis=1)
-    row = np.arange(fell.shape[0])[:, None]
-    filled = (source >= 0) & fell[row, source]
+    row = np.arange(collapse.shape[0])[:, None]
+    filled = (source >= 0) & collapse[row, source]
     return filled, np.where(filled, kind[row, source], kind)
 
 

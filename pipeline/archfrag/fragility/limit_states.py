@@ -93,10 +93,10 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
         return fit_stripes(levels, collapses, n), None
     except FitError as error:
         why, at = f"(to collapse means to exceed it): {error.message}", error.levels
-    fell, stood = levels[collapses > 0], levels[collapses < n]
-    known = fell.size and stood.size and np.count_nonzero(n) > 1
+    collapsed_at, survived_at = levels[collapses > 0], levels[collapses < n]
+    known = collapsed_at.size and survived_at.size and np.count_nonzero(n) > 1
     start = f"limit state {name!r} has no"
-    if not known or fell.min() < stood.max():
+    if not known or collapsed_at.min() < survived_at.max():
         return None, FitError(f"{start} curve {why}", *at)
     text = f"{start} likeliest curve {why}; its curve is the median of the posterior"
     return fit_posterior(levels, collapses, n).fragility, FitError(text, *at)

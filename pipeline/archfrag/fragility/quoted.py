@@ -137,20 +137,20 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     if n_event < 2:
         why = f"all records belong to one group, {events[0]!s}"
         raise FitError(f"{why}; at least two are needed to show how far they differ")
-    worth = float((size**2).sum() / n)
+    mean_size = float((size**2).sum() / n)
     if n == n_event:
         return float(n)
     values = _expected_logs(found)
     means = np.bincount(place, values) / size
     within = float(((values - means[place]) ** 2).sum() / (n - n_event))
     between = float((size * (means - values.mean()) ** 2).sum() / (n_event - 1))
-    usual = (n - worth) / (n_event - 1)
+    usual = (n - mean_size) / (n_event - 1)
     total = between + (usual - 1.0) * within
     rho = (between - within) / total if total > 0.0 else 0.0
     error = (1.0 - rho) * (1.0 + (usual - 1.0) * rho)
     error *= np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
     rho = float(np.clip(rho + _RHO_ERRORS * error, 0.0, 1.0))
-    return n / (1.0 + (worth - 1.0) * rho)
+    return n / (1.0 + (mean_size - 1.0) * rho)
 
 
 def _expected_logs(found: Brackets) -> FloatArray:

@@ -115,7 +115,7 @@ class ArchResults:
         return self.tables[name]
 
     @property
-    def stood_after_loss(self) -> int:
+    def survived_after_loss(self) -> int:
         """Number of runs that lost all contact at a joint and stand."""
         lost = np.isfinite(self["lost_contact_time"])
         return int(((self.verdict == Verdict.STANDING) & lost).sum())
@@ -300,7 +300,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         "theta_interval": [scale.factor * end for end in answer.theta],
         "beta": fit.beta, "beta_interval": list(answer.beta),
         "method": answer.method, "assumptions": answer.assumptions,
-        "independent": answer.n_independent, "islands": answer.n_islands,
+        "independent": answer.n_independent, "non_monotone": answer.n_non_monotone,
         "kind": fit.kind, "maximum_likelihood": likeliest,
     }  # fmt: skip
     return found

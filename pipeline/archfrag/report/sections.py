@@ -101,7 +101,7 @@ def card(
     if results is not None:
         names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
         counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
-        counts["lost contact and stand"] = results.stood_after_loss
+        counts["lost contact and stand"] = results.survived_after_loss
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -116,7 +116,7 @@ def card(
             figures[0].append(f"maximum likelihood: {scale.text(likeliest.theta)}")
             figures[1].append(f"maximum likelihood: {likeliest.beta:#.3g}")
         counts["effective number"] = f"{answer.n_independent:.3g}"
-        counts["non-monotone runs"] = answer.n_islands
+        counts["non-monotone runs"] = answer.n_non_monotone
     if onset is not None:
         limits = [html.onset_text(limit) for limit in (onset.plus, onset.minus)]
         about = f"ground towards +x; {limits[1]} towards −x"

@@ -166,7 +166,7 @@ def scaled_far(cube: "xr.Dataset") -> str:
 
 def accepted_records(cube: "xr.Dataset") -> str:
     """Message on records that the study accepts despite a warning; empty if there is none."""
-    doubts = cube["accepted"].values.astype(str) if "accepted" in cube else ()
-    listed = zip(cube["record"].values, doubts)
-    named = [f"{record!s} ({doubt})" for record, doubt in listed if doubt]
+    waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    listed = zip(cube["record"].values, waivers)
+    named = [f"{record!s} ({waived})" for record, waived in listed if waived]
     return f"records accepted despite a warning: {', '.join(named)}" if named else ""

@@ -64,7 +64,7 @@ class Answer:
     method: str = ""  # of the band
     assumptions: str = ""  # of the band
     n_independent: float = 0.0  # effective number of records or runs
-    n_islands: int = 0  # runs against the capacity of their record
+    n_non_monotone: int = 0  # runs against the capacity of their record
     more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
 
     def probability(self, im: float) -> tuple[float, float, float]:

@@ -132,12 +132,12 @@ def _assumed(stated: _Stated, measure: str) -> str:
     """Note on what is assumed of a curve's measure; InputError if it is another one."""
     if stated.measure is None:
         return f"does not name its measure, which is taken to be {measure}"
-    wanted, given = parse_measure(measure), None
+    requested, given = parse_measure(measure), None
     with contextlib.suppress(InputError):
         given = parse_measure(stated.measure)
-    if given == wanted:
+    if given == requested:
         return ""
-    if stated.component or given != wanted._replace(rotated=""):
+    if stated.component or given != requested._replace(rotated=""):
         text = f"is a hazard of {stated.measure}, but the study's levels are of {measure}"
         raise InputError(text)
     return f"the file states {stated.measure} and no component, taken to be {measure}'s"
@@ -171,20 +171,20 @@ def _curve(stated: _Stated, site: Sequence[float] | None, factor: float) -> Haza
     return replace(curve, im=curve.im * factor)
 
 
-def _choose(sites: dict[str, Any], wanted: Sequence[float] | None) -> str:
+def _choose(sites: dict[str, Any], requested: Sequence[float] | None) -> str:
     """Place of the only site, or of the nearest to the one asked for."""
     if not sites:
         raise InputError("has no site")
     places = list(sites)
     positions = np.array([sites[place][:2] for place in places])
-    if np.isnan(positions[0, 0]) or (wanted is None and len(places) == 1):
+    if np.isnan(positions[0, 0]) or (requested is None and len(places) == 1):
         return places[0]
-    if wanted is None:
+    if requested is None:
         some = "; ".join(f"{lon:g},{lat:g}" for lon, lat in positions[:3])
         how = f"choose one by longitude and latitude, such as {some}"
         raise InputError(f"has {len(places)} sites; {how}")
     lon, lat = np.radians(positions).T
-    lon0, lat0 = np.radians(wanted)
+    lon0, lat0 = np.radians(requested)
     # Great-circle distances by the haversine formula.
     h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
     away = 2.0 * _EARTH * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
@@ -192,8 +192,8 @@ def _choose(sites: dict[str, Any], wanted: Sequence[float] | None) -> str:
     if away[nearest] > FARTHEST:
         lon, lat = positions[nearest]
         raise InputError(
-            f"has no site within {FARTHEST:g} km of longitude {wanted[0]:g}, latitude "
-            f"{wanted[1]:g}; the nearest is {lon:g},{lat:g}, {away[nearest]:.0f} km away"
+            f"has no site within {FARTHEST:g} km of longitude {requested[0]:g}, latitude "
+            f"{requested[1]:g}; the nearest is {lon:g},{lat:g}, {away[nearest]:.0f} km away"
         )
     return places[nearest]
 

@@ -172,12 +172,12 @@ def _with_partners(
     found = []
     for source in sources:
         files: dict[str, Path] = {}
-        for (kind, wanted), names in zip(asked.items(), by_name[source.path.parent]):
+        for (kind, requested), names in zip(asked.items(), by_name[source.path.parent]):
             alike = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
             row = _same_record(source.entry, alike) if source.entry is not None else None
-            if wanted and row is not None:
+            if requested and row is not None:
                 files[kind] = row.path
-            elif wanted and source.path.name in names:
+            elif requested and source.path.name in names:
                 files[kind] = source.path.with_name(names[source.path.name])
         pair = files.get("transverse"), files.get("vertical")
         found.append(replace(source, transverse=pair[0], vertical=pair[1]))
