@@ -29,6 +29,7 @@ from archfrag.methods.time_stepping import run as stepper
 ROUNDING = 1e-12
 # Tolerances at which runs go by events whatever moves them, and where events are rare.
 COARSE, COARSEST = 2e-4, 0.01
+AGAIN = 2e-5  # of events that make runs by steps again
 FEWEST_BODIES, SMALL_CHAIN, MOST_BREAKS = 2, 10, 50
 # Where events follow each other more closely than so many steps, all voussoirs are stepped; these
 # steps are longer by `STEADY` than those at impacts.
@@ -65,7 +66,7 @@ def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Optio
     if options.largest_step > options.time_step:
         steady *= STEADY
     close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
-    fine = options._replace(tolerance=min(options.tolerance, COARSE), crowding=0.0)
+    fine = options._replace(tolerance=min(options.tolerance, AGAIN), crowding=0.0)
     located, equal = (stepper, options), (stepper, options._replace(largest_step=0.0))
     if options.largest_step <= options.time_step:  # equal ones at once: shorter ones
         equal = stepper, options._replace(time_step=SHORTER * options.time_step, largest_step=0.0)

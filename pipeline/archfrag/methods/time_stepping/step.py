@@ -304,7 +304,8 @@ def make_step(model, state, work, kick, where, loss_limit):
     clock[Clock.MOVING] += select(where, step, 0.0)
     count[Count.STEPS] += flag(where)
     eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
-    looks = where & (changes | (eighth == nearest(eighth)))
+    # Faces that have turned past a right angle or left each other have no overlap that counts.
+    looks = where & opposite(fallen) & (changes | (eighth == nearest(eighth)))
     if some(looks):
         record_overlap(model, state, work, looks)
     return fallen, broken
