@@ -42,7 +42,7 @@ def _set_row(out, j, k, px, py, dx, dy, position):
     out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
 
 
-@kernel
+@inlined
 def _set_rows_of(j, model, position, work):
     """Constrained and reaction directions of a joint in its present mode."""
     touch, slide, point = work.touch, work.slide, work.point
@@ -162,7 +162,7 @@ def _factorise_block(f, j):
     f[j, 2, 0], f[j, 2, 1], f[j, 2, 2] = h, i, k
 
 
-@kernel
+@inlined
 def _factorise_joint(j, model, work, compliance):
     _set_diagonal(model, work, j, compliance)
     if j > 0:
