@@ -140,11 +140,14 @@ def trim_by_arias(
 ) -> Motion:
     """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
 
-    The intensity is that of both horizontal components together if there are two.
+    The fraction 0 is the start of the record and 1 its end, silence included. The intensity is
+    that of both horizontal components together if there are two.
     """
     fractions = (start, end)
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, fractions)
-    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
+    first = 0.0 if start == 0.0 else max(0.0, first - margin)
+    last = motion.duration if end == 1.0 else min(motion.duration, last + margin)
+    return cut(motion, first, last)
 
 
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
