@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
-_FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
+FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 _RESULT = re.compile(
-    rf"cube\.nc|fits\.json|curve\.csv|report\.html|summary\.json|{_FIGURE.pattern}"
+    rf"cube\.nc|fits\.json|curve\.csv|report\.html|summary\.json|{FIGURE.pattern}"
 )
-_NOT_OURS = "is a link, pipe or device, which archfrag did not make; remove it"
+Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
+KINDS = ("record", "index", "inventory")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -44,15 +45,10 @@ def canonical_json(value: Any) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Value of a JSON file.
-
-    Raises
-    ------
-    OSError, ValueError
-        If it cannot be read or holds something else.
-    """
+    """Value of a JSON file; OSError or ValueError if it cannot be read or holds something else."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        with opened(path) as file:
+            return json.load(file)
     except RecursionError:
         raise ValueError("lists in lists without end") from None
 
@@ -60,6 +56,17 @@ def read_json(path: Path) -> Any:
 def digest_of(value: Any) -> str:
     """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
+
+
+@functools.cache
+def digest_of_code(*patterns: str) -> str:
+    """SHA-256 of files of this package, 64 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for path in sorted({path for pattern in patterns for path in PACKAGE.glob(pattern)}):
+        if path.is_file() and path.suffix != ".pyc":
+            digest.update(str(path.relative_to(PACKAGE)).encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def sha256_if_there(path: Path | str) -> str | None:
@@ -70,35 +77,22 @@ def sha256_if_there(path: Path | str) -> str | None:
         return None
 
 
-@functools.cache
-def source_hash() -> str:
-    """Hash of the source of all of the package, 16 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*")):
-        if path.is_file() and path.suffix != ".pyc":
-            digest.update(str(path.relative_to(PACKAGE)).encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
 def check_own(study: "Study") -> None:
     """See that the hidden folder of a study holds files and folders only, and sweep it.
 
-    A link there leads to files of somebody else, which would be emptied or removed as our own.
-
-    Raises
-    ------
-    OutputError
+    OutputError for a link there: it leads to files of somebody else, which would be emptied or
+    removed as our own.
     """
+    strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
-        raise OutputError(f"{study.work}: {_NOT_OURS}")
+        raise OutputError(f"{study.work}: {strange}")
     with contextlib.suppress(FileNotFoundError, NotADirectoryError):
         for name in filter(_RESULT.fullmatch, os.listdir(study.folder)):
             if (study.folder / name).exists() and not (study.folder / name).is_file():
                 raise OutputError(f"{study.folder / name}: is no regular file; move it")
     for entry in entries(study.work):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
-            raise OutputError(f"{entry.path}: {_NOT_OURS}")
+            raise OutputError(f"{entry.path}: {strange}")
     sweep(study.work)
 
 
@@ -112,17 +106,17 @@ def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[s
     try:
         stamp = read_json(stamp_file(study, step))
         return dict(stamp["from"]), dict(stamp["files"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None, {}
 
 
 def read_owner(study: "Study") -> dict[str, str]:
     """Id and file of the study whose results are in a folder; empty if that is not known."""
-    with contextlib.suppress(OSError, ValueError, TypeError, KeyError, RecursionError):
-        with opened(study.work / OWNER, 10**5) as file:
-            owner = json.loads(file.read())
+    try:
+        owner = read_json(study.work / OWNER)
         return {"id": str(owner["id"]), "file": str(owner["file"])}
-    return {}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def refuse_foreign_cube(study: "Study") -> None:
@@ -145,19 +139,6 @@ def refuse_foreign_cube(study: "Study") -> None:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"
         raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
-
-
-def remove_figures(study: "Study", before: dict[str, str], kept: Iterable[str]) -> None:
-    """Remove figures with the digests of a stamp that are not made any more."""
-    for name in before.keys() - set(kept):
-        path = study.folder / name
-        ours = _FIGURE.fullmatch(name) and not path.is_symlink()
-        if ours and sha256_if_there(path) == before[name]:
-            path.unlink(missing_ok=True)
-
-
-Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
-KINDS = ("record", "index", "inventory")
 
 
 def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) -> Inputs:
@@ -190,7 +171,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     lines = []
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
-        for path in sorted(set(old) | set(new)):
+        for path in sorted(old.keys() | new.keys()):
             file = f"{kind} {os.path.normpath(folder / path)}"
             if path not in old or path not in new:
                 lines.append(f"{file} is {'new' if path in new else 'gone'}")

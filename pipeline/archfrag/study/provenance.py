@@ -17,22 +17,15 @@ from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.processing import described
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
-from archfrag.study.files import (
-    KINDS,
-    PACKAGE,
-    digest_of,
-    read_json,
-    sha256_if_there,
-    write_text,
-)
+from archfrag.study.files import PACKAGE, digest_of, read_json, sha256_if_there, write_text
 from archfrag.study.runs.plan import Plan
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
-def portable_config(study: Study) -> dict[str, Any]:
-    """Settings of a study that its results follow from, without folders and execution."""
-    return {
+def attributes(study: Study, plan: Plan) -> dict[str, str]:
+    """Global attributes of the cube: the same on every run of the same study with this code."""
+    config = {
         "id": study.id,
         "title": study.title,
         "arches": [_portable_arch(entry) for entry in study.arches],
@@ -40,10 +33,23 @@ def portable_config(study: Study) -> dict[str, Any]:
         "method": study.method.model_dump(),
         "design": study.design.model_dump(),
     }
+    inputs = read_manifest(study)["inputs"]
+    return {
+        "archfrag_study": study.id,
+        "archfrag_config": strict_json(config),
+        "archfrag_inputs_sha256": strict_json(_by_name(inputs["record"])),
+        "archfrag_index_sha256": strict_json(_by_name(inputs["index"])),
+        "archfrag_inventories_sha256": strict_json(_by_name(inputs["inventory"])),
+        "archfrag_processing": strict_json(described(study.motions.processing)),
+        "archfrag_versions": strict_json(versions()),
+        "archfrag_commit": commit(),
+        "archfrag_machine": platform.machine(),
+        "archfrag_plan": digest_of(plan.digests),
+    }
 
 
 def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
-    """An entry as a study gives it, defaults filled in; of a table the file's name."""
+    """An entry as a study gives it, defaults filled in, without folders."""
     if entry.table is not None:
         return {**entry.parameters, "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
@@ -52,6 +58,16 @@ def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
     if entry.vary is not None:
         facts["vary"] = entry.vary.model_dump(exclude_none=True)
     return facts
+
+
+def _by_name(digests: dict[str, str]) -> dict[str, str]:
+    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
+    paths = [Path(path).parts for path in digests]
+    for size in range(1, max(map(len, paths), default=1) + 1):
+        ends = ["/".join(parts[-size:]) for parts in paths]
+        if len(set(ends)) == len(ends):
+            break
+    return dict(zip(ends, digests.values()))
 
 
 def versions() -> dict[str, str]:
@@ -81,33 +97,6 @@ def commit() -> str:
     if built_from.is_file():
         return built_from.read_text().strip()
     return os.environ.get("ARCHFRAG_COMMIT", "unknown")
-
-
-def attributes(study: Study, plan: Plan) -> dict[str, str]:
-    """Global attributes of the cube: the same on every run of the same study with this code."""
-    inputs = read_manifest(study)["inputs"]
-    names = dict(zip(KINDS, ("inputs", "index", "inventories")))
-    return {
-        "archfrag_study": study.id,
-        "archfrag_config": strict_json(portable_config(study)),
-        **{f"archfrag_{name}_sha256": strict_json(_by_name(inputs[kind]))
-           for kind, name in names.items()},
-        "archfrag_processing": strict_json(described(study.motions.processing)),
-        "archfrag_versions": strict_json(versions()),
-        "archfrag_commit": commit(),
-        "archfrag_machine": platform.machine(),
-        "archfrag_plan": digest_of(plan.digests),
-    }  # fmt: skip
-
-
-def _by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
-    paths = [Path(path).parts for path in digests]
-    for size in range(1, max(map(len, paths), default=1) + 1):
-        ends = ["/".join(parts[-size:]) for parts in paths]
-        if len(set(ends)) == len(ends):
-            break
-    return dict(zip(ends, digests.values()))
 
 
 def strict_json(value: Any) -> str:
@@ -145,5 +134,4 @@ def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     entries: list[Any] = []
     with contextlib.suppress(OSError, ValueError, TypeError):
         entries = list(read_json(path))
-    entries.append(entry)
-    write_text(path, json.dumps(entries, indent=1) + "\n")
+    write_text(path, json.dumps([*entries, entry], indent=1) + "\n")

@@ -16,7 +16,6 @@ from archfrag.errors import OutputError
 from archfrag.files import cannot_write
 from archfrag.study.file.schema import Study
 
-LOCK = "lock"
 GRACE = 4.0  # after a signal, for the run to end by itself [s]
 _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
@@ -47,7 +46,7 @@ def stoppable() -> Iterator[Stop]:
 
     The process ends after `GRACE` also where code in C, such as a compiler, does not return.
     """
-    stop = Stop()
+    stop, ended = Stop(), threading.Event()
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -57,8 +56,6 @@ def stoppable() -> Iterator[Stop]:
             signal.signal(each, signal.SIG_IGN)
         stop.number = number
         stop.check()
-
-    ended = threading.Event()
 
     def end_late() -> None:
         while content := os.read(reader, 1):
@@ -101,12 +98,9 @@ def without_dask() -> Iterator[None]:
 def only_run(study: Study) -> Iterator[None]:
     """Hold the lock of a study's folder, which the system takes back whatever ends the process.
 
-    Raises
-    ------
-    OutputError
-        If another run holds it.
+    OutputError if another run holds it.
     """
-    path = study.work / LOCK
+    path = study.work / "lock"
     with contextlib.ExitStack() as stack:
         try:
             lock = stack.enter_context(open(path, "r+b", buffering=0, opener=_own))

@@ -15,7 +15,7 @@ from typing import Any
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study.checks import check_start, refuse_foreign_results
-from archfrag.study.file.members import SHOWN, needs_records
+from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import (
     MANIFEST,
     motions_key,
@@ -25,16 +25,17 @@ from archfrag.study.file.records import (
 )
 from archfrag.study.file.schema import Study
 from archfrag.study.files import (
+    CUBE,
+    FIGURE,
     OWNER,
     canonical_json,
     changes,
     check_own,
     digest_of,
+    digest_of_code,
     read_owner,
     read_stamp,
-    remove_figures,
     sha256_if_there,
-    source_hash,
     stamp_file,
     write_text,
 )
@@ -49,7 +50,17 @@ _MOST_LINES = 8
 Note = Callable[[str], None]
 
 
-def batch_step(batch: int | str, batches: int) -> str:
+@dataclass(frozen=True)
+class Options:
+    """How steps are made."""
+
+    report: Callable[[Study, Path | None], Path] | None = None  # writes it: of a layer above
+    cores: int | None = None  # processes that make runs, in the place of the study's
+    quiet: bool = False  # show nothing but errors
+    compared: Path | None = None  # another study's file, for the report
+
+
+def batch_step(batch: int, batches: int) -> str:
     """Name of the step that makes the runs of one of several batches."""
     return f"batch-{batch}of{batches}"
 
@@ -64,48 +75,26 @@ def products(study: Study, step: str) -> list[Path]:
     """Files that a step makes; parts of runs have checks of their own."""
     if step.startswith("batch"):  # a table of its runs, with how long each took
         return [study.work / "runs" / f"{step}.csv"]
+    if step == "motions":
+        return [study.work / MANIFEST]
+    names = {"cube": [CUBE], "fit": ["fits.json", "curve.csv"], "report": list(REPORT_FILES)}[step]
     if step == "report":
-        return [study.folder / name for name in (*REPORT_FILES, *_curve_files(study))]
-    made = {
-        "motions": [study.work / MANIFEST],
-        "cube": [study.folder / "cube.nc"],
-        "fit": [study.folder / "fits.json", study.folder / "curve.csv"],
-    }
-    return made[step]
+        with contextlib.suppress(InputError):  # before the motions there are no figures
+            ids = study.members(len(read_manifest(study)["records"])).ids
+            names += [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
+    return [study.folder / name for name in names]
 
 
-def _curve_files(study: Study) -> list[str]:
-    """Figures beside the report; of none yet if the arches follow from records not read yet."""
-    n_record = None
-    with contextlib.suppress(InputError):
-        n_record = len(read_manifest(study)["records"])
-    if n_record is None and needs_records(study.arches):
-        return []
-    names = study.members(n_record).ids
-    return [ALL_CURVES] if len(names) > SHOWN else [f"curve-{name}.svg" for name in names]
-
-
-def read_timings(study: Study) -> dict[str, list[float]] | None:
-    """Wall times of the runs of each arch [s]; None if their tables are not there."""
+def read_timings(study: Study) -> dict[str, list[float]]:
+    """Wall times of the runs of each arch [s]; empty if their tables are not there."""
     import pandas as pd
 
-    batches = [name for name in step_names(study) if name.startswith("batch")]
-    paths = [products(study, name)[0] for name in batches]
+    paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
     if not all(path.is_file() for path in paths):
-        return None
+        return {}
     columns: dict[str, Any] = {"usecols": ["arch", "wall_time"], "converters": {"arch": str}}
     table = pd.concat([pd.read_csv(path, **columns) for path in paths])
     return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
-
-
-@dataclass(frozen=True)
-class Options:
-    """How steps are made."""
-
-    report: Callable[[Study, Path | None], Path] | None = None  # writes it: of a layer above
-    cores: int | None = None  # processes that make runs, in the place of the study's
-    quiet: bool = False  # show nothing but errors
-    compared: Path | None = None  # another study's file, for the report
 
 
 def make_step(
@@ -157,7 +146,11 @@ def finish(study: Study, step: str, plan: Plan | None = None) -> None:
         os.path.relpath(path, study.folder): sha256_if_there(path)
         for path in products(study, step) if path.is_file()
     }  # fmt: skip
-    remove_figures(study, read_stamp(study, step)[1], kept=files)
+    for name, digest in read_stamp(study, step)[1].items():
+        path = study.folder / name
+        ours = name not in files and FIGURE.fullmatch(name) and not path.is_symlink()
+        if ours and sha256_if_there(path) == digest:
+            path.unlink(missing_ok=True)
     stamp = {"from": _made_from(study, step, plan), "files": files}
     make_folder(stamp_file(study, step).parent)
     write_text(stamp_file(study, step), canonical_json(stamp) + "\n")
@@ -185,17 +178,14 @@ def current_plan(study: Study) -> tuple[Plan | None, list[str]]:
     """Plan of a study whose motions are current; else None, and what has changed."""
     inputs = study_inputs(study)
     try:
-        manifest = read_manifest(study)
-        changed = changes(manifest["inputs"], inputs, study.folder)
-        if manifest["key"] != motions_key(study):
-            changed.append("the study asks for other records or another measure")
-        if changed:
+        if changed := changes(read_manifest(study)["inputs"], inputs, study.folder):
             return None, changed
-        plan = make_plan(study)
+        plan, wrong = make_plan(study), out_of_date(study, "motions")
+        known = stamp_file(study, "motions").is_file()
     except InputError as error:
-        return None, [str(error)] if (study.work / MANIFEST).exists() else []
-    if wrong := out_of_date(study, "motions"):
-        return None, [wrong] if stamp_file(study, "motions").is_file() else []
+        wrong, known = str(error), (study.work / MANIFEST).exists()
+    if wrong:
+        return None, [wrong] if known else []
     return plan, []
 
 
@@ -222,10 +212,11 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
-    found: dict[str, Any] = {"step": step, "code": source_hash(), "packages": versions()}
     if step.startswith("batch"):
-        found = {"step": step, **(plan or make_plan(study)).digests}
-    elif step == "motions":
+        found: dict[str, Any] = {"step": step, **(plan or make_plan(study)).digests}
+        return {name: digest_of(value) for name, value in found.items()}
+    found = {"step": step, "code": digest_of_code("**/*"), "packages": versions()}
+    if step == "motions":
         manifest = read_manifest(study)
         found |= {name: manifest[name] for name in ("key", "inputs")}
     elif step == "cube":
@@ -256,10 +247,7 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
 def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> bool:
     """Do all of a study that is not done yet; whether there was anything to do.
 
-    Raises
-    ------
-    ArchfragError
-        Of whatever step fails; finished steps and runs are kept.
+    An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
     """
     check_own(study)
     refuse_foreign_results(study)
@@ -299,10 +287,7 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
 def _owner(study: Study, path: Path) -> dict[str, str]:
     """Who owns the results: the id, and the file relative to them, so that both may be moved.
 
-    Raises
-    ------
-    OutputError
-        If they are those of another study file with the same id.
+    OutputError if they are those of another study file with the same id.
     """
     before = read_owner(study).get("file")
     file = study.folder / (before or "")

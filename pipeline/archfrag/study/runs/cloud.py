@@ -25,7 +25,7 @@ class Cloud(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
-        verdicts = yield grid.cases_at(np.arange(level.size), level)
+        verdicts = yield grid.cases(np.arange(level.size), 0, level)
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:

@@ -24,7 +24,6 @@ CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 Requests = Generator[Cases, Verdicts, dict[str, Any]]
-NO_CASES: Cases = np.empty(0, CASE)
 
 
 @dataclass(frozen=True)
@@ -42,16 +41,14 @@ class Grid:
     # (n_record,): labels of the records' earthquakes, where several have one in common.
     groups: NDArray[np.str_] | None = None
 
-    def cases(self, rows: ArrayLike, places: ArrayLike) -> Cases:
-        """Runs of some rows at some of the study's levels, (n,) of `CASE`."""
-        place = np.asarray(places, dtype=np.int64)
-        return self.cases_at(rows, self.levels[place], place)
-
-    def cases_at(self, rows: ArrayLike, level: FloatArray, place: ArrayLike = 0) -> Cases:
-        """Runs of some rows, each at a level, (n,) of `CASE`."""
-        cases = np.empty(len(level), CASE)
-        cases["arch"], cases["record"] = self.arch, self.records[np.asarray(rows, np.int64)]
-        cases["place"], cases["level"] = place, level
+    def cases(
+        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
+    ) -> Cases:
+        """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
+        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
+        cases = np.empty(row.size, CASE)
+        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], place
+        cases["level"] = self.levels[place] if level is None else level
         return cases
 
 
@@ -93,21 +90,12 @@ class Design(Section):
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
 ) -> tuple[Cases, dict[int, dict[str, Any]]]:
-    """Ask the designs of all arches until none requests a run, iteration by iteration.
+    """Ask the designs of all arches, by `Design.requests`, until none requests a run.
 
-    Parameters
-    ----------
-    requests : mapping of int to generator
-        What `Design.requests` gives for each arch.
-    decide : callable
-        Takes the runs of one iteration and returns their verdicts, in the same order.
-
-    Returns
-    -------
-    (Cases, dict)
-        All runs requested, and what each design returned, by arch.
+    `decide` takes the runs of one iteration and returns their verdicts in the same order. Returned
+    are all runs requested, and what each design returned, by arch.
     """
-    requested, notes = [NO_CASES], {}
+    requested, notes = [np.empty(0, CASE)], {}
     answers: list[tuple[int, Verdicts | None]] = [(arch, None) for arch in requests]
     while True:
         iteration: dict[int, Cases] = {}

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
@@ -46,22 +46,11 @@ LOSSES_ALLOWED = 3
 PATIENCE = 60.0  # with a scheduler that has no workers [s]
 ANSWER_WITHIN = 10.0  # [s]
 _GO_ON = "finished parts are kept, the same command goes on"
-
-
-class Task(NamedTuple):
-    """Some runs of one arch, with all that a worker needs to make them."""
-
-    work: Path  # folder of the stored motions
-    parts: Path
-    method: dict[str, Any]
-    arch: ArchEntry
-    records: list[PreparedRecord]  # (n_run,)
-    factors: list[float]  # (n_run,)
-    keys: NDArray[np.void]  # (n_run,)
+_motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
 
 
 class Made(NamedTuple):
-    """What a task made and took."""
+    """What a chunk of runs made and took."""
 
     part: Path
     runs: int
@@ -69,17 +58,17 @@ class Made(NamedTuple):
     cpu_time: float  # of all of it [s]
 
 
-_motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
-
-
-def make_runs(task: Task) -> Made:
-    """Make the runs of a task and write their part."""
+def make_runs(
+    work: Path, parts: Path, method: dict[str, Any], arch: ArchEntry,
+    records: Sequence[PreparedRecord], factors: Sequence[float], keys: NDArray[np.void],
+) -> Made:  # fmt: skip
+    """Make some runs of one arch and write their part; motions are in the folder `work`."""
     started = time.process_time()
-    motions = [_motion(task.work, record) for record in task.records]
-    columns = tabulate_cases(task.method, task.arch.build(), motions, task.factors)
-    part = write_part(task.parts, task.keys, columns)
+    motions = [_motion(work, record) for record in records]
+    columns = tabulate_cases(method, arch.build(), motions, factors)
+    part = write_part(parts, keys, columns)
     kernel_time = float(columns["wall_time"].sum())
-    return Made(part, len(task.keys), kernel_time, time.process_time() - started)
+    return Made(part, len(keys), kernel_time, time.process_time() - started)
 
 
 @dataclass
@@ -244,14 +233,14 @@ class _Makers:
 
     def _submit(self, cases: Cases) -> "Future[Made]":
         plan = self._plan
-        task = Task(
+        work = (
             plan.study.work, plan.parts, plan.method, plan.arches[cases["arch"][0]].entry,
             [plan.records[record] for record in cases["record"]],
             plan.factors(cases).tolist(), plan.keys(cases),
         )  # fmt: skip
         if self._alone():
             future: Future[Made] = Future()
-            future.set_result(make_runs(task))
+            future.set_result(make_runs(*work))
             return future
         while True:
             if self._pool is None:
@@ -260,7 +249,7 @@ class _Makers:
                 )
                 self.used = self._count
             try:
-                return self._pool.submit(make_runs, task)
+                return self._pool.submit(make_runs, *work)
             except BrokenProcessPool:
                 self._lose()
 
@@ -285,9 +274,8 @@ class _Makers:
             self._client = Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
             self._client.wait_for_workers(1, timeout=PATIENCE)
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
-            why = error or type(error).__name__
-            what = f"execution.scheduler: {address} cannot be used: {why}"
-            raise WorkerError(f"{what}; {_GO_ON}") from error
+            what = f"{address} cannot be used: {error or type(error).__name__}"
+            raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
         self._count = max(1, len(self._client.scheduler_info()["workers"]))
         executor: Executor = self._client.get_executor(pure=False)
         return executor

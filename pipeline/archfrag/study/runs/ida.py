@@ -23,12 +23,11 @@ COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
-MOST_AT_ONCE = 2.0  # factor by which records are added at most
 MARGIN = 1.1  # on the records that the present width suggests
+LEAST_ADDED, MOST_ADDED = 1.05, 2.0  # factors on the number of records from one look to the next
 # A design that looks after each iteration stops too soon where its runs happen to scatter little.
 LEAST_RECORDS = 20
 LOOKS_IN_A_ROW = 2
-BETWEEN_LOOKS = 0.05  # of the records so far are added at least, so that a second look is one
 
 
 class Precision(Section):
@@ -83,19 +82,15 @@ class Ida(Design):
 
     def _check(self, borders: "Borders", done: int) -> Generator[Cases, Verdicts, dict[str, int]]:
         """Some cells near the borders, any as likely as another: how often do they contradict?"""
-        count = done if self.checks is None else self.checks
         place = np.arange(borders.grid.levels.size)
         low, high = borders.low[:done, None], borders.high[:done, None]
         near = (place >= low - NEAR) & (place <= high + NEAR)
         free, places = np.nonzero(near & (borders.seen[:done] == Verdict.NOT_SIMULATED))
         generator = np.random.default_rng([self.seed, borders.grid.arch])
+        count = done if self.checks is None else self.checks
         chosen = np.sort(generator.permutation(free.size)[:count])
         rows, places = free[chosen], places[chosen]
-        if not rows.size:
-            return {"checked": 0, "contradictions": 0}
-        verdicts = yield borders.grid.cases(rows, places)
-        borders.seen[rows, places] = verdicts
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        collapsed, survived = yield from borders.run(rows, places)
         against = np.where(places <= borders.low[rows], collapsed, survived)
         return {"checked": int((collapsed | survived).sum()), "contradictions": int(against.sum())}
 
@@ -133,6 +128,14 @@ class Borders:
     def runs(self) -> int:
         """Number of runs made."""
         return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
+
+    def run(
+        self, rows: NDArray[np.int64], places: NDArray[np.int64]
+    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """Request runs of some rows, and note them; which collapsed, and which survived."""
+        verdicts = yield self.grid.cases(rows, places)
+        self.seen[rows, places] = verdicts
+        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
 
     def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
         """Expect ln capacities of some rows to be normal about `median`."""
@@ -172,12 +175,9 @@ def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None
     while left.size:
         places = borders.next_places(left)
         left, places = left[places >= 0], places[places >= 0]
-        if left.size:
-            verdicts = yield borders.grid.cases(left, places)
-            borders.seen[left, places] = verdicts
-            collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
-            borders.high[left[collapsed]] = places[collapsed]
-            borders.low[left[survived]] = places[survived]
+        collapsed, survived = yield from borders.run(left, places)
+        borders.high[left[collapsed]] = places[collapsed]
+        borders.low[left[survived]] = places[survived]
 
 
 def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
@@ -188,7 +188,6 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
     """
     capacity = borders.middles()[known.start : known.stop]
     best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))
-    least = best[1]
     for values in borders.grid.measures.T:
         x = values[known.start : known.stop]
         centred = x - x.mean()
@@ -198,9 +197,9 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
         leverage = 1.0 / x.size + centred**2 / (centred @ centred)
         left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
         error = float(np.sqrt(left @ left / (x.size - 1)))
-        if error < least:
+        if error < best[1]:
             at = values[rows.start : rows.stop] - x.mean()
-            best, least = (capacity.mean() + slope * at, error), error
+            best = (capacity.mean() + slope * at, error)
     return best
 
 
@@ -209,11 +208,8 @@ def look(
 ) -> tuple[int, int, dict[str, Any]]:
     """Whether `done` records are enough: the interval must be narrow at two looks in a row.
 
-    Returns
-    -------
-    (int, int, dict)
-        Records to add, looks in a row at which the interval was narrow (`narrow` before this one),
-        and facts for the report.
+    Returned are records to add, looks in a row at which the interval was narrow (`narrow` before
+    this one), and facts for the report.
     """
     grid = borders.grid
     groups = None if grid.groups is None else grid.groups[:done]
@@ -222,11 +218,15 @@ def look(
     enough = width <= requested.theta
     narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
     facts: dict[str, Any] = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
-    available = grid.records.size - done
-    allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
-    more = min(more_needed(width, requested.theta, done), allowed, available)
     if facts["reached"]:
         return 0, narrow, facts
+    factor = MOST_ADDED
+    if np.isfinite(width):  # it falls with the root of the number of records
+        suggested = MARGIN * (width / requested.theta) ** 2
+        factor = min(max(suggested, LEAST_ADDED), MOST_ADDED)
+    available = grid.records.size - done
+    allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
+    more = min(int(np.ceil(factor * done)) - done, allowed, available)
     if more > 0:
         return more, narrow, facts
     if enough:
@@ -248,12 +248,3 @@ def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = No
         return np.inf
     ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
     return float(np.abs(ends).max())
-
-
-def more_needed(width: float, requested: float, done: int) -> int:
-    """Records to add to `done`, for a width that falls with the root of their number."""
-    if not np.isfinite(width):
-        return done
-    needed = MARGIN * done * (width / requested) ** 2
-    needed = min(max(needed, (1.0 + BETWEEN_LOOKS) * done), MOST_AT_ONCE * done)
-    return int(np.ceil(needed)) - done

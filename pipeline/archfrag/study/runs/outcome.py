@@ -75,8 +75,8 @@ def simulate_case(
     """One run by a study's method as the cube stores it; `factor` is on the vertical too."""
     from archfrag.simulate import simulate
 
-    options = {key: value for key, value in method.items() if key != "name"}
-    return simulate(arch, motion, scale=factor, method=method["name"], history=history, **options)
+    options = {("method" if key == "name" else key): value for key, value in method.items()}
+    return simulate(arch, motion, scale=factor, history=history, **options)
 
 
 def tabulate_cases(
@@ -85,6 +85,6 @@ def tabulate_cases(
     """As `simulate_case` for several runs of one arch: `columns_of` and `wall_time` [s]."""
     from archfrag.simulate import results_of_runs
 
-    options = {key: value for key, value in method.items() if key != "name"}
-    results, wall_time = results_of_runs(arch, motions, factors, method=method["name"], **options)
+    options = {("method" if key == "name" else key): value for key, value in method.items()}
+    results, wall_time = results_of_runs(arch, motions, factors, **options)
     return columns_of(results) | {"wall_time": wall_time}

@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from archfrag.kernel_cache import kernel_hash
 from archfrag.study.file.members import Members, check_buildable, needs_records
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
-from archfrag.study.files import PACKAGE, digest_of
+from archfrag.study.files import digest_of, digest_of_code
 from archfrag.study.runs.design import Cases, Grid, Requests
 
 # Code beside the kernels that decides what a run is, and what its row holds.
@@ -36,7 +36,7 @@ class Plan:
     @cached_property
     def identity(self) -> str:
         """Digest of the kernels and of the code that calls them."""
-        return digest_of([kernel_hash(), _deciding()])
+        return digest_of([kernel_hash(), digest_of_code(*DECIDING)])
 
     @property
     def parts(self) -> Path:
@@ -128,7 +128,6 @@ class Plan:
         own = self.study.intensity.measure
         names = [name for name in self.records[0].measures if name != own]
         values = np.array([[r.measures[name] for name in names] for r in self.records])
-        values = values.reshape(len(self.records), len(names))
         exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
         with np.errstate(divide="ignore"):
             logs = np.log(values) + exponents * np.log(self._unscaled)[:, None]
@@ -142,13 +141,3 @@ def make_plan(study: Study) -> Plan:
     if needs_records(study.arches):
         check_buildable(arches)  # of which the study's file shows those of one record
     return Plan(study, arches, tuple(records))
-
-
-@cache
-def _deciding() -> str:
-    """Digest of the code of `DECIDING`."""
-    digest = hashlib.sha256()
-    for path in sorted({path for pattern in DECIDING for path in PACKAGE.glob(pattern)}):
-        digest.update(str(path.relative_to(PACKAGE)).encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -38,8 +38,7 @@ def write_part(folder: Path, keys: NDArray[np.void], columns: dict[str, NDArray]
         table[name] = values
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
-    digest = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
-    path = folder / f"{digest}.npy"
+    path = folder / f"{_name(content.getvalue())}.npy"
     # Not made lasting: what a power cut tears, `read_part` takes for missing.
     with replacing(path, lasting=False) as temporary:
         temporary.write_bytes(content.getbuffer())
@@ -50,12 +49,16 @@ def read_part(path: Path) -> Table | None:
     """Rows of a part; None if it is damaged or of another version of archfrag."""
     try:
         content = path.read_bytes()
-        if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
+        if _name(content) != path.stem:
             return None
         table: Table = np.load(io.BytesIO(content), allow_pickle=False)
     except (OSError, ValueError, EOFError):
         return None
     return table if table.dtype == ROW else None
+
+
+def _name(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=KEY).hexdigest()
 
 
 class Store:
@@ -106,13 +109,7 @@ class Gathered(NamedTuple):
 
 
 def gather(plan: Plan) -> Gathered:
-    """Results of all runs that the design of a plan requests.
-
-    Raises
-    ------
-    InputError
-        If the results of some are missing.
-    """
+    """Results of all runs that the design of a plan requests; InputError if some are missing."""
     store, iteration = Store(plan.parts), 0
 
     def known(cases: Cases) -> Verdicts:
