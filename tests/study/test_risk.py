@@ -45,7 +45,7 @@ class TestGrid:
         found = risk_of(*grid, HAZARD).arches["ring"]
         rate = found.rate.rate
         assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
-        for split in (found.by_mechanism, found.by_magnitude, found.by_distance):
+        for split in found.splits.values():
             assert split.rate.sum() + split.unassigned.sum() == pytest.approx(rate, rel=1e-12)
             assert split.counts.sum() == (grid[0]["verdict"].values == 1).sum()
 
@@ -100,8 +100,8 @@ class TestDesigns:
             )
             found.append(risk_of(made, {"ring": fit}, HAZARD).arches["ring"])
         assert (bisected == 4).any()
-        assert found[0].by_mechanism.categories == found[1].by_mechanism.categories
-        np.testing.assert_array_equal(found[0].by_mechanism.rate, found[1].by_mechanism.rate)
+        assert found[0].splits["mechanism"].categories == found[1].splits["mechanism"].categories
+        np.testing.assert_array_equal(found[0].splits["mechanism"].rate, found[1].splits["mechanism"].rate)
 
     def test_runs_each_at_an_intensity_of_its_own(self, grid):
         data, fits = grid
@@ -116,7 +116,7 @@ class TestDesigns:
             collapse_joint=(dims, np.where(verdict == 1, 2, -1)),
         )
         found = risk_of(one, fits, HAZARD).arches["ring"]
-        assert found.by_mechanism.counts.sum() == verdict.sum()
+        assert found.splits["mechanism"].counts.sum() == verdict.sum()
         assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
         assert found.levels[0] > at.min()
         assert found.levels[-1] < at.max()

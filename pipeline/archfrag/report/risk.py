@@ -72,14 +72,10 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
 
 
 def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
-    groups = {
-        "mechanism": arch.by_mechanism, "magnitude": arch.by_magnitude,
-        "distance": arch.by_distance,
-    }  # fmt: skip
     rows = [
         (by, name, f"{parts.fraction[i]:.2f}",
          html.interval((parts.lower[i], parts.upper[i])) if count >= 2 else "–", count)
-        for by, parts in groups.items()
+        for by, parts in arch.splits.items()
         for i, (name, count) in enumerate(zip(parts.categories, parts.counts.sum(axis=1)))
         if parts.shown[i] and name != NOT_KNOWN
     ]  # fmt: skip
@@ -135,7 +131,7 @@ def hazard_and_fragility(
 @figure
 def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
     """The rate by level and mechanism; None if no run collapsed."""
-    found = arch.by_mechanism
+    found = arch.splits["mechanism"]
     if not found.counts.any():
         return None
     parts = [

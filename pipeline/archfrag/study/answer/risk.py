@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError
 from archfrag.fragility.contributions import (
     Contributions,
     contributions,
@@ -44,31 +43,24 @@ ASSUMPTIONS = (
     "by mechanism, magnitude and distance: as the collapses of this set of records, level by "
     "level; this is no deaggregation of the hazard",
 )
-_SPLITS = ("by_mechanism", "by_magnitude", "by_distance")
 _SCATTERED_BINS = 10
-_USED = (
-    "verdict", "collapse_joint", "collapse_mode", "intensity", "magnitude", "distance", "event",
-)  # fmt: skip
+_N_MODE = len(CollapseMode)
 
 
 @dataclass(frozen=True)
 class ArchRisk:
-    """Rate of collapse of one arch and its parts."""
+    """Rate of collapse of one arch or class and its parts."""
 
     arch: str
     fit: Fragility
     rate: CollapseRate  # with the first curve of the hazard
     by_curve: dict[str, float]  # rate with each curve of the hazard [1/year]: its own uncertainty
-    levels: FloatArray  # (n_level,): intensities that stand for the ranges [SI]
-    edges: FloatArray  # (n_level - 1,): between ranges; the first begins at 0, the last has no end
+    levels: FloatArray  # (n_level,): intensities that stand for ranges, from 0 to infinity [SI]
     level_rate: FloatArray  # (n_level,) [1/year]
     # Fractions of the rate from intensities below the least and above the greatest level that was
     # simulated, where the fitted curve is extrapolated.
-    below_levels: float
-    above_levels: float
-    by_mechanism: Contributions
-    by_magnitude: Contributions
-    by_distance: Contributions
+    beyond: tuple[float, float]
+    splits: dict[str, Contributions]  # by mechanism, magnitude and distance
     cautions: tuple[str, ...]
 
 
@@ -84,129 +76,84 @@ class StudyRisk:
 
 
 def risk_of(
-    cube: xr.Dataset,
-    fits: Mapping[str, Fragility | str],
-    hazard: Hazard,
-    years: float = 50.0,
-    confidence: float = 0.9,
-) -> StudyRisk:
+    cube: xr.Dataset, fits: Mapping[str, Fragility | str], hazard: Hazard,
+    years: float = 50.0, confidence: float = 0.9,
+) -> StudyRisk:  # fmt: skip
     """Rates of collapse of arches and classes of a study at a site.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-    fits : mapping of str to Fragility or str
-        By arch or class, theta in the SI unit of the measure, or why there is no curve. The rate
-        of a class is the mean of the rates of its arches.
-    hazard : Hazard
-        From `archfrag.study.file.hazard.load_hazard`, for the study's measure.
-    years : float
-        Time for probabilities of collapse.
-    confidence : float
-        Two-sided, of all bands.
-
-    Raises
-    ------
-    InputError
-        If the cube's levels are of another measure, `years` or `confidence` cannot be, or the cube
-        lacks a variable.
+    `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
+    the rates of its arches. `hazard` is for the study's measure, `years` the time for
+    probabilities of collapse, `confidence` that of all bands.
     """
-    measure = cube["intensity"].attrs.get("measure", hazard.measure)
-    if measure != hazard.measure:
-        kinds = f"is a hazard for levels of {hazard.measure}, but the cube's are of {measure}"
-        raise InputError(f"{hazard.source}: {kinds}")
-    if not 0.0 < years < np.inf:
-        raise InputError(f"years is {years:g}; a positive finite time is needed")
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence:g}; it must be between 0 and 1")
-    arches: dict[str, Any] = {}
-    places: dict[str, list[int]] = {}
-    for number, (name, of_class) in enumerate(arch_classes(cube).items()):
-        places[name] = [number]
-        if of_class != name:
-            places.setdefault(of_class, []).append(number)
-    counts = {name: n for name in fits if (n := len(places[name])) > 1}
-    for name, fit in fits.items():
-        arches[name] = fit
-        if not isinstance(fit, str):
-            part = _together(cube, places[name])
-            arches[name] = _arch_risk(name, part, fit, hazard, confidence)
+    names, classes = np.array(list(arch_classes(cube).items())).T
+    places = {name: np.flatnonzero((names == name) | (classes == name)) for name in fits}
+    arches = {
+        name: fit if isinstance(fit, str)
+        else _arch_risk(name, cube.isel(arch=places[name]), fit, hazard, confidence)
+        for name, fit in fits.items()
+    }  # fmt: skip
+    counts = {name: each.size for name, each in places.items() if each.size > 1}
     return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches, counts)
 
 
-def _together(cube: xr.Dataset, places: list[int]) -> xr.Dataset:
-    """Runs of several arches under each other: a record for each arch and record with runs."""
-    kept = [name for name in _USED if name in cube]
-    part = cube.reset_coords()[kept].isel(arch=places)
-    if "event" in part:
-        names = xr.DataArray(cube["record"].values.astype(str), dims="record")
-        part["event"] = part["event"].astype(str).where(part["event"] != "", names)
-    part = part.stack(row=("arch", "record"), create_index=False).drop_vars(["arch", "record"])
-    made = (part["verdict"] != Verdict.NOT_SIMULATED).any("level")
-    return part.rename(row="record").isel(record=np.flatnonzero(made.values))
-
-
 def _arch_risk(
-    name: str, part: xr.Dataset, fit: Fragility, hazard: Hazard, confidence: float
+    name: str, cube: xr.Dataset, fit: Fragility, hazard: Hazard, confidence: float
 ) -> ArchRisk:
-    levels, collapsed, code, ends = _runs_of(part)
+    """Rate of the arches that a cube holds, whose runs stand under each other."""
+    part = cube.transpose("arch", "record", "level", ...)
+    verdict, joint, mode = (
+        part[key].values.reshape(-1, part.sizes["level"]).astype(np.int64)
+        for key in ("verdict", "collapse_joint", "collapse_mode")
+    )
+    rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
+    record = rows % part.sizes["record"]
+    at = part["intensity"].values.astype(float)
+    if at.ndim > 1:
+        at = at.reshape(verdict.shape)[rows]
+    code = joint * _N_MODE + mode
+    levels, collapsed, code, ends = _on_levels(verdict[rows], code[rows], at)
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
-    edges = level_edges(levels)
-    level_rate = rate_by_level(hazard.main, fit, edges)
+    level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
-    event = shared_events(part["event"].values) if "event" in part else None
-
-    def split(category: NDArray, names: tuple[str, ...]) -> Contributions:
-        return contributions(
-            level_rate, collapsed, np.broadcast_to(category, collapsed.shape), names,
-            event=event, seed=SEED, confidence=confidence,
-        )  # fmt: skip
-
-    def split_by(key: str, bins: tuple[float, ...], unit: str = "") -> Contributions:
-        unknown = np.full(part.sizes["record"], np.nan)
-        values = part[key].values.astype(float) if key in part else unknown
-        category, names = value_bins(values, bins, unit)
-        return split(category[:, None], names)
-
-    mechanism = split(*_mechanisms(code, collapsed))
-    return ArchRisk(
-        name, fit, rate, {key: collapse_rate(c, fit).rate for key, c in hazard.curves.items()},
-        levels, edges, level_rate, float(outer[0]), float(outer[-1]), mechanism,
-        by_magnitude=split_by("magnitude", MAGNITUDES),
-        by_distance=split_by("distance", DISTANCES, "km"),
-        cautions=_cautions(rate, outer, mechanism),
-    )  # fmt: skip
+    events = part["event"].values.astype(str)
+    events = shared_events(np.where(events == "", part["record"].values, events)[record])
+    splits = {"mechanism": _mechanisms(code, collapsed)}
+    for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
+        category, labels = value_bins(part[key].values[record], bins, unit)
+        splits[key] = category[:, None], labels
+    parts = {
+        key: contributions(
+            level_rate, collapsed, np.broadcast_to(category, collapsed.shape), labels,
+            event=events, seed=SEED, confidence=confidence,
+        )
+        for key, (category, labels) in splits.items()
+    }  # fmt: skip
+    by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
+    beyond = float(outer[0]), float(outer[-1])
+    cautions = _cautions(rate, beyond, parts["mechanism"])
+    return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts, cautions)
 
 
-def _runs_of(part: xr.Dataset) -> tuple[FloatArray, NDArray[np.bool_], NDArray, FloatArray]:
+def _on_levels(
+    verdict: NDArray, code: NDArray, at: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray, FloatArray]:
     """Runs on a grid of intensity; those with an intensity of their own in bins of equal ratio.
 
     Returned are levels (n_level,), what collapsed and the code of its mechanism (n_record,
     n_level), and the least and the greatest level.
     """
-    names = ("verdict", "collapse_joint", "collapse_mode")
-    if missing := [name for name in names if name not in part]:
-        text = f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
-        raise InputError(text)
-    verdict, joint, mode = (
-        part[name].transpose("record", "level").values.astype(np.int64) for name in names
-    )
-    collapsed, code = verdict == Verdict.COLLAPSED, joint * len(CollapseMode) + mode
-    simulated = verdict != Verdict.NOT_SIMULATED
-    levels = part["intensity"].values.astype(float)
-    if part["intensity"].dims == ("level",):
+    collapsed, simulated = verdict == Verdict.COLLAPSED, verdict != Verdict.NOT_SIMULATED
+    if at.ndim == 1:
         if not simulated.all():
             collapsed, code = implied_collapses(collapsed, simulated, code)
-        return levels, collapsed, code, levels[[0, -1]]
-    at = part["intensity"].transpose("record", "level").values.astype(float)
-    done = simulated & (at > 0.0)
-    ends = np.array([at[done].min(), at[done].max()])
-    edges = np.geomspace(ends[0], ends[1], 1 + (_SCATTERED_BINS if ends[1] > ends[0] else 1))
+        return at, collapsed, code, at[[0, -1]]
+    row, place = np.nonzero(simulated & (at > 0.0))
+    ends = np.array([at[row, place].min(), at[row, place].max()])
+    edges = np.geomspace(*ends, 1 + (_SCATTERED_BINS if ends[1] > ends[0] else 1))
     levels = np.sqrt(edges[1:] * edges[:-1])
-    row, place = np.nonzero(done)
     column = np.searchsorted(level_edges(levels), at[row, place], side="right")
     grid = np.zeros((len(at), levels.size), dtype=bool)
-    codes = np.full(grid.shape, -len(CollapseMode))
+    codes = np.full(grid.shape, -_N_MODE)
     grid[row, column], codes[row, column] = collapsed[row, place], code[row, place]
     return levels, grid, codes, ends
 
@@ -216,20 +163,22 @@ def _mechanisms(code: NDArray, collapsed: NDArray[np.bool_]) -> tuple[NDArray, t
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
     names = [
-        f"joint {joint}, {CollapseMode(mode).name.lower().replace('_', '-')}"
-        for joint, mode in (divmod(int(kind), len(CollapseMode)) for kind in kept)
+        f"joint {kind // _N_MODE}, {CollapseMode(kind % _N_MODE).name.lower().replace('_', '-')}"
+        for kind in kept.tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     return category, (*names, OTHER)
 
 
-def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -> tuple[str, ...]:
-    beyond = "level that was simulated, where the fragility curve is extrapolated"
+def _cautions(
+    rate: CollapseRate, beyond: tuple[float, float], mechanism: Contributions
+) -> tuple[str, ...]:
+    level = "level that was simulated, where the fragility curve is extrapolated"
     parts = (
         (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
         (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
-        (outer[0], f"below the least {beyond}"),
-        (outer[-1], f"above the greatest {beyond}"),
+        (beyond[0], f"below the least {level}"),
+        (beyond[1], f"above the greatest {level}"),
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
          "at which no run collapsed, so that it is of no known mechanism; fractions by category "
          "are of what is left"),
@@ -273,21 +222,8 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
 def _facts(arch: ArchRisk, years: float, factor: float) -> dict[str, Any]:
     rate = arch.rate
     probability, *band = rate.probability_in(years)
-    facts = {
-        "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
-        "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
-        "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
-        "return_period": rate.return_period if rate.quoted > 0.0 else None,
-        "probability": probability, "probability_band": band,
-        "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
-        "below_levels": arch.below_levels, "above_levels": arch.above_levels,
-        "rate_by_hazard_curve": arch.by_curve,
-        "levels": (arch.levels / factor).tolist(), "edges": (arch.edges / factor).tolist(),
-        "rate_by_level": arch.level_rate.tolist(),
-    }  # fmt: skip
-    for key in _SPLITS:
-        found: Contributions = getattr(arch, key)
-        facts[key] = [
+    splits = {
+        f"by_{key}": [
             {
                 "category": name, "collapses": int(found.counts[i].sum()),
                 "fraction": float(found.fraction[i]),
@@ -295,8 +231,22 @@ def _facts(arch: ArchRisk, years: float, factor: float) -> dict[str, Any]:
                 "rate_by_level": found.rate[i].tolist(),
             }
             for i, name in enumerate(found.categories) if found.shown[i]
-        ]  # fmt: skip
-    return facts | {"cautions": list(arch.cautions)}
+        ]
+        for key, found in arch.splits.items()
+    }  # fmt: skip
+    return {
+        "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
+        "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
+        "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
+        "return_period": rate.return_period if rate.quoted > 0.0 else None,
+        "probability": probability, "probability_band": band,
+        "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
+        "below_levels": arch.beyond[0], "above_levels": arch.beyond[1],
+        "rate_by_hazard_curve": arch.by_curve,
+        "levels": (arch.levels / factor).tolist(),
+        "edges": (level_edges(arch.levels) / factor).tolist(),
+        "rate_by_level": arch.level_rate.tolist(), **splits, "cautions": list(arch.cautions),
+    }  # fmt: skip
 
 
 def risk_text(facts: dict[str, Any]) -> str:
@@ -316,9 +266,10 @@ def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
     percent, unit = f"{100 * arch['confidence']:.0f} %", facts["unit"]
     period, bound = arch["return_period"], arch["rate_is_lower_bound"]
     least, most = ("at least ", "at most ") if bound else ("", "")
-    bands = [f" ({percent}: {arch[key][0]:.3g} to {arch[key][1]:.3g})"
-             for key in ("rate_band", "probability_band")]  # fmt: skip
-    band, likely = (" (within the hazard curve)", "") if bound else bands
+    band, likely = (" (within the hazard curve)", "") if bound else (
+        f" ({percent}: {arch[key][0]:.3g} to {arch[key][1]:.3g})"
+        for key in ("rate_band", "probability_band")
+    )  # fmt: skip
     lines = [
         f"{title}: median {arch['theta']:.4g} {unit} of {facts['measure']}, dispersion "
         f"{arch['beta']:.3g}",
@@ -338,9 +289,9 @@ def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
         f"  {start:14.3g} {rate:10.2e} {rate / total:9.3f}"
         for start, rate in zip([0.0, *arch["edges"]], arch["rate_by_level"])
     ]
-    for key in _SPLITS:
-        lines.append(f"  {key.replace('_', ' ')}")
-        for part in arch[key]:
+    for key in ("mechanism", "magnitude", "distance"):
+        lines.append(f"  by {key}")
+        for part in arch[f"by_{key}"]:
             count = ", 1 collapse"
             if part["collapses"] > 1:  # else there is no band
                 a, b = part["band"]
