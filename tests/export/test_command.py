@@ -9,9 +9,9 @@ from click.testing import CliRunner
 
 from archfrag.cli import main
 from archfrag.errors import FitError
-from archfrag.export import command
 from archfrag.export.command import export_study
-from archfrag.study.answer.fits import load_answers
+from archfrag.study import steps
+from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study
 from tests.export.made import fragility
 from tests.report import synthetic
@@ -44,7 +44,7 @@ def study(tmp_path, monkeypatch):
     answers["ring"].more["limit_states"] = {"states": STATES}
     stored = {"classes": {}, "arches": {name: found.to_dict() for name, found in answers.items()}}
     (loaded.folder / "fits.json").write_text(json.dumps(stored))
-    monkeypatch.setattr(command, "require", lambda study, step: None)
+    monkeypatch.setattr(steps, "require", lambda study, step: None)
     return loaded
 
 
@@ -61,7 +61,7 @@ def test_all_formats(study, tmp_path):
     stated = pd.read_csv(folder / "small-parameters.csv")
     assert stated["limit_state"].tolist() == ["contact_lost", "collapse"]
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
-    answer = load_answers(study.folder / "fits.json")["ring"]
+    answer = load_fits(study).arches["ring"]
     curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
     for side in ("lower", "upper"):  # the band that the report quotes
         expected = np.interp(curves["intensity"], answer.im, getattr(answer, side))

@@ -9,7 +9,7 @@ import xarray as xr
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.answer.cube import build_cube, write_cube
-from archfrag.study.answer.fits import fit_cube, fit_text, load_answers
+from archfrag.study.answer.fits import fit_cube, fit_text, load_fits
 from archfrag.study.provenance import finite
 from archfrag.study.runs.outcome import COLUMNS
 from archfrag.study.runs.store import gather
@@ -84,7 +84,7 @@ class TestFits:
         write_cube(copied.study)
         fits = fit_cube(copied.study).arches
         assert set(fits) == {"ring", "slab"}
-        answers = load_answers(copied.study.folder / "fits.json")
+        answers = load_fits(copied.study).arches
         for name, fit in fits.items():
             assert finite(answers[name].to_dict()) == finite(fit.to_dict())
             if isinstance(fit.curve, str):
@@ -96,8 +96,7 @@ class TestFits:
     @pytest.mark.parametrize(
         "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]
     )
-    def test_damaged_fits_are_a_message(self, tmp_path, content):
-        path = tmp_path / "fits.json"
-        path.write_text(content)
+    def test_damaged_fits_are_a_message(self, copied, content):
+        (copied.study.folder / "fits.json").write_text(content)
         with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
-            load_answers(path)
+            load_fits(copied.study)

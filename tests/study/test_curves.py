@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import report_inputs
@@ -202,8 +203,8 @@ class TestDispersionOfAClass:
 
     def test_without_two_curves_there_is_none(self):
         runs, answers, _ = self.made(1.5)
-        found = dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
-        assert "one arch has no modelling dispersion" in found["none"]
+        with pytest.raises((FitError, InputError), match="one arch has no modelling dispersion"):
+            dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
 
 
 NAMED = ["1 g", "2 g", "3 g"]

@@ -98,10 +98,10 @@ class TestDesigns:
                 collapse_joint=(data["verdict"].dims, seen[None]),
                 collapse_mode=(data["verdict"].dims, (verdict == 1)[None].astype(np.int8)),
             )
-            found.append(risk_of(made, {"ring": fit}, HAZARD).arches["ring"])
+            found.append(risk_of(made, {"ring": fit}, HAZARD).arches["ring"].splits["mechanism"])
         assert (bisected == 4).any()
-        assert found[0].splits["mechanism"].categories == found[1].splits["mechanism"].categories
-        np.testing.assert_array_equal(found[0].splits["mechanism"].rate, found[1].splits["mechanism"].rate)
+        assert found[0].categories == found[1].categories
+        np.testing.assert_array_equal(found[0].rate, found[1].rate)
 
     def test_runs_each_at_an_intensity_of_its_own(self, grid):
         data, fits = grid

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli import arch, records, results, study
+from archfrag.cli import arch, records, study
 from archfrag.cli.options import PATH, echo, warn
 
 
@@ -42,8 +42,7 @@ class _Group(click.Group):
             errors = sys.modules.get("archfrag.errors")
             if errors is None or not isinstance(error, errors.ArchfragError):
                 raise
-            if not getattr(error, "reported", False):
-                warn(f"error: {error}")
+            warn(f"error: {error}")
             ctx.exit(error.exit_code)
 
 
@@ -99,7 +98,7 @@ def warmup(method: str | None) -> None:
 
 
 for command in (
-    records.records, results.export, results.risk, arch.onset, arch.draw, arch.simulate,
+    records.records, study.export, study.risk, arch.onset, arch.draw, arch.simulate,
     study.validate, study.run, study.clean, *study.STEPS,
 ):  # fmt: skip
     main.add_command(command)

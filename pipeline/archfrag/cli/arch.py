@@ -18,11 +18,6 @@ if TYPE_CHECKING:
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_TEXTS = {
-    "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
-    "layer": "Layer of the drawing; the only one with polylines if not given.",
-    "unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
-}
 _NUMBERS = {
     "radius": "Mid-thickness radius of a circular arch [m].",
     "embrace": "Angle between the springings [degrees].",
@@ -38,7 +33,7 @@ _NUMBERS = {
 
 
 def _option(key: str) -> str:
-    return f"--{key.replace('_', '-')}"
+    return f"--{'drawing-unit' if key == 'unit' else key.replace('_', '-')}"
 
 
 def _takes_arch(command: Callable) -> Callable:
@@ -46,9 +41,9 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ("profile", "voussoirs", "friction", "sector", *_NUMBERS)
+        names = ("profile", "voussoirs", "friction", "sector", "drawing", "layer", *_NUMBERS)
         given = {name: options.pop(name) for name in names}
-        given |= {name: options.pop(f"drawn_{name}") for name in _TEXTS}
+        given["unit"] = options.pop("drawing_unit")
         arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
         command(arch, **options)
 
@@ -61,8 +56,12 @@ def _takes_arch(command: Callable) -> Callable:
         click.option("--friction", type=float, help="Coulomb coefficient; inf is allowed."),
         click.option("--straight", "sector", flag_value=False, default=None, type=bool,
                      help="Use straight-sided voussoirs."),
-        *(click.option("--drawing-unit" if name == "unit" else _option(name), f"drawn_{name}",
-                       help=text) for name, text in _TEXTS.items()),
+        click.option("--drawing", help="DXF file with the blocks: closed polylines, and lines on "
+                     "the ground."),
+        click.option("--layer",
+                     help="Layer of the drawing; the only one with polylines if not given."),
+        click.option("--drawing-unit", help="Unit of the drawing: m, dm, cm, mm, in or ft; what "
+                     "it states if not given."),
         *(click.option(_option(name), type=float, help=text) for name, text in _NUMBERS.items()),
     )(wrapped)  # fmt: skip
 
@@ -75,7 +74,7 @@ def _of_study(path: Path, name: str | None) -> "Arch":
     # Of arches that each record has of its own, those of the first.
     entries = {entry.id: entry for entry in load_study(path).members(n_record=1).entries}
     if name is None and len(entries) == 1:
-        return next(iter(entries.values())).build()
+        name = next(iter(entries))
     if name not in entries:
         wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
         some, left = ", ".join(list(entries)[:_NAMES]), len(entries) - _NAMES
@@ -93,10 +92,9 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     from archfrag.study.file.messages import first_message
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
-    what = f"--profile {given['profile']}"
+    what = "--drawing" if "drawing" in given else f"--profile {given['profile']}"
     if "drawing" in given:
         del given["profile"]
-        what = "--drawing"
     try:
         return ArchEntry.model_validate(given).build()
     except ValidationError as error:
@@ -161,8 +159,7 @@ def simulate(
     from archfrag.simulate import simulate as run_simulation
 
     keys = ("unit", "component", "inventory", "accept", "columns")
-    reading = {key: options.pop(key) for key in keys}
-    motion = read_motion(record, **reading)
+    motion = read_motion(record, **{key: options.pop(key) for key in keys})
     if pga is not None:
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
@@ -206,6 +203,10 @@ def response_text(response: "Response", scale: float) -> str:
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import summary
 
+    def listed(values: Mapping[str, float], form: str = "{}") -> str:
+        known = {name.replace("_", " "): value for name, value in values.items() if value}
+        return ", ".join(f"{name} {form.format(each)}" for name, each in known.items()) or "none"
+
     lines = [f"{response.status.name.lower()}: {STATUS_MESSAGE[response.status]}"]
     if response.collapsed:
         lines.append(
@@ -218,9 +219,9 @@ def response_text(response: "Response", scale: float) -> str:
         f"{response.peak_displacement:.4g} m",
         f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
         f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
-        f"simulated time: {_listed(response.model_time, ' {:.3f} s')}",
-        f"events: {_listed(response.events)}",
-        f"work: {_listed(response.work)}",
+        f"simulated time: {listed(response.model_time, '{:.3f} s')}",
+        f"events: {listed(response.events)}",
+        f"work: {listed(response.work)}",
     ]
     if response.mechanism is not None:
         left = len(response.mechanism) - _SHOWN
@@ -228,11 +229,3 @@ def response_text(response: "Response", scale: float) -> str:
         lines += [f"  {change}" for change in response.mechanism[:_SHOWN]]
         lines += [f"  ... and {left} more entries"] if left > 0 else []
     return "\n".join(lines)
-
-
-def _listed(values: Mapping[str, float], form: str = " {}") -> str:
-    """Values that are not zero."""
-    shown = [
-        name.replace("_", " ") + form.format(value) for name, value in values.items() if value
-    ]
-    return ", ".join(shown) or "none"

@@ -1,6 +1,7 @@
-"""The commands for a study: `validate`, `run`, `clean` and the steps of a run."""
+"""The commands for a study: `validate`, `run`, `clean`, the steps of a run, `export` and `risk`."""
 
 import contextlib
+import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -13,11 +14,14 @@ from archfrag.cli.options import (
     cores_option,
     echo,
     json_option,
+    members_option,
     show,
     takes,
     takes_study,
     warn,
 )
+
+FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 
 
 @click.command()
@@ -39,10 +43,11 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
     design = "" if found["design"] == "stripes" else f" by design {found['design']}"
     show(found, f"{study_file}: in order; {parts}, {runs}{design}", as_json)
-    for listed in () if as_json else (*found["classes"], *found["partners"]):
-        echo(f"  {listed}")
-    for caution in () if as_json else found["cautions"]:
-        warn(f"caution: {caution}")
+    if not as_json:
+        for listed in (*found["classes"], *found["partners"]):
+            echo(f"  {listed}")
+        for caution in found["cautions"]:
+            warn(f"caution: {caution}")
 
 
 @click.command()
@@ -61,6 +66,7 @@ def run(
     The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
     disk the same command continues.
     """
+    from archfrag.files import counted
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import Stopped, stoppable, without_dask
     from archfrag.study.steps import Options, run_study
@@ -75,11 +81,16 @@ def run(
     except Stopped as stopped:
         warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
         click.get_current_context().exit(128 + stopped.number)
-    if not quiet:
-        if not anything:
-            warn("nothing to do: all results are up to date")
-        echo(f"report: {study.folder / 'report.html'}")
-        _name_old_exports(study.folder)
+    if quiet:
+        return
+    if not anything:
+        warn("nothing to do: all results are up to date")
+    echo(f"report: {study.folder / 'report.html'}")
+    exported = [path for path in (study.folder / "export").glob("*") if path.is_file()]
+    made = max((study.folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
+    if old := [path for path in exported if path.stat().st_mtime < made]:
+        what = f"{counted(len(old), 'file')} older than the results"
+        warn(f"{study.folder / 'export'}: {what}; run archfrag export again")
 
 
 def _report(study: Any, compared: Path | None) -> Path:
@@ -87,16 +98,6 @@ def _report(study: Any, compared: Path | None) -> Path:
     from archfrag.report.page import write_report
 
     return write_report(report_inputs(study, compared), study.folder / "report.html")
-
-
-def _name_old_exports(folder: Path) -> None:
-    from archfrag.files import counted
-
-    exported = [path for path in (folder / "export").glob("*") if path.is_file()]
-    made = max((folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
-    if old := [path for path in exported if path.stat().st_mtime < made]:
-        what = f"{counted(len(old), 'file')} older than the results"
-        warn(f"{folder / 'export'}: {what}; run archfrag export again")
 
 
 @click.command()
@@ -127,7 +128,6 @@ def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
 
 
 STEPS: list[click.Command] = []
-_QUIET = click.option("--quiet", is_flag=True, help="No progress bar.")
 
 
 def _step(name: str, help_: str, *options: Callable) -> None:
@@ -156,9 +156,112 @@ def _step(name: str, help_: str, *options: Callable) -> None:
 _step("motions", "Read the study's records and store them for the workers.")
 _step("batch", "Run the simulations of a batch that are missing.",
       click.option("--batch", type=int, default=0, show_default=True,
-                   help="Its number, from 0."), cores_option, _QUIET)  # fmt: skip
+                   help="Its number, from 0."), cores_option,
+      click.option("--quiet", is_flag=True, help="No progress bar."))  # fmt: skip
 _step("cube", "Gather the results into one CF netCDF cube.")
 _step("fit", "Fit a fragility curve to each arch and each class.", json_option)
 _step("report", "Write the report: one HTML file that needs no network.",
       click.option("--compare", "--beside", "compared", type=PATH, metavar="OTHER_STUDY",
                    help="Compare the arches with those of another, finished study."))  # fmt: skip
+
+
+@click.command()
+@takes_study
+@takes(
+    click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
+                 help="Format to write. Repeatable."),
+    click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
+                 help="Folder to write to; `export` in the results folder if not given."),
+    members_option, json_option,
+)  # fmt: skip
+def export(
+    study_file: Path, overrides: tuple[str, ...], formats: tuple[str, ...], out: Path | None,
+    members: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Export a finished study in the formats of other programs.
+
+    \b
+    nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation
+    nrml-discrete    OpenQuake: probabilities at levels
+    pelicun          damage database: CSV of medians and dispersions, and JSON
+    in-core          IN-CORE: a DFR3 set in JSON for each arch
+    csv              curves, parameters, runs, records and arches; JSON on columns
+    parquet          the same tables: pip install 'archfrag[parquet]'
+
+    OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
+    has one curve, the mean of those of its arches. An arch without a curve is in the tables of
+    runs, records and arches only, and a message states why.
+    """
+    from archfrag.export.command import export_study
+    from archfrag.study.file.schema import load_study
+
+    made = export_study(load_study(study_file, overrides), formats, out, members)
+    for arch, why in made["left_out"].items():
+        warn(f"no curve of {arch} is exported: {why}")
+    for note in made["notes"]:
+        warn(f"note: {note}")
+    show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
+
+
+def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    if text is None:
+        return None
+    try:
+        lon, lat = map(float, text.split(","))
+    except ValueError:
+        rule = "must be longitude and latitude, such as 13.35,42.35"
+        raise click.BadParameter(f"{text!r} {rule}") from None
+    return lon, lat
+
+
+@click.command()
+@takes_study
+@takes(
+    click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
+                 help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
+    click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
+    click.option("--years", type=float, default=50.0, show_default=True,
+                 help="Period for the probability of collapse [years]."),
+    click.option("--site", callback=_site, metavar="LON,LAT",
+                 help="Place: the nearest site of OpenQuake's file within 10 km."),
+    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
+    members_option,
+    click.option("--out", type=PATH, metavar="FILE", help="Write the result as JSON."),
+    json_option,
+)  # fmt: skip
+def risk(
+    study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
+) -> None:
+    """Find the rate of collapse of a finished STUDY at a site.
+
+    A class of arches has one rate, the mean of those of its arches.
+
+    FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
+    `rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years),
+    and a column `rate_NAME` or `poe_50_NAME` for each quantile. Files of OpenQuake's hazard curves
+    (CSV or NRML) work too. The measure must be that of the study.
+
+    \b
+    Example:
+      archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
+    """
+    from archfrag.errors import FitError
+    from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+    from archfrag.study.file.hazard import load_hazard
+    from archfrag.study.file.schema import load_study
+    from archfrag.study.files import write_text
+    from archfrag.study.steps import finished
+
+    study = load_study(study_file, overrides)
+    measure = study.intensity.measure
+    hazard = load_hazard(options["hazards"], measure, options["unit"], options["site"])
+    fitted = finished(study)
+    with fitted.cube as cube:
+        fits = {name: each.curve for name, each in fitted.quoted(options["members"]).items()}
+        found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
+    facts = risk_facts(found, study)
+    if out is not None:
+        write_text(out, json.dumps(facts, allow_nan=False) + "\n")
+    show(facts, risk_text(facts), as_json)
+    if all("none" in arch for arch in facts["arches"].values()):
+        raise FitError("no arch has a curve, so there is no rate")

@@ -61,14 +61,6 @@ class CurveSet:
         return tuple(next(iter(self.curves.values())))
 
     @property
-    def fits(self) -> list[tuple[str, str, Fragility]]:
-        """All curves that there are, each with its arch and limit state."""
-        return [
-            (arch, state, fit) for arch, states in self.curves.items()
-            for state, fit in states.items() if isinstance(fit, Fragility)
-        ]  # fmt: skip
-
-    @property
     def complete(self) -> dict[str, dict[str, Fragility]]:
         """Arches that have a curve at every limit state."""
         known = {

@@ -13,91 +13,67 @@ import xarray as xr
 import archfrag
 from archfrag.errors import from_extra
 from archfrag.export import CurveSet, Made, tables
-from archfrag.export.formats import FORMATS, named_measure, written
+from archfrag.export.formats import FORMATS, named_measure
 from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict, quoted
-from archfrag.study.answer.fits import FITS, load_answers, open_cube
+from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, write_text
 from archfrag.study.provenance import commit
-from archfrag.study.steps import require
+from archfrag.study.steps import finished
 
-FOLDER = "export"
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
 
 
 def export_study(
     study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False
 ) -> dict[str, Any]:
-    """Write curves and runs of a study in the formats of other programs.
+    """Write curves and runs of a study whose results are up to date.
 
-    A class of arches has one curve.
+    `formats` are of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet; `folder` is
+    ``export`` in the study's folder if not given. A class of arches has one curve; with `members`
+    those of its arches are written as well.
 
-    Parameters
-    ----------
-    study : Study
-        Its cube and fits are there and up to date.
-    formats : sequence of str
-        Of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet.
-    folder : Path, optional
-        ``export`` in the study's folder if not given. A file is written completely or not at all.
-    members : bool
-        Write curves of the arches of classes as well.
-
-    Returns
-    -------
-    dict
-        ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no curve;
-        ``notes``, what to know before the files are used.
-
-    Raises
-    ------
-    InputError
-        If cube or fits are missing or out of date, a receiver has no name for the measure, or
-        pyarrow is not installed where it is needed. Nothing is written then.
-    FitError
-        If a format that holds nothing but curves is asked for and no arch has one.
-    OutputError
-        If a file cannot be written.
+    Returned are ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no
+    curve; ``notes``, what to know before the files are used. Nothing is written after an
+    InputError (a receiver has no name for the measure, pyarrow is not installed) or a FitError (no
+    arch has a curve, for a format that holds nothing else).
     """
-    require(study, "cube")
-    require(study, "fit")
-    requested = list(dict.fromkeys(formats))
-    files: list[tuple[str, Path]] = []
-    with open_cube(study) as cube:
-        arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
-        answers = quoted(cube, arches, classes, members)
+    fitted = finished(study)
+    answers = fitted.quoted(members)
+    with fitted.cube as cube:
         curves, notes = study_curves(study, cube, answers)
-        texts = {name: written(curves, name) for name in requested if name in FORMATS}
-        if "parquet" in requested:
+        texts, about = dict[tuple[str, str], str](), set[str]()
+        for name in formats:
+            if name in FORMATS:
+                receiver, writers = FORMATS[name]
+                note = named_measure(receiver, curves.measure).note
+                about |= {f"{name}: {note}"} if note else set()
+                for ending, write in writers.items():
+                    made = write(curves)
+                    parts = {"": made} if isinstance(made, str) else made
+                    texts |= {(name, ending.format(arch=a)): text for a, text in parts.items()}
+        if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
-        folder = make_folder(folder or study.folder / FOLDER)
-        for name, parts in texts.items():
-            for ending, text in parts.items():
-                files.append((name, folder / f"{study.id}-{ending}"))
-                write_text(files[-1][1], text)
-        for name in requested:
+        folder = make_folder(folder or study.folder / "export")
+        files = [(name, folder / f"{study.id}-{ending}") for name, ending in texts]
+        for (_, path), text in zip(files, texts.values()):
+            write_text(path, text)
+        for name in dict.fromkeys(formats):
             if name not in FORMATS:
                 paths = _write_tables(study, cube, curves, answers, folder, name)
                 files += [(name, path) for path in paths]
-    about = {name: named_measure(FORMATS[name][0], curves.measure).note for name in texts}
-    notes += sorted(f"{name}: {note}" for name, note in about.items() if note)
-    listed = [{"format": name, "file": str(path)} for name, path in files]
     return {
-        "folder": str(folder), "files": listed, "left_out": curves.left_out, "notes": notes,
+        "folder": str(folder),
+        "files": [{"format": name, "file": str(path)} for name, path in files],
+        "left_out": curves.left_out, "notes": notes + sorted(about),
     }  # fmt: skip
 
 
 def study_curves(
     study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
 ) -> tuple[CurveSet, list[str]]:
-    """Curves of a finished study, and messages on limit states that were left out.
-
-    A limit state short of collapse is exported where every arch with a curve of collapse has one
-    of it too, whose curve does not cross that of a severer one: receivers take differences of
-    states, and want the same states of all arches.
-    """
+    """Curves of a finished study, and messages on limit states that were left out."""
     levels = cube["intensity"].values
     made = Made(
         study.id, study.title, archfrag.__version__, commit(),
@@ -111,20 +87,19 @@ def study_curves(
             f"class {name!r} has one curve for its {count} arches; --members adds one for each"
             for name, count in classes.items()
         ]
-    curves = CurveSet(
-        {arch: states.get(arch, {}) | {"collapse": a.curve} for arch, a in answers.items()},
-        study.intensity.measure,
-        (float(np.nanmin(levels)), float(np.nanmax(levels))),
-        made,
-        classes,
-    )
-    return curves, notes
+    found = {arch: states[arch] | {"collapse": a.curve} for arch, a in answers.items()}
+    ends = float(np.nanmin(levels)), float(np.nanmax(levels))
+    return CurveSet(found, study.intensity.measure, ends, made, classes), notes
 
 
 def _limit_states(
     answers: Mapping[str, Answer],
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
-    """Curves of the limit states that all arches have, mildest first, and why not of others."""
+    """Curves of the limit states short of collapse, mildest first, and why not of others.
+
+    Kept are those of which every arch with a curve of collapse has one that does not cross that of
+    a severer state: receivers take differences of states, and want the same ones of all arches.
+    """
     own = {
         arch: {
             state["name"].replace(" ", "_"): curve_of_dict(state["curve"])
@@ -139,7 +114,7 @@ def _limit_states(
     for name in reversed(list(dict.fromkeys(state for each in own.values() for state in each))):
         if name == "collapse":
             continue
-        found = {arch: own[arch].get(name, "") for arch in after}
+        found = {arch: own[arch].get(name) for arch in after}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
         if len(curves) < len(after):
             notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")

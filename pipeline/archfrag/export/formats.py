@@ -45,16 +45,12 @@ _KNOWN = {
 
 
 class Named(NamedTuple):
-    """An intensity measure as a receiver calls it.
-
-    `factor` times a value in SI gives the value in `unit`; `note` is empty or states what the
-    receiver's measure must be for the curve to hold.
-    """
+    """An intensity measure as a receiver calls it."""
 
     name: str
     unit: str
-    factor: float
-    note: str
+    factor: float  # times a value in SI gives one in `unit`
+    note: str  # what the receiver's measure must be for the curve to hold, or empty
 
     @property
     def remark(self) -> str:
@@ -97,10 +93,6 @@ def nrml_continuous(curves: CurveSet) -> str:
     dispersion beta, mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1).
     ``minIML`` is 0, since below it OpenQuake would hold the curve constant; above ``maxIML``,
     4 dispersions above the highest median, it does so at 0.99997.
-
-    In a job file: ``structural_fragility_file``, with the ids of the arches as taxonomies;
-    `continuous_fragility_discretization` (20 by default) cuts the range into levels in classical
-    damage calculations, 100 or more are advised.
     """
     imt, root, functions = _nrml(curves, {"format": "continuous", "shape": "logncdf"}, "")
     for function, states in functions:
@@ -116,10 +108,9 @@ def nrml_continuous(curves: CurveSet) -> str:
 def nrml_discrete(curves: CurveSet) -> str:
     """Curves by their probabilities at 201 levels for each limit state.
 
-    Levels are 0.04 dispersions apart, the median among them, and reach from 4 dispersions below
-    it to 4 above it and over the study's range: OpenQuake holds a curve constant above its
-    highest level, here at 0.99997 or more. Between levels it interpolates linearly, within 1e-4
-    for dispersions up to 1.
+    They are 0.04 dispersions apart and reach 4 dispersions to both sides of the median and over
+    the study's range. OpenQuake interpolates linearly between them, within 1e-4 for dispersions
+    up to 1, and holds the curve constant above the highest, here at 0.99997 or more.
     """
     more = "Probabilities hold at the levels and are to be interpolated linearly. "
     imt, root, functions = _nrml(curves, {"format": "discrete"}, more)
@@ -240,10 +231,9 @@ def _ids(arches: Iterable[str]) -> dict[str, str]:
 def in_core_sets(curves: CurveSet) -> dict[str, str]:
     """A set for each arch, as JSON.
 
-    IN-CORE takes four curves for a bridge under an earthquake, no more and, in its analysis of
-    bridge damage, no fewer: the severest four. Where there are fewer limit states, the severest is
-    repeated up to the fourth: the damage states between then have probability 0, and the last has
-    that of the severest.
+    IN-CORE takes four curves for a bridge under an earthquake, no more and no fewer: the severest
+    four. Where there are fewer limit states, the severest is repeated: the damage states between
+    then have probability 0, and the last has that of the severest.
     """
     demand, complete = named_measure("IN-CORE", curves.measure), curves.require_curves("IN-CORE")
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
@@ -287,13 +277,3 @@ FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str
     "pelicun": ("pelicun", {"pelicun.csv": pelicun_table, "pelicun.json": pelicun_description}),
     "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),
 }
-
-
-def written(curves: CurveSet, name: str) -> dict[str, str]:
-    """Texts of a format's files, by the ends of their names."""
-    texts: dict[str, str] = {}
-    for ending, write in FORMATS[name][1].items():
-        text = write(curves)
-        parts = {"": text} if isinstance(text, str) else text
-        texts |= {ending.format(arch=arch): part for arch, part in parts.items()}
-    return texts

@@ -107,25 +107,28 @@ def curve_tables(
         }
         for columns in (_POINT, _PARAMETER)
     )
-    points, parameters = [], []
-    for arch, state, fit in curves.fits:
+    points, parameters = [pd.DataFrame(columns=list(about))], []
+    known = [(arch, *each) for arch, states in curves.curves.items() for each in states.items()]
+    for arch, state, fit in known:
+        if isinstance(fit, str):
+            continue
         labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
-        known = answers[arch]
-        lower, upper = (np.interp(levels, known.im, end) for end in (known.lower, known.upper))
+        found = answers[arch]
+        lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
         if state != "collapse":
             ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-            known = Answer(fit, fit, *ends, method="covariance of the fit")
+            found = Answer(fit, fit, *ends, method="covariance of the fit")
             lower, upper = fit.band(levels, confidence)
         values = {
             "im": levels / factor, "intensity": levels, "probability": fit.probability(levels),
             "lower": lower, "upper": upper,
         }  # fmt: skip
         points.append(pd.DataFrame(labels | values, columns=list(about)))
-        row: dict[str, Any] = {name: value(fit, known) for name, (*_, value) in _PARAMETER.items()}
+        row: dict[str, Any] = {name: value(fit, found) for name, (*_, value) in _PARAMETER.items()}
         row |= {name: row[name] / factor for name, f in _PARAMETER.items() if f[1] == "given"}
         parameters.append(row | labels)
     return {
-        "curves": Table(about, points or [pd.DataFrame(columns=list(about))]),
+        "curves": Table(about, points[1:] or points),
         "parameters": Table(stated, [pd.DataFrame(parameters, columns=list(stated))]),
     }
 

@@ -24,7 +24,6 @@ from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
 from archfrag.study.answer.cautions import cautions_of_cube
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
-from archfrag.study.answer.fits import FITS, load_answers, open_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.blocks import LEVEL_UNITS
 from archfrag.study.file.hazard import load_hazard
@@ -34,7 +33,7 @@ from archfrag.study.file.schema import Study, load_study
 from archfrag.study.provenance import finite
 from archfrag.study.runs import design_of
 from archfrag.study.runs.design import Design
-from archfrag.study.steps import read_timings, require
+from archfrag.study.steps import finished, read_timings
 
 IntArray = NDArray[np.int64]
 SUMMARY_FORMAT = "archfrag-summary/2"
@@ -131,12 +130,10 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     OutputError
         If another study's cube is in its folder.
     """
-    require(study, "cube")
-    require(study, "fit")
+    answers, classes, cube = finished(study)
+    with cube:
+        cube.load()
     prepared = load_prepared(study)
-    with open_cube(study) as opened:
-        cube = opened.load()
-    answers, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
     entries = {entry.id: entry for entry in study.members(len(prepared)).entries}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     names = [list(answers)[i] for i in shown(medians)]
@@ -164,10 +161,9 @@ def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer
     if study.id == other.id:
         raise InputError(f"{refused}: each study needs its own id")
     try:
-        require(other, "cube")
-        require(other, "fit")
-        with open_cube(other) as cube:
-            return cube.load(), load_answers(other.folder / FITS)
+        answers, _, cube = finished(other)
+        with cube:
+            return cube.load(), answers
     except InputError as error:
         raise InputError(f"{refused}, since it is not finished: {error}") from error
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
@@ -18,7 +18,6 @@ from archfrag.study.checks import check_start, refuse_foreign_results
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import (
     MANIFEST,
-    motions_key,
     prepare_motions,
     read_manifest,
     study_inputs,
@@ -43,6 +42,9 @@ from archfrag.study.provenance import attributes, versions
 from archfrag.study.running import Stop, only_run
 from archfrag.study.runs.plan import Plan, make_plan
 from archfrag.study.runs.store import gather
+
+if TYPE_CHECKING:
+    from archfrag.study.answer.fits import Fitted
 
 REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
@@ -160,6 +162,15 @@ def require(study: Study, step: str, plan: Plan | None = None) -> None:
     """See that the results of a step are those of the study as it is; else InputError."""
     if wrong := out_of_date(study, step, plan):
         raise InputError(f"{wrong}; `archfrag {step}` on the study file makes it again")
+
+
+def finished(study: Study) -> "Fitted":
+    """Cube and answers of a study; InputError if they are not those of the study as it is."""
+    from archfrag.study.answer.fits import load_fits
+
+    require(study, "cube")
+    require(study, "fit")
+    return load_fits(study)
 
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:

@@ -1,14 +1,13 @@
 """What else follows from runs: other shapes, measures, limit states, parts of the dispersion."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError, attempt
+from archfrag.errors import FitError
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -26,13 +25,12 @@ def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
     from archfrag.fragility.quoted import check_lognormal, isotonic_curve
 
+    drawn: dict[str, Any] = {"seed": _SEED, "resamples": _RESAMPLES}
     shaped: dict[str, Any] = {}
     try:
-        curve = isotonic_curve(
-            runs.brackets, runs.group, seed=_SEED, resamples=_RESAMPLES, confidence=confidence
-        )
+        curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence, **drawn)
         shaped["isotonic"] = {name: values.tolist() for name, values in curve.items()}
-        p_value, _ = check_lognormal(runs.brackets, seed=_SEED, resamples=_RESAMPLES)
+        p_value, _ = check_lognormal(runs.brackets, **drawn)
     except FitError as error:
         return shaped | {"none": worded(error)}
     message = (
@@ -45,19 +43,17 @@ def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str
     return shaped | {"test_of_fit": {"p_value": p_value, "message": message}}
 
 
-def cloud_curves(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
+def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curve of a cloud by logistic regression."""
     from archfrag.fragility.fit import fit_cloud
 
-    decided = runs.decided.ravel()
-    collapsed = runs.verdict.ravel()[decided] == Verdict.COLLAPSED
-    event = None if runs.group is None else runs.group[decided]
-    fit = partial(
-        fit_cloud, runs.level.ravel()[decided], collapsed, event,
+    # Each record has one run.
+    level, verdict = runs.level[runs.decided], runs.verdict[runs.decided]
+    event = None if runs.group is None else runs.group[runs.decided.any(axis=1)]
+    return fit_cloud(
+        level, verdict == Verdict.COLLAPSED, event,
         seed=_SEED, resamples=_RESAMPLES, confidence=confidence,
     )  # fmt: skip
-    curve = attempt(fit, worded)
-    return {"logistic": {"none": curve} if isinstance(curve, str) else curve}
 
 
 def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
@@ -74,8 +70,7 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
         event=runs.group,
     )  # fmt: skip
     units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
-    rows_with_units = [{**row, "unit": units[row["measure"]]} for row in table["rows"]]
-    return {**table, "rows": rows_with_units}
+    return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
 
 
 def limit_states(
@@ -104,10 +99,10 @@ def limit_states(
     found, message = fit_limit_states(exceeded, level, list(meanings))
     onset = min(_onset(cube) for cube, _ in parts)
     states = []
-    for name, (fit, none) in zip(meanings, found, strict=True):
+    for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
         note = worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or note)
-        states.append({"name": name, "meaning": meanings[name], "note": note, "curve": curve})
+        states.append({"name": name, "meaning": meaning, "note": note, "curve": curve})
     return {"message": message, "states": states}
 
 
@@ -115,19 +110,14 @@ def _exceeded(
     cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float], names: Sequence[str]
 ) -> NDArray[np.int64]:
     """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
-
-    def values(name: str) -> NDArray:
-        table: NDArray = cube[name].transpose("record", "level").values
-        return table[runs.rows]
-
-    length, limit = float(cube["joint_length"]), float(cube["static_limit"])
+    part = cube.isel(record=runs.rows).transpose("record", "level", ...)
     states = {
-        "motion": values("openings") + values("slides") + values("impacts") > 0,
-        "impact": values("impacts") > 0,
-        "residual": values("residual_displacement") >= keys["residual"] * length,
-        "rotation": values("peak_rotation") >= keys["rotation"] * limit,
-        "contact lost": np.isfinite(values("lost_contact_time")),
-        "collapse": runs.verdict == Verdict.COLLAPSED,
+        "motion": part["openings"] + part["slides"] + part["impacts"] > 0,
+        "impact": part["impacts"] > 0,
+        "residual": part["residual_displacement"] >= keys["residual"] * part["joint_length"],
+        "rotation": part["peak_rotation"] >= keys["rotation"] * part["static_limit"],
+        "contact lost": np.isfinite(part["lost_contact_time"]),
+        "collapse": part["verdict"] == Verdict.COLLAPSED,
     }
     codes = [np.where(states[name], Verdict.COLLAPSED, Verdict.STANDING) for name in names]
     codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
@@ -141,11 +131,10 @@ def _onset(cube: "xr.Dataset") -> float:
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
     if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
         return 0.0
-    value = cube["record_measure"].transpose("record", "measure").values
+    value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
     least = STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
-    factor = least / value[:, names.index("PGA")]
     power = float(cube["measure_exponent"].values[names.index(own)])
-    return float(np.min(value[:, names.index(own)] * factor**power))
+    return float(np.min(value[own] * (least / value["PGA"]) ** power))
 
 
 def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
@@ -169,21 +158,17 @@ def dispersion_split(
     """
     from archfrag.fragility.curve import split_capacities, split_curves
 
-    n_record = len(members[0].verdict)
-    if not members[0].design.on_levels or any(len(each.verdict) != n_record for each in members):
+    if not members[0].design.on_levels or len({len(each.verdict) for each in members}) > 1:
         return {}
     capacity = np.stack([each.brackets.middle for each in members])
-    try:
-        if np.isnan(capacity).any():
-            fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
-            split = split_curves(
-                [fit.theta for fit in fits], [fit.beta for fit in fits],
-                [fit.standard_errors[0] for fit in fits], shared=_shared_error(capacity),
-            )  # fmt: skip
-        else:
-            split = split_capacities(capacity)
-    except (FitError, InputError) as error:
-        return {"none": str(error)}
+    if np.isnan(capacity).any():
+        fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
+        split = split_curves(
+            [fit.theta for fit in fits], [fit.beta for fit in fits],
+            [fit.standard_errors[0] for fit in fits], shared=_shared_error(capacity),
+        )  # fmt: skip
+    else:
+        split = split_capacities(capacity)
     scale = beta / np.hypot(*split)
     return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}
 

@@ -82,13 +82,12 @@ class Answer:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
         """Inverse of `to_dict`."""
-        given = dict(plain)
-        for name in ("curve", "likelihood"):
-            given[name] = curve_of_dict(given[name])
-        for name in ("theta", "beta"):
-            low, high = (np.nan if end is None else float(end) for end in given[name])
-            given[name] = (low, high)
-        return cls(**given)
+        curves = {name: curve_of_dict(plain[name]) for name in ("curve", "likelihood")}
+        theta, beta = (
+            tuple(np.nan if end is None else float(end) for end in plain[name])
+            for name in ("theta", "beta")
+        )
+        return cls(**{**plain, **curves, "theta": theta, "beta": beta})
 
 
 def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
@@ -105,14 +104,13 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     """Runs of each arch of a cube."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     verdicts = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
-    group = shared_events(cube["event"].values)
+    level, group = cube["intensity"].values, shared_events(cube["event"].values)
     found = []
     for i, (name, verdict) in enumerate(zip(cube["arch"].values.astype(str), verdicts)):
-        level = cube["intensity"].values
         rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-        level = level[i, rows] if level.ndim == 3 else level
+        at = level[i, rows] if level.ndim == 3 else level
         own = None if group is None else group[rows]
-        found.append(Runs(str(name), design, verdict[rows], level, own, rows=rows))
+        found.append(Runs(str(name), design, verdict[rows], at, own, rows=rows))
     return found
 
 
@@ -122,15 +120,14 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple
     names = list(arch_classes(cube).values())
     for name in dict.fromkeys(names):
         places = [i for i, each in enumerate(names) if each == name]
-        if len(places) < 2:
-            continue
-        own = [runs[i] for i in places]
-        level = own[0].level
-        if level.ndim == 2:
-            level = np.concatenate([each.level for each in own])
-        group = np.concatenate([record[each.rows] for each in own])
-        verdict = np.concatenate([each.verdict for each in own])
-        found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
+        if len(places) > 1:
+            own = [runs[i] for i in places]
+            level = own[0].level
+            if level.ndim == 2:
+                level = np.concatenate([each.level for each in own])
+            group = np.concatenate([record[each.rows] for each in own])
+            verdict = np.concatenate([each.verdict for each in own])
+            found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
     return found
 
 
@@ -165,20 +162,19 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     Its curve is the mean of those of its arches; if one of these has none, the lognormal curve of
     all runs. Band and intervals are of the latter. The class has no other curve, and one beta.
     """
-    fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
-    curve, count = pooled.curve, len(members)
-    if isinstance(curve, str):
+    if isinstance(curve := pooled.curve, str):
         return replace(pooled, likelihood="")
-    if len(fits) == count:
-        curve = mixture(curve, fits)
+    fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
+    if lacking := len(members) - len(fits):
         made = (
-            f"The curve is the mean of the curves of its {count} arches; theta and beta are those "
-            "of the lognormal curve with the same mean and standard deviation of ln capacity."
+            f"{lacking} of its {len(members)} arches have no curve, so the curve is the lognormal "
+            "one of all runs of the class."
         )
     else:
+        curve = mixture(curve, fits)
         made = (
-            f"{count - len(fits)} of its {count} arches have no curve, so the curve is the "
-            "lognormal one of all runs of the class."
+            f"The curve is the mean of the curves of its {len(members)} arches; theta and beta are "
+            "those of the lognormal curve with the same mean and standard deviation of ln capacity."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
     return replace(pooled, curve=curve, likelihood="", assumptions=text)
@@ -201,9 +197,8 @@ def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict
 
 def arch_classes(cube: "xr.Dataset") -> dict[str, str]:
     """Class of each arch of a cube; its own name where the cube holds none."""
-    names = [str(name) for name in cube["arch"].values]
-    own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
-    return dict(zip(names, own, strict=True))
+    classes = cube["arch_class" if "arch_class" in cube else "arch"]
+    return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
 
 
 def quoted(

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,10 +11,10 @@ from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
 from archfrag.study.answer import comparisons, curves
 from archfrag.study.answer.cautions import cautions_of_cube
-from archfrag.study.answer.curves import Answer, quoted
+from archfrag.study.answer.curves import Answer
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.schema import Study
-from archfrag.study.files import CUBE, refuse_foreign_cube, write_text
+from archfrag.study.files import CUBE, read_json, refuse_foreign_cube, write_text
 from archfrag.study.provenance import finite
 
 if TYPE_CHECKING:
@@ -45,6 +44,10 @@ class Fitted(NamedTuple):
     classes: dict[str, Answer]  # of several arches
     cube: "xr.Dataset"
 
+    def quoted(self, members: bool = False) -> dict[str, Answer]:
+        """Answers that are handed on, see `curves.quoted`."""
+        return curves.quoted(self.cube, self.arches, self.classes, members)
+
 
 def fit_cube(study: Study) -> Fitted:
     """Find the curve of each arch and class of the cube; store all in ``fits.json``.
@@ -72,7 +75,7 @@ def fit_cube(study: Study) -> Fitted:
         more["measures"] = part(comparisons.measures_compared, one, each)
         more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
         if not each.design.on_levels:
-            more["cloud"] = part(comparisons.cloud_curves, each, confidence, worded)
+            more["cloud"] = {"logistic": part(comparisons.cloud_curves, each, confidence)}
     for each in runs:
         found = part(curves.without_verdict, each, confidence, worded)
         answers[each.name].more["without_verdict"] = found
@@ -109,7 +112,7 @@ def _store(study: Study, fitted: Fitted) -> None:
     write_text(study.folder / FITS, text + "\n")
     head, factor = f"{study.intensity.measure} [{study.intensity.unit}]", study.intensity.factor
     rows = [pd.DataFrame(columns=["arch", head, "probability", "lower", "upper"])]
-    for name, found in quoted(cube, arches, classes).items():
+    for name, found in fitted.quoted().items():
         if not isinstance(found.curve, str):
             im = np.array(found.im)
             rows.append(pd.DataFrame({
@@ -129,19 +132,6 @@ def fit_lines(study: Study, fitted: Fitted) -> list[str]:
     return [f"fit: {line}" for line in lines] + [f"caution: {each}" for each in cautions]
 
 
-def lost_text(found: Answer, median: Callable[[float], str]) -> str:
-    """What the runs without a verdict could change; empty if there are none."""
-    lost = found.more.get("without_verdict") or {}
-    if "runs" not in lost:
-        return ""
-    ends = [
-        f"{median(curve['theta']) if 'theta' in curve else 'not known'} if {verb}"
-        for curve, verb in ((lost["collapsed"], "all collapse"), (lost["standing"], "all stand"))
-    ]
-    runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
-    return f"{runs} no verdict: the median is {ends[0]}, {ends[1]}"
-
-
 def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
     factor, unit = study.intensity.factor, study.intensity.unit
@@ -157,15 +147,30 @@ def fit_text(study: Study, name: str, found: Answer) -> str:
     )
 
 
-def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
-    """Answers that `fit_cube` stored, by arch or, with ``of="classes"``, by class.
+def lost_text(found: Answer, median: Callable[[float], str]) -> str:
+    """What the runs without a verdict could change; empty if there are none."""
+    lost = found.more.get("without_verdict") or {}
+    if "runs" not in lost:
+        return ""
+    low, high = (
+        median(lost[key]["theta"]) if "theta" in lost[key] else "not known"
+        for key in ("collapsed", "standing")
+    )
+    runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+    return f"{runs} no verdict: the median is {low} if all collapse, {high} if all stand"
 
-    InputError if the file is missing or damaged.
-    """
+
+def load_fits(study: Study) -> Fitted:
+    """What `fit_cube` stored, and the cube; InputError if the file is missing or damaged."""
+    path = study.folder / FITS
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))[of]
-        return {name: Answer.from_dict(answer) for name, answer in stored.items()}
+        stored = read_json(path)
+        arches, classes = (
+            {name: Answer.from_dict(answer) for name, answer in stored[of].items()}
+            for of in ("arches", "classes")
+        )
     except FileNotFoundError:
         raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
     except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
         raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it again") from None
+    return Fitted(arches, classes, open_cube(study))

@@ -41,9 +41,7 @@ class Grid:
     # (n_record,): labels of the records' earthquakes, where several have one in common.
     groups: NDArray[np.str_] | None = None
 
-    def cases(
-        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
-    ) -> Cases:
+    def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
         """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
         row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
         cases = np.empty(row.size, CASE)
