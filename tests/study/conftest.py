@@ -9,7 +9,7 @@ import pytest
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.runs.execute import BatchLog
-from archfrag.study.runs.plan import Plan, make_plan
+from archfrag.study.runs.store import Plan, make_plan
 from tests.study.small import make_runs, small_study
 
 

@@ -21,7 +21,7 @@ from archfrag.study.file.blocks import RiskKeys
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.runs.execute import BatchLog
-from archfrag.study.runs.plan import make_plan
+from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import finish, stale_steps, step_names
 from tests.study.small import make_runs, small_study
 

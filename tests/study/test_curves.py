@@ -13,18 +13,20 @@ from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
-from archfrag.study.answer.cautions import (
+from archfrag.study.answer.comparisons import _above, dispersion_split
+from archfrag.study.answer.cube import write_cube
+from archfrag.study.answer.curves import Answer, Runs, likeliest
+from archfrag.study.answer.fits import (
     cautions_of_cube,
     coarse_levels,
     design_cautions,
     events_caution,
+    fit_cube,
+    fit_text,
     non_monotone,
+    open_cube,
     undecided,
 )
-from archfrag.study.answer.comparisons import _above, dispersion_split
-from archfrag.study.answer.cube import write_cube
-from archfrag.study.answer.curves import Answer, Runs, likeliest
-from archfrag.study.answer.fits import fit_cube, fit_text, open_cube
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.stripes import Stripes

@@ -15,8 +15,7 @@ from archfrag.study.file.blocks import Method
 from archfrag.study.runs import execute
 from archfrag.study.runs.design import CASE
 from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
-from archfrag.study.runs.plan import make_plan
-from archfrag.study.runs.store import gather, read_part
+from archfrag.study.runs.store import gather, make_plan, read_part
 
 
 def assert_same(results, expected):

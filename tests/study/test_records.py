@@ -9,7 +9,7 @@ from archfrag.study.file.records import load_prepared, load_record, prepare_moti
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
 from archfrag.study.runs.design import CASE
-from archfrag.study.runs.plan import make_plan
+from archfrag.study.runs.store import make_plan
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 FILES = 'files: ["records/*.AT2"]'

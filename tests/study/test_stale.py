@@ -10,8 +10,7 @@ from archfrag.cli import main
 from archfrag.errors import InputError, RecordError
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.plan import make_plan
-from archfrag.study.runs.store import gather
+from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
 from tests.study.small import TEXT, files_below, make_runs, small_study, write_at2
 
@@ -162,7 +161,7 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0] == ["cube", "fit", "report"]
     next(copied.plan.parts.glob("*.npy")).unlink()
     assert stale_steps(study)[0][0] == "batch-0of1"
-    monkeypatch.setattr("archfrag.study.runs.plan.kernel_hash", lambda: "edited")
+    monkeypatch.setattr("archfrag.study.runs.store.kernel_hash", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
     other = study.model_copy(
         update={"intensity": study.intensity.model_copy(update={"levels": (0.1, 0.2)})}

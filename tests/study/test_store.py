@@ -15,11 +15,13 @@ from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
 from archfrag.study.runs.design import CASE
-from archfrag.study.runs.plan import DECIDING, KEY, make_plan
 from archfrag.study.runs.store import (
+    DECIDING,
+    KEY,
     ROW,
     Store,
     gather,
+    make_plan,
     read_part,
     write_part,
 )
@@ -156,8 +158,8 @@ class TestStore:
         full = files_below(work)
         refused = CliRunner().invoke(main, asked, input="n\n")
         assert refused.exit_code == 1
-        assert "6 runs of other kernels or another version: 1 file, " in refused.output
-        assert "3 runs that the study does not ask for: 1 file, " in refused.output
+        assert "1 file of runs of other kernels or another version, " in refused.output
+        assert "1 file of runs that the study does not ask for, " in refused.output
         assert files_below(work) | {work / "lock": b""} == full | {work / "lock": b""}
         assert CliRunner().invoke(main, [*asked, "--yes"]).exit_code == 0
         assert files_below(work) | {work / "lock": b""} == before | mine | {work / "lock": b""}

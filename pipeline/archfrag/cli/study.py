@@ -1,4 +1,4 @@
-"""The commands for a study: `validate`, `run`, `clean`, the steps of a run, `export` and `risk`."""
+"""The commands for a study: `validate`, `run` and its steps, `clean`, `export` and `risk`."""
 
 import contextlib
 import json
@@ -109,8 +109,7 @@ def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
     from archfrag.study.file.schema import load_study
     from archfrag.study.files import check_own
     from archfrag.study.running import only_run
-    from archfrag.study.runs.plan import make_plan
-    from archfrag.study.runs.store import count_runs, remove, superfluous
+    from archfrag.study.runs.store import make_plan, superfluous
 
     study = load_study(study_file, overrides)
     check_own(study)
@@ -119,12 +118,14 @@ def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
         found = superfluous(plan)
         for why, paths in found.items():
             size = sum(path.stat().st_size for path in paths) / 1e6
-            runs, files = counted(count_runs(paths), "run"), counted(len(paths), "file")
-            echo(f"{runs} {why}: {files}, {size:.3g} MB")
+            echo(f"{counted(len(paths), 'file')} of runs {why}, {size:.3g} MB")
         if not found:
             echo("nothing to remove: this study uses all stored runs")
         elif yes or click.confirm("Remove them?", abort=True):
-            remove([path for paths in found.values() for path in paths])
+            for path in (path for paths in found.values() for path in paths):
+                path.unlink()
+                with contextlib.suppress(OSError):  # a folder that is not empty yet
+                    path.parent.rmdir()
 
 
 STEPS: list[click.Command] = []

@@ -22,8 +22,8 @@ from archfrag.motions.motion import Motion
 from archfrag.report.drawing import FloatArray
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
-from archfrag.study.answer.cautions import cautions_of_cube
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
+from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.blocks import LEVEL_UNITS
 from archfrag.study.file.hazard import load_hazard

@@ -17,7 +17,6 @@ from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, FloatArray, Sheet, figure, log_ticks, panel_below
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, Scale
-from archfrag.study.answer.cautions import accepted_records
 
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
@@ -99,8 +98,10 @@ def motion_parts(inputs: ReportInputs, scale: Scale) -> Iterator[Any]:
     if events:
         yield paragraph(TEXTS["notes"]["events"], "note")
         yield table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
-    if accepted := accepted_records(cube):
-        yield paragraph(f"{accepted[0].upper()}{accepted[1:]}.", "caution")
+    waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
+    if named:
+        yield paragraph(f"Records accepted despite a warning: {', '.join(named)}.", "caution")
 
 
 def _motion_table(inputs: ReportInputs) -> Markup:

@@ -18,7 +18,7 @@ from archfrag.study.file.processing import described
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.files import PACKAGE, digest_of, read_json, sha256_if_there, write_text
-from archfrag.study.runs.plan import Plan
+from archfrag.study.runs.store import Plan
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 

@@ -40,8 +40,7 @@ from archfrag.study.files import (
 )
 from archfrag.study.provenance import attributes, versions
 from archfrag.study.running import Stop, only_run
-from archfrag.study.runs.plan import Plan, make_plan
-from archfrag.study.runs.store import gather
+from archfrag.study.runs.store import Plan, gather, make_plan
 
 if TYPE_CHECKING:
     from archfrag.study.answer.fits import Fitted

@@ -20,8 +20,7 @@ from archfrag.study.files import CUBE, refuse_foreign_cube
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.runs.design import CASE
 from archfrag.study.runs.outcome import COLUMNS, VARIABLES, Variable
-from archfrag.study.runs.plan import Plan, make_plan
-from archfrag.study.runs.store import Gathered, gather
+from archfrag.study.runs.store import Gathered, Plan, gather, make_plan
 
 _RUN = ("arch", "record", "level")
 # Of a chunk, which is read and decompressed at once [values].

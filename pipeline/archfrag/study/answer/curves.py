@@ -173,8 +173,9 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     else:
         curve = mixture(curve, fits)
         made = (
-            f"The curve is the mean of the curves of its {len(members)} arches; theta and beta are "
-            "those of the lognormal curve with the same mean and standard deviation of ln capacity."
+            f"The curve is the mean of the curves of its {len(members)} arches; theta and beta "
+            "are those of the lognormal curve with the same mean and standard deviation of ln "
+            "capacity."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
     return replace(pooled, curve=curve, likelihood="", assumptions=text)

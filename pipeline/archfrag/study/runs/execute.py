@@ -14,6 +14,7 @@ from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -31,8 +32,7 @@ from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.runs.design import Cases, Verdicts, ask
 from archfrag.study.runs.outcome import tabulate_cases
-from archfrag.study.runs.plan import Plan, make_plan
-from archfrag.study.runs.store import Store, write_part
+from archfrag.study.runs.store import Plan, Store, make_plan, write_part
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,11 +118,14 @@ def run_batch(
             bar.initial += done - bar.n
             bar.total, bar.n = None if study.design.adaptive else log.runs, done
             bar.refresh()
-        for made in makers.make(cases[missing]) if missing.size else ():
-            if not store.add(made.part):
-                raise WorkerError(f"{made.part}: cannot be read back; {_GO_ON}")
-            bar.update(made.runs)
-            log.kernel_time += made.kernel_time
+        while missing.size:
+            with contextlib.suppress(BrokenProcessPool):  # a few times
+                for made in makers.make(cases[missing]):
+                    if not store.add(made.part):
+                        raise WorkerError(f"{made.part}: cannot be read back; {_GO_ON}")
+                    bar.update(made.runs)
+                    log.kernel_time += made.kernel_time
+            missing = missing[store.places(keys[missing]) < 0]
         verdicts: Verdicts = store.rows(keys)["verdict"]
         return verdicts
 
@@ -171,40 +174,40 @@ class _Makers:
             self._client.close()
 
     def make(self, cases: Cases) -> Iterator[Made]:
-        """Make runs, of so many chunks at once that memory stays bounded."""
+        """Make runs, of so many chunks at once that memory stays bounded.
+
+        BrokenProcessPool if a worker was killed or ran out of memory; WorkerError at last.
+        """
         if not self.used:
             self._prepare()
         work = chunks(cases, self._size)
-        waiting: dict[Future[Made], Cases] = {}
-        again: list[Cases] = []
+        waiting: set[Future[Made]] = set()
         idle_since = time.monotonic()
-        while True:
-            while len(waiting) < (1 if self._alone() else IN_FLIGHT * self._count):
-                chunk = again.pop() if again else next(work, None)
-                if chunk is None:
-                    break
-                waiting[self._submit(chunk)] = chunk
-            if not waiting:
-                return
-            done, _ = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-            if done or self._client is None or self._client.scheduler_info()["workers"]:
-                idle_since = time.monotonic()
-            elif time.monotonic() - idle_since > PATIENCE:
-                raise WorkerError(f"the scheduler has no workers any more; {_GO_ON}")
-            for future in done:
-                chunk = waiting.pop(future)
-                try:
+        try:
+            while True:
+                most = 1 if self._alone() else IN_FLIGHT * self._count
+                waiting |= {self._submit(chunk) for chunk in islice(work, most - len(waiting))}
+                if not waiting:
+                    return
+                done, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+                if done or self._client is None or self._client.scheduler_info()["workers"]:
+                    idle_since = time.monotonic()
+                elif time.monotonic() - idle_since > PATIENCE:
+                    raise WorkerError(f"the scheduler has no workers any more; {_GO_ON}")
+                for future in done:
                     made = future.result()
-                except BrokenProcessPool:
-                    again += [chunk, *waiting.values()]
-                    waiting.clear()
-                    self._lose()
-                    break
-                except CancelledError as error:
-                    raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error
-                self._runs += made.runs
-                self._cpu += made.cpu_time
-                yield made
+                    self._runs += made.runs
+                    self._cpu += made.cpu_time
+                    yield made
+        except CancelledError as error:
+            raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error
+        except BrokenProcessPool:
+            self._losses += 1
+            if self._losses > LOSSES_ALLOWED:
+                lost = f"workers were killed or ran out of memory {self._losses} times"
+                raise WorkerError(f"{lost}; {_GO_ON}") from None
+            self._pool = None
+            raise
 
     def _prepare(self) -> None:
         """See that the kernels are compiled and that all arches stand."""
@@ -242,26 +245,12 @@ class _Makers:
             future: Future[Made] = Future()
             future.set_result(make_runs(*work))
             return future
-        while True:
-            if self._pool is None:
-                self._pool = self._scheduler() or Pool(
-                    self._count, multiprocessing.get_context("spawn"), _follow_parent
-                )
-                self.used = self._count
-            try:
-                return self._pool.submit(make_runs, *work)
-            except BrokenProcessPool:
-                self._lose()
-
-    def _lose(self) -> None:
-        """Start anew after a worker was killed or ran out of memory, a few times."""
-        self._losses += 1
-        if self._losses > LOSSES_ALLOWED:
-            lost = f"workers were killed or ran out of memory {self._losses} times"
-            raise WorkerError(f"{lost}; {_GO_ON}")
-        assert self._pool is not None
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._pool = None
+        if self._pool is None:
+            self._pool = self._scheduler() or Pool(
+                self._count, multiprocessing.get_context("spawn"), _follow_parent
+            )
+            self.used = self._count
+        return self._pool.submit(make_runs, *work)
 
     def _scheduler(self) -> Executor | None:
         """Executor of the study's dask scheduler, if it names one."""
