@@ -48,14 +48,6 @@ _figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_figu
                        help="Draw a figure.")  # fmt: skip
 
 
-def _draw(path: Path, kind: str, shown: Any) -> None:
-    """Write a figure of records."""
-    from archfrag.cli import record_figures
-    from archfrag.study.files import write_text
-
-    write_text(path, getattr(record_figures, kind)(shown))
-
-
 @click.group()
 def records() -> None:
     """Inspect, measure, select, convert, fetch and make records."""
@@ -80,28 +72,33 @@ def inspect(
     Example:
       archfrag records inspect *.V2 --figure records.svg
     """
-    from archfrag.cli import record_tables as commands
+    from archfrag.cli import record_work as work
     from archfrag.errors import RecordError
     from archfrag.motions.channels import inspect_record
     from archfrag.motions.index import goes_with_records
+    from archfrag.study.files import write_text
+    from archfrag.study.provenance import finite
 
     found, facts, unreadable = [], [], []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(inspect_record(file, **commands.reading_of(file, reading)))
-            facts.append(commands.inspection_facts(found[-1]))
+            found.append(inspect_record(file, **work.reading_of(file, reading)))
         except RecordError as error:
             unreadable.append(str(error))
             facts.append({"file": str(file), "error": str(error)})
+            continue
+        channels = [{k: v for k, v in each.items() if k != "motion"}
+                    for each in found[-1]["channels"]]  # fmt: skip
+        facts.append(finite(found[-1] | {"channels": channels}))
     if figure is not None and found:
-        _draw(figure, "channels", [
+        write_text(figure, work.channels([
             (f"{Path(file['file']).name} {channel['code']}".strip(), channel["motion"])
             for file in found for channel in file["channels"] if channel["motion"] is not None
-        ])  # fmt: skip
+        ]))  # fmt: skip
     if found or as_json:
-        show(facts, "\n".join(map(commands.inspection_text, found)), as_json)
+        show(facts, "\n".join(map(work.inspection_text, found)), as_json)
     for message in unreadable:
         warn(f"error: {message}")
     if unreadable:
@@ -128,14 +125,15 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
-    from archfrag.cli.record_tables import measure_files, table_spectra
+    from archfrag.cli import record_work as work
     from archfrag.files import counted
     from archfrag.motions.flatfile import write_flatfile
+    from archfrag.study.files import write_text
 
-    table = measure_files(files, out, periods, reading)
+    table = work.measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
-        _draw(figure, "measured_spectra", table_spectra(table))
+        write_text(figure, work.measured_spectra(work.table_spectra(table)))
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
@@ -173,15 +171,16 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
       archfrag records select flatfile.csv --out selected.csv --count 30 \\
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
-    from archfrag.cli.record_tables import select_from, selection_text
+    from archfrag.cli import record_work as work
+    from archfrag.study.files import write_text
 
-    selection = select_from(flatfile, options)
+    selection = work.select_from(flatfile, options)
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
-        _draw(figure, "selected_spectra", selection)
+        write_text(figure, work.selected_spectra(selection))
     for caution in selection.cautions:
         warn(f"caution: {caution}")
-    show(selection.facts(), selection_text(selection, out), as_json)
+    show(selection.facts(), work.selection_text(selection, out), as_json)
 
 
 @records.command()
@@ -206,7 +205,7 @@ def convert(
     Example:
       archfrag records convert CE23837.V1C --to at2 --in g --out converted
     """
-    from archfrag.cli.record_tables import reading_of
+    from archfrag.cli.record_work import reading_of
     from archfrag.motions.calibrate import Reading
     from archfrag.motions.convert import convert_record
 
@@ -312,7 +311,7 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
       archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
         --distance-km 10:100 --out synthetic
     """
-    from archfrag.cli.record_tables import make_chosen
+    from archfrag.cli.record_work import make_chosen
     from archfrag.files import counted
 
     paths = make_chosen(out, requested)

@@ -26,7 +26,9 @@ _RUN = ("arch", "record", "level")
 # Of a chunk, which is read and decompressed at once [values].
 LARGEST_CHUNK = 100_000
 COMPRESSION = 4
-_ARCH_UNITS = {"embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N"}
+_ARCH_UNITS = dict.fromkeys(VARIABLE, "m") | {
+    "embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N",
+}  # fmt: skip
 _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
@@ -53,7 +55,7 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
 
     Memory grows by about 600 bytes a run.
     """
-    from archfrag.motions.measures import measure_unit
+    from archfrag.motions.measures import measure_unit, scaling_exponent
 
     regular, measure = study.design.on_levels, study.intensity.measure
     levels, factors = plan.levels, plan.factors(runs.cases)
@@ -80,25 +82,36 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
         "intensity": _variable(intensity, levels), "scale_factor": _variable(scale, scales),
     }  # fmt: skip
     facts["intensity"].attrs["measure"] = measure
-    tables = {
-        each.name: filled(runs.table[each.name], float(each.missing))
-        for each in (*COLUMNS, VARIABLES["model_time"])
-    }
-    survived = tables["verdict"] == Verdict.STANDING
-    values = _record_facts(plan) | tables | {
+    names = list(plan.records[0].measures)
+    values: dict[str, Sequence[Any] | NDArray] = {
         "level": np.arange(shape[2]),
         "model": [model.name.lower() for model in Model],
-        "lost_contact_and_stand": (survived & np.isfinite(tables["lost_contact_time"])).sum(1),
-    }  # fmt: skip
+        "measure": names,
+        "measure_unit": [measure_unit(name) for name in names],
+        "measure_exponent": [scaling_exponent(name) for name in names],
+        "record_measure": [[record.measures[name] for name in names] for record in plan.records],
+    }
+    for each in VARIABLES.values():
+        if each.dimensions == "record":
+            found = [getattr(record, each.source) for record in plan.records]
+            values[each.name] = [np.nan if value is None else value for value in found]
+    for each in (*COLUMNS, VARIABLES["model_time"]):
+        values[each.name] = filled(runs.table[each.name], float(each.missing))
+    survived = values["verdict"] == Verdict.STANDING
+    lost = np.isfinite(values["lost_contact_time"])
+    values["lost_contact_and_stand"] = (survived & lost).sum(axis=1)
     facts |= {name: _variable(VARIABLES[name], each) for name, each in values.items()}
-    notes = {plan.arches[arch].id: note for arch, note in sorted(runs.notes.items())}
-    design = study.design.model_dump(mode="json") | {"arches": notes}
-    return xr.Dataset(facts, attrs=_global_attributes(study, plan, design))
+    return xr.Dataset(facts, attrs=_global_attributes(study, plan, runs.notes))
 
 
-def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict[str, str]:
+def _global_attributes(
+    study: Study, plan: Plan, notes: dict[int, dict[str, Any]]
+) -> dict[str, str]:
+    """Attributes by CF and of our own; `notes` are of the design, by arch."""
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
+    design = study.design.model_dump(mode="json")
+    design["arches"] = {plan.arches[arch].id: note for arch, note in sorted(notes.items())}
     return {
         "Conventions": "CF-1.11",
         "title": study.title,
@@ -171,10 +184,9 @@ def _arch_facts(arches: Members) -> dict[str, xr.Variable]:
         ],
     }
     facts = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
-    units = dict.fromkeys(VARIABLE, "m") | _ARCH_UNITS
     for name, numbers in arches.parameters().items():
-        about = Variable(f"arch_{name}", "arch", "f8", units.get(name, "1"), "nan")
-        about = about._replace(long_name=f"{name} of the arch")
+        units, text = _ARCH_UNITS.get(name, "1"), f"{name} of the arch"
+        about = Variable(f"arch_{name}", "arch", "f8", units, "nan", long_name=text)
         facts[about.name] = _variable(about, numbers)
     for name, texts in arches.attributes().items():
         # Names in files have letters, digits and _ only; long_name is as in the table.
@@ -184,26 +196,3 @@ def _arch_facts(arches: Members) -> dict[str, xr.Variable]:
         about = Variable(plain, "arch", "S", long_name=f"{name} of the arch")
         facts[plain] = _variable(about, texts)
     return facts
-
-
-def _record_facts(plan: Plan) -> dict[str, Sequence[Any]]:
-    """Facts on records; in a run their measures are these times factor ** exponent."""
-    from archfrag.motions.measures import measure_unit, scaling_exponent
-
-    attributes = {
-        "record": "id", "record_dt": "dt", "record_duration": "duration", "event": "event",
-        "magnitude": "magnitude", "distance": "distance", "record_vertical": "vertical",
-        "record_file": "source", "record_sha256": "sha256", "accepted": "accepted",
-    }  # fmt: skip
-    facts: dict[str, Sequence[Any]] = {
-        name: [np.nan if (value := getattr(record, key)) is None else value
-               for record in plan.records]
-        for name, key in attributes.items()
-    }  # fmt: skip
-    names = list(plan.records[0].measures)
-    return facts | {
-        "measure": names,
-        "measure_unit": [measure_unit(name) for name in names],
-        "measure_exponent": [scaling_exponent(name) for name in names],
-        "record_measure": [[record.measures[name] for name in names] for record in plan.records],
-    }

@@ -186,7 +186,8 @@ class _Makers:
         try:
             while True:
                 most = 1 if self._alone() else IN_FLIGHT * self._count
-                waiting |= {self._submit(chunk) for chunk in islice(work, most - len(waiting))}
+                free = max(most - len(waiting), 0)
+                waiting |= {self._submit(chunk) for chunk in islice(work, free)}
                 if not waiting:
                     return
                 done, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)

@@ -31,7 +31,7 @@ class Variable(NamedTuple):
     fill: str = ""  # what stands where there is no such value
     missing: str = ""  # what stands in a cell that was not simulated
     flags: str = ""  # enumeration of the codes, or the meanings of 0, 1 and so on
-    source: str = ""  # array of the kernels' results, with the entry there
+    source: str = ""  # array of the kernels' results, with the entry there; or record's attribute
     long_name: str = ""
     comment: str = ""
 
