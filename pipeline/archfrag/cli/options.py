@@ -34,10 +34,6 @@ def _accept(context: click.Context, parameter: click.Parameter, words: tuple[str
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-members_option = click.option("--members", is_flag=True,
-                              help="Include the arches of classes as well.")  # fmt: skip
-cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
-                            help="Number of cores to use; all by default.")  # fmt: skip
 takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
     click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",

@@ -9,19 +9,13 @@ from typing import Any
 
 import click
 
-from archfrag.cli.options import (
-    PATH,
-    cores_option,
-    echo,
-    json_option,
-    members_option,
-    show,
-    takes,
-    takes_study,
-    warn,
-)
+from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn
 
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
+members_option = click.option("--members", is_flag=True,
+                              help="Include the arches of classes as well.")  # fmt: skip
+cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
+                            help="Number of cores to use; all by default.")  # fmt: skip
 
 
 @click.command()

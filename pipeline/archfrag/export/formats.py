@@ -1,11 +1,13 @@
 """Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3."""
 
+import csv
 import io
 import json
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,23 +27,13 @@ _REACH = 4.0
 _GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
 _MOST = 4  # limit states in IN-CORE
 _PER_G = 1.0 / STANDARD_GRAVITY
-# By receiver (OpenQuake: hazardlib's imt.py) and kind of measure: name, unit, factor from SI.
-_KNOWN = {
-    "OpenQuake": {
-        "PGA": ("PGA", "g", _PER_G), "PGV": ("PGV", "cm/s", 100.0), "PGD": ("PGD", "cm", 100.0),
-        "Arias": ("IA", "m/s", 1.0), "CAV": ("CAV", "g s", _PER_G),
-        "Sa": ("SA({0!r})", "g", _PER_G), "AvgSA": ("AvgSA", "g", _PER_G),
-    },
-    "pelicun": {
-        "PGA": ("Peak Ground Acceleration", "g", _PER_G),
-        "PGV": ("Peak Ground Velocity", "cmps", 100.0),
-        "Sa": ("Spectral Acceleration|{0!r}", "g", _PER_G),
-    },
-    "IN-CORE": {
-        "PGA": ("PGA", "g", _PER_G), "PGV": ("PGV", "cm/s", 100.0), "PGD": ("PGD", "m", 1.0),
-        "Sa": ("{0!r} Sec Sa", "g", _PER_G),
-    },
+# Receivers' units over those of SI.
+_FACTORS = {
+    "g": _PER_G, "g s": _PER_G, "cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0,
 }  # fmt: skip
+# What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
+with open(Path(__file__).with_name("receivers.csv"), newline="", encoding="utf-8") as _file:
+    _KNOWN = list(csv.DictReader(_file))
 
 
 class Named(NamedTuple):
@@ -60,7 +52,8 @@ class Named(NamedTuple):
 
 def named_measure(receiver: str, measure: str) -> Named:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
-    parsed, known = parse_measure(measure), _KNOWN[receiver]
+    parsed = parse_measure(measure)
+    known = {row["kind"]: row for row in _KNOWN if row["receiver"] == receiver}
     if (receiver, parsed.kind) == ("pelicun", "PGD"):
         raise InputError(
             "pelicun has no demand type for PGD, the peak displacement of the ground: its PGD is "
@@ -71,7 +64,7 @@ def named_measure(receiver: str, measure: str) -> Named:
             f"{receiver} has no name for the intensity measure {measure}; it knows "
             f"{', '.join(known)}; csv and parquet take any"
         )
-    name, unit, factor = known[parsed.kind]
+    name, unit = known[parsed.kind]["name"], known[parsed.kind]["unit"]
     notes = []
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
@@ -83,7 +76,7 @@ def named_measure(receiver: str, measure: str) -> Named:
     if parsed.rotated:
         must = f"must be {parsed.rotated} of two horizontal components"
         notes.append(f"the values of {parsed.kind} {must}")
-    return Named(name.format(*parsed.periods), unit, factor, "; ".join(notes))
+    return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(notes))
 
 
 def nrml_continuous(curves: CurveSet) -> str:

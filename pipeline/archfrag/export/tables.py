@@ -1,7 +1,8 @@
 """Tables of curves, runs, records and arches, written as CSV or Parquet."""
 
+import csv
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,6 @@ from archfrag.errors import from_extra
 from archfrag.export import CurveSet
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import Fragility
 from archfrag.study.answer.curves import Answer
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
@@ -45,48 +45,10 @@ def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
             writer.write_table(piece.cast(schema))
 
 
-# Columns of the tables of curves: what they are and in which unit, which is "given" or "si" for
-# intensities. In a text, {percent} is the confidence. Of parameters also how the value follows
-# from the curve and the answer that it belongs to, before its unit is changed to the study's.
-_LABELS = {
-    "arch": ("name of the arch, or of the class of arches", ""),
-    "limit_state": ("limit state; states go from the mildest to the severest", ""),
-    "measure": ("intensity measure", ""),
-}
-_POINT = {
-    "im": ("intensity in the unit of the study", "given"),
-    "unit": ("unit of im", ""),
-    "intensity": ("the same intensity in SI, as in the table of runs", "si"),
-    "probability": ("probability of exceeding the limit state", "1"),
-    "lower": ("lower end of the {percent} band at each level", "1"),
-    "upper": ("upper end of the {percent} band at each level", "1"),
-}
-_PARAMETER: dict[str, tuple[str, str, Callable[[Fragility, Answer], object]]] = {
-    "theta": ("median capacity", "given", lambda fit, _: fit.theta),
-    "theta_lower": ("lower end of the {percent} interval of theta", "given",
-                    lambda _, known: known.theta[0]),
-    "theta_upper": ("upper end of the {percent} interval of theta", "given",
-                    lambda _, known: known.theta[1]),
-    "unit": ("unit of theta, theta_lower and theta_upper", "", lambda *_: ""),
-    "theta_si": ("median capacity in SI", "si", lambda fit, _: fit.theta),
-    "beta": ("standard deviation of the logarithm of capacity", "1", lambda fit, _: fit.beta),
-    "beta_lower": ("lower end of the {percent} interval of beta", "1",
-                   lambda _, known: known.beta[0]),
-    "beta_upper": ("upper end of the {percent} interval of beta", "1",
-                   lambda _, known: known.beta[1]),
-    "theta_maximum_likelihood": ("by maximum likelihood", "given",
-                                 lambda _, known: getattr(known.likelihood, "theta", np.nan)),
-    "beta_maximum_likelihood": ("by maximum likelihood", "1",
-                                lambda _, known: getattr(known.likelihood, "beta", np.nan)),
-    "standard_error_ln_theta": ("from the covariance of the fit", "1",
-                                lambda fit, _: fit.standard_errors[0]),
-    "standard_error_beta": ("from the covariance of the fit", "1",
-                            lambda fit, _: fit.standard_errors[1]),
-    "correlation_ln_theta_beta": ("of the two estimates", "1", lambda fit, _: fit.correlation),
-    "runs": ("runs or records that were used", "1", lambda fit, _: fit.n_total),
-    "kind": ("kind of the fit", "", lambda fit, _: fit.kind),
-    "band": ("what bands and intervals are from", "", lambda _, known: known.method),
-}  # fmt: skip
+# Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
+# text is the confidence.
+with open(Path(__file__).with_name("columns.csv"), newline="", encoding="utf-8") as _file:
+    _COLUMNS = list(csv.DictReader(_file))
 
 
 def curve_tables(
@@ -100,14 +62,16 @@ def curve_tables(
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
     units, percent = {"given": unit, "si": si}, f"{100 * confidence:g} %"
-    about, stated = (
-        {
-            name: _about(text.format(percent=percent), units.get(of, of))
-            for name, (text, of, *_) in (_LABELS | columns).items()
+    about: dict[str, Columns] = {
+        table: {
+            each["name"]: _about(
+                each["about"].format(percent=percent), units.get(each["unit"], each["unit"])
+            )
+            for each in _COLUMNS if each["table"] in ("", table)
         }
-        for columns in (_POINT, _PARAMETER)
-    )
-    points, parameters = [pd.DataFrame(columns=list(about))], []
+        for table in ("curves", "parameters")
+    }  # fmt: skip
+    points, parameters = [pd.DataFrame(columns=list(about["curves"]))], []
     known = [(arch, *each) for arch, states in curves.curves.items() for each in states.items()]
     for arch, state, fit in known:
         if isinstance(fit, str):
@@ -119,17 +83,28 @@ def curve_tables(
             ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
             found = Answer(fit, fit, *ends, method="covariance of the fit")
             lower, upper = fit.band(levels, confidence)
-        values = {
+        points.append(pd.DataFrame(labels | {
             "im": levels / factor, "intensity": levels, "probability": fit.probability(levels),
             "lower": lower, "upper": upper,
-        }  # fmt: skip
-        points.append(pd.DataFrame(labels | values, columns=list(about)))
-        row: dict[str, Any] = {name: value(fit, found) for name, (*_, value) in _PARAMETER.items()}
-        row |= {name: row[name] / factor for name, f in _PARAMETER.items() if f[1] == "given"}
-        parameters.append(row | labels)
+        }))  # fmt: skip
+        likelihood = found.likelihood
+        parameters.append(labels | {
+            "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
+            "theta_lower": found.theta[0] / factor, "theta_upper": found.theta[1] / factor,
+            "beta_lower": found.beta[0], "beta_upper": found.beta[1],
+            "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
+            "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
+            "standard_error_ln_theta": fit.standard_errors[0],
+            "standard_error_beta": fit.standard_errors[1],
+            "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
+            "kind": fit.kind, "band": found.method,
+        })  # fmt: skip
+    frames = points[1:] or points
     return {
-        "curves": Table(about, points[1:] or points),
-        "parameters": Table(stated, [pd.DataFrame(parameters, columns=list(stated))]),
+        "curves": Table(about["curves"], [frame[list(about["curves"])] for frame in frames]),
+        "parameters": Table(
+            about["parameters"], [pd.DataFrame(parameters, columns=list(about["parameters"]))]
+        ),
     }
 
 

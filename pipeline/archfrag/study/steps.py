@@ -14,30 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
+from archfrag.study import files
 from archfrag.study.checks import check_start, refuse_foreign_results
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import (
-    MANIFEST,
-    prepare_motions,
-    read_manifest,
-    study_inputs,
-)
+from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
-from archfrag.study.files import (
-    CUBE,
-    FIGURE,
-    OWNER,
-    canonical_json,
-    changes,
-    check_own,
-    digest_of,
-    digest_of_code,
-    read_owner,
-    read_stamp,
-    sha256_if_there,
-    stamp_file,
-    write_text,
-)
 from archfrag.study.provenance import attributes, versions
 from archfrag.study.running import Stop, only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
@@ -78,7 +59,9 @@ def products(study: Study, step: str) -> list[Path]:
         return [study.work / "runs" / f"{step}.csv"]
     if step == "motions":
         return [study.work / MANIFEST]
-    names = {"cube": [CUBE], "fit": ["fits.json", "curve.csv"], "report": list(REPORT_FILES)}[step]
+    if step == "cube":
+        return [study.folder / files.CUBE]
+    names = ["fits.json", "curve.csv"] if step == "fit" else list(REPORT_FILES)
     if step == "report":
         with contextlib.suppress(InputError):  # before the motions there are no figures
             ids = study.members(len(read_manifest(study)["records"])).ids
@@ -122,10 +105,11 @@ def make_step(
         (path,) = products(study, step)
         make_folder(path.parent)
         write_csv(path, [table])
-        new = f"{log.kept} kept from before, {log.runs - log.kept} new"
-        runs = f"{counted(log.runs, 'run')}, {new}"
-        took = f"{log.wall_time:.1f} s on {counted(log.workers, 'core')}"
-        note(f"batch {batch + 1} of {batches}: {runs}; {took}")
+        note(
+            f"batch {batch + 1} of {batches}: {counted(log.runs, 'run')}, {log.kept} kept from "
+            f"before, {log.runs - log.kept} new; {log.wall_time:.1f} s on "
+            f"{counted(log.workers, 'core')}"
+        )
     elif step == "cube":
         from archfrag.study.answer.cube import write_cube
 
@@ -143,18 +127,18 @@ def make_step(
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
     """Leave the stamp of a step; remove figures that the step made before and not now."""
-    files = {
-        os.path.relpath(path, study.folder): sha256_if_there(path)
+    made = {
+        os.path.relpath(path, study.folder): files.sha256_if_there(path)
         for path in products(study, step) if path.is_file()
     }  # fmt: skip
-    for name, digest in read_stamp(study, step)[1].items():
+    for name, digest in files.read_stamp(study, step)[1].items():
         path = study.folder / name
-        ours = name not in files and FIGURE.fullmatch(name) and not path.is_symlink()
-        if ours and sha256_if_there(path) == digest:
+        ours = name not in made and files.FIGURE.fullmatch(name) and not path.is_symlink()
+        if ours and files.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
-    stamp = {"from": _made_from(study, step, plan), "files": files}
-    make_folder(stamp_file(study, step).parent)
-    write_text(stamp_file(study, step), canonical_json(stamp) + "\n")
+    stamp = {"from": _made_from(study, step, plan), "files": made}
+    make_folder(files.stamp_file(study, step).parent)
+    files.write_text(files.stamp_file(study, step), files.canonical_json(stamp) + "\n")
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -180,7 +164,7 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
         return names, changed
     for i, step in enumerate(names[1:], start=1):
         if wrong := out_of_date(study, step, plan):
-            return names[i:], [wrong] if stamp_file(study, step).is_file() else []
+            return names[i:], [wrong] if files.stamp_file(study, step).is_file() else []
     return [], []
 
 
@@ -188,10 +172,10 @@ def current_plan(study: Study) -> tuple[Plan | None, list[str]]:
     """Plan of a study whose motions are current; else None, and what has changed."""
     inputs = study_inputs(study)
     try:
-        if changed := changes(read_manifest(study)["inputs"], inputs, study.folder):
+        if changed := files.changes(read_manifest(study)["inputs"], inputs, study.folder):
             return None, changed
         plan, wrong = make_plan(study), out_of_date(study, "motions")
-        known = stamp_file(study, "motions").is_file()
+        known = files.stamp_file(study, "motions").is_file()
     except InputError as error:
         wrong, known = str(error), (study.work / MANIFEST).exists()
     if wrong:
@@ -203,11 +187,11 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
     own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
-    before, files = read_stamp(study, step)
+    before, made = files.read_stamp(study, step)
     if before is None:
         return f"{main}: is missing, or no step of this study made it"
-    for name, digest in files.items():
-        if name not in own or sha256_if_there(own[name]) != digest:
+    for name, digest in made.items():
+        if name not in own or files.sha256_if_there(own[name]) != digest:
             return f"{study.folder / name}: is missing, changed or damaged"
     now = _made_from(study, step, plan)
     if changed := [name for name in now | before if now.get(name) != before.get(name)]:
@@ -222,36 +206,37 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
+    motions = files.sha256_if_there(study.work / MANIFEST)
     if step.startswith("batch"):
         found: dict[str, Any] = {"step": step, **(plan or make_plan(study)).digests}
-        return {name: digest_of(value) for name, value in found.items()}
-    found = {"step": step, "code": digest_of_code("**/*"), "packages": versions()}
+        return {name: files.digest_of(value) for name, value in found.items()}
+    found = {"step": step, "code": files.digest_of_code("**/*"), "packages": versions()}
     if step == "motions":
         manifest = read_manifest(study)
         found |= {name: manifest[name] for name in ("key", "inputs")}
     elif step == "cube":
         plan = plan or make_plan(study)
-        arches, digests = plan.arches, plan.digests
-        found |= digests | {
+        arches = plan.arches
+        found |= plan.digests | {
             "attributes of arches": [arches.classes, arches.attributes()],
             "parameters of arches": [(m.id, m.values) for m in arches],
             "title": study.title, "institution": study.institution,
-            "levels": [digests["levels"], study.intensity.given],
-            "settings": attributes(study, plan), "motions": sha256_if_there(study.work / MANIFEST),
+            "levels": [plan.digests["levels"], study.intensity.given],
+            "settings": attributes(study, plan), "motions": motions,
         }  # fmt: skip
     else:
         before = ("cube",) if step == "fit" else ("cube", "fit")
         paths = [path for name in before for path in products(study, name)]
-        found |= {path.name: sha256_if_there(path) for path in paths}
+        found |= {path.name: files.sha256_if_there(path) for path in paths}
         found["report.confidence"] = study.report.confidence
         found["limit_states"] = study.limit_states.model_dump()
     if step == "report":
-        found |= {"motions": sha256_if_there(study.work / MANIFEST), "report.at": study.report.at}
+        found |= {"motions": motions, "report.at": study.report.at}
         if study.risk is not None:
             hazard = Path(study.risk.hazard)
             given = study.risk.model_dump(exclude={"hazard"})
-            found["risk"] = [given, hazard.name, sha256_if_there(hazard)]
-    return {name: digest_of(value) for name, value in found.items()}
+            found["risk"] = [given, hazard.name, files.sha256_if_there(hazard)]
+    return {name: files.digest_of(value) for name, value in found.items()}
 
 
 def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> bool:
@@ -259,7 +244,7 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
 
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
     """
-    check_own(study)
+    files.check_own(study)
     refuse_foreign_results(study)
     owner = _owner(study, study_file)
     if not stale_steps(study)[0]:
@@ -272,12 +257,11 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
     check_start(study)
     make_folder(study.work)
     with only_run(study):
-        write_text(study.work / OWNER, canonical_json(owner) + "\n")
+        files.write_text(study.work / files.OWNER, files.canonical_json(owner) + "\n")
         stale, changed = stale_steps(study)
-        for line in changed[:_MOST_LINES]:
+        left = len(changed) - _MOST_LINES
+        for line in (*changed[:_MOST_LINES], *([f"… and {left} more"] if left > 0 else [])):
             note(line)
-        if len(changed) > _MOST_LINES:
-            note(f"… and {len(changed) - _MOST_LINES} more")
         if changed:
             kept = "finished runs that are still what they were are kept"
             note(f"what follows from it is made again; {kept}")
@@ -287,9 +271,9 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
             if step != "motions":
                 plan = plan or make_plan(study)
             make_step(study, step, note, options, plan)
-        left, changed = stale_steps(study)
-        if left:
-            what = f"{(changed or left)[0]}, while the run was at work"
+        still, changed = stale_steps(study)
+        if still:
+            what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
     return bool(stale)
 
@@ -299,7 +283,7 @@ def _owner(study: Study, path: Path) -> dict[str, str]:
 
     OutputError if they are those of another study file with the same id.
     """
-    before = read_owner(study).get("file")
+    before = files.read_owner(study).get("file")
     file = study.folder / (before or "")
     if before is not None and file.is_file() and not file.samefile(path):
         raise OutputError(
