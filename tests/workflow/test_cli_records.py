@@ -9,8 +9,10 @@ from click.testing import CliRunner
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.cli import main
+from archfrag.motions.flatfile import read_flatfile
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
+from archfrag.motions.synthetic import Plan, make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
 
@@ -35,10 +37,9 @@ def facts(*arguments):
 def refused(*arguments, code=2):
     """The message of a command that ends with an exit code."""
     result = call(*arguments)
-    assert result.exit_code == code
+    assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
-    assert result.stdout == ""
     return result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
 
 
@@ -129,8 +130,7 @@ class TestConvert:
         for old, new in zip(before, after, strict=True):
             assert (new.dt, new.metadata["start_time"]) == (old.dt, old.metadata["start_time"])
             for part in ("acceleration", "vertical"):
-                values = getattr(new, part), getattr(old, part)
-                assert np.allclose(*values, rtol=3e-16, atol=0.0)
+                assert np.allclose(getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0)
 
     def test_at2_holds_the_digits_of_its_columns_and_an_index_lists_what_was_done(
         self, three, at2, tmp_path
@@ -154,10 +154,9 @@ class TestConvert:
         done("convert", at2, "--out", tmp_path / "o")
         other = at2.rename(tmp_path / "record.dat")
         assert "has it from elsewhere" in refused("convert", other, "--out", tmp_path / "o")
-        doubtful = tmp_path / "doubtful.AT2"
-        doubtful.write_text(at2_text(30.0 * wave()))
-        assert "peak of channel 180" in refused("convert", doubtful, "--out", tmp_path / "p")
-        done("convert", doubtful, "--accept", "pga", "--out", tmp_path / "p")
+        other.write_text(at2_text(30.0 * wave()))
+        assert "peak of channel 180" in refused("convert", other, "--out", tmp_path / "p")
+        done("convert", other, "--accept", "pga", "--out", tmp_path / "p")
         (entry,) = load_index(tmp_path / "p")
         assert load_motion(entry).metadata["accepted"]
 
@@ -181,8 +180,7 @@ class TestFetch:
         assert [entry.metadata["event"] for entry in load_index(tmp_path)] == [EVENT] * 3
 
     def test_failures(self, centre, tmp_path):
-        centre.faults["dataselect", "BOTH"] = 503
-        centre.faults["dataselect", "NEAR"] = 204
+        centre.faults |= {("dataselect", "BOTH"): 503, ("dataselect", "NEAR"): 204}
         result = call(*self.arguments(centre, tmp_path, "--json"))
         assert result.exit_code == 7
         kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
@@ -204,19 +202,15 @@ class TestMake:
     )  # fmt: skip
 
     def test_they_are_those_of_the_same_plan(self, tmp_path):
-        from archfrag.motions.synthetic import Plan, make_motion, plan_motions
-
         found = facts("make", "--out", tmp_path / "a", *self.PLAN)
-        assert [file.rsplit("/", 1)[1] for file in found["files"]] == [
-            "e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"
-        ]  # fmt: skip
-        wanted = Plan(
+        names = ["e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"]
+        assert [file.rsplit("/", 1)[1] for file in found["files"]] == names
+        plan = Plan(
             2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        made = [make_motion(*recipe[1:]) for recipe in plan_motions(wanted)]
-        for entry, motion in zip(load_index(tmp_path / "a"), made, strict=True):
-            read = load_motion(entry)
+        for entry, recipe in zip(load_index(tmp_path / "a"), plan_motions(plan), strict=True):
+            read, motion = load_motion(entry), make_motion(*recipe[1:])
             assert np.array_equal(read.acceleration, motion.acceleration)
             assert np.array_equal(read.vertical, motion.vertical)
             for key in ("seed", "event_seed", "site_seed"):
@@ -248,47 +242,31 @@ class TestMake:
         assert (tmp_path / "o" / "index.csv").read_text() == before
 
 
-class TestColumns:
-    """`--columns` for a plain text of numbers, in each command that reads a record."""
-
-    KNOWN = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
-
-    @pytest.fixture
-    def text(self, tmp_path):
-        path = tmp_path / "plain.txt"
-        rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
-        path.write_text("\n".join(["any words", *rows]) + "\n")
-        return path
-
-    def test_the_commands_read_it(self, text, tmp_path):
-        peak = 0.3 * np.abs(wave()).max()
-        (found,) = facts("inspect", text, *self.KNOWN)
-        assert found["channels"][0]["PGA"] == pytest.approx(peak * G, rel=1e-5)
-        (written,) = facts("convert", text, *self.KNOWN, "--out", tmp_path / "o", "--to", "at2")
-        again = read_motion(written["file"]).acceleration
-        assert np.abs(again).max() == pytest.approx(peak * G, rel=1e-5)
-        arch = ("--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
-                "--friction", "0.7", "--json")  # fmt: skip
-        result = CliRunner().invoke(main, ["simulate", str(text), *self.KNOWN, *arch])
-        assert json.loads(result.stdout)["status"]
-
-    def test_a_flatfile_and_a_selection_know_the_columns(self, text, at2, tmp_path):
-        out, target = tmp_path / "flat.csv", tmp_path / "target.csv"
-        row, other = facts("measure", text, at2, *self.KNOWN, "--out", out)
-        assert (row["columns"], other["columns"]) == ("acceleration=2 time=1 skip=1", None)
-        target.write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
-        found = tmp_path / "selected.csv"
-        asked = ("--target", target, "--count", "2", "--max-scale", "100", "--out", found)
-        done("select", out, *asked)
-        motions = {entry.id: load_motion(entry) for entry in load_index(found)}
-        peak = np.abs(motions["plain"].acceleration).max()
-        assert peak == pytest.approx(row["PGA_g"] * G, rel=1e-4)
+def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
+    text, out = tmp_path / "plain.txt", tmp_path / "flat.csv"
+    rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
+    text.write_text("\n".join(["any words", *rows]) + "\n")
+    known = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
+    peak = pytest.approx(0.3 * np.abs(wave()).max() * G, rel=1e-4)
+    (found,) = facts("inspect", text, *known)
+    assert found["channels"][0]["PGA"] == peak
+    (written,) = facts("convert", text, *known, "--out", tmp_path / "o", "--to", "at2")
+    assert np.abs(read_motion(written["file"]).acceleration).max() == peak
+    arch = ("--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
+            "--friction", "0.7", "--json")  # fmt: skip
+    result = CliRunner().invoke(main, ["simulate", str(text), *known, *arch])
+    assert json.loads(result.stdout)["status"]
+    row, other = facts("measure", text, at2, *known, "--out", out)
+    assert (row["columns"], other["columns"]) == ("acceleration=2 time=1 skip=1", None)
+    (tmp_path / "target.csv").write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
+    asked = ("--target", tmp_path / "target.csv", "--count", "2", "--max-scale", "100")
+    done("select", out, *asked, "--out", tmp_path / "selected.csv")
+    motions = {entry.id: load_motion(entry) for entry in load_index(tmp_path / "selected.csv")}
+    assert np.abs(motions["plain"].acceleration).max() == peak
 
 
 class TestMeasure:
     def test_a_flatfile_with_a_figure(self, at2, three, tmp_path):
-        from archfrag.motions.flatfile import read_flatfile
-
         out, figure = tmp_path / "flat.csv", tmp_path / "spectra.svg"
         (row,) = facts("measure", at2, "--out", out, "--figure", figure)
         assert row["PGA_g"] == pytest.approx(0.3 * np.abs(wave()).max(), rel=1e-4)
@@ -323,9 +301,9 @@ class TestMeasure:
 class TestSelect:
     SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
 
-    @pytest.fixture
-    def flatfile(self, tmp_path):
-        path = tmp_path / "flat.csv"
+    @pytest.fixture(scope="class")
+    def flatfile(self, tmp_path_factory):
+        path = tmp_path_factory.mktemp("flatfile") / "flat.csv"
         done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
         return path
 

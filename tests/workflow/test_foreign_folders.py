@@ -76,9 +76,6 @@ class Folder:
         (self.out / name).mkdir()
         (self.out / name / "mine").write_bytes(PRECIOUS)
 
-    def text(self, name, text):
-        (self.out / name).write_text(text)
-
     def json(self, name, **changes):
         path = self.work / name
         path.write_text(json.dumps(json.loads(path.read_text()) | changes))
@@ -113,11 +110,6 @@ class Folder:
         for path in self.work.rglob("*.npy"):
             self.pickled(path)
 
-    def plans(self):
-        for path in self.work.rglob("plan-*.json"):
-            plan = json.loads(path.read_text())
-            path.write_text(json.dumps(plan | {"folder": str(self.user), "identity": "../../x"}))
-
     def odd_names(self):
         parts = next(self.work.glob("parts/*"))
         for name in ("a\nb.npy", "\x1b]0;x\a.npy", "plan-\n.json", "-rf", "$(touch x).npy"):
@@ -134,19 +126,18 @@ ATTACKS = {
                                                   f.user / "parts/0123456789ab"),
     "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
     "stamp is a pipe": lambda f: f.pipe(".archfrag/steps/motions.json"),
-    "stamp too deep": lambda f: f.text(".archfrag/steps/motions.json", "[" * 100_000),
+    "stamp too deep": lambda f: (f.work / "steps/motions.json").write_text("[" * 100_000),
     "stamps of a device": lambda f: f.stamps("/dev/zero"),
     "stamps with ..": lambda f: f.stamps("../../user/lock"),
     "stamps of a pipe": lambda f: (f.pipe("pipe"), f.stamps("pipe")),
-    "run log no list": lambda f: f.text(".archfrag/run_log.json", '{"a": 1}'),
+    "run log no list": lambda f: (f.work / "run_log.json").write_text('{"a": 1}'),
     "run log is a hard link": lambda f: f.link(".archfrag/run_log.json", hard=True),
     "owner is a pipe": lambda f: f.pipe(".archfrag/study.json"),
     "table of runs is a link": lambda f: f.link(".archfrag/runs/batch-0of1.csv"),
     "manifest elsewhere": lambda f: f.motions(elsewhere=True),
-    "manifest too deep": lambda f: f.text(".archfrag/motions.json", "[" * 100_000),
+    "manifest too deep": lambda f: (f.work / MANIFEST).write_text("[" * 100_000),
     "motions with pickles": Folder.motions,
     "parts with pickles": Folder.parts,
-    "plans elsewhere": Folder.plans,
     "odd names": Folder.odd_names,
     "cube is a link": lambda f: f.link("cube.nc"),
     "cube is a pipe": lambda f: f.pipe("cube.nc"),
