@@ -29,7 +29,7 @@ from archfrag.study.answer.fits import (
 )
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.stripes import Stripes
+from archfrag.study.runs.design import Stripes
 from archfrag.study.steps import finish, step_names
 from tests.study.small import ROOT, TEXT, make_runs, small_study
 

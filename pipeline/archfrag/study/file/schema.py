@@ -25,7 +25,7 @@ from archfrag.study.file.members import Members, check_buildable, expand
 from archfrag.study.file.messages import PathText, Section, first_message, parse_value, refuse
 from archfrag.study.file.processing import Steps
 from archfrag.study.runs import AnyDesign
-from archfrag.study.runs.stripes import Stripes
+from archfrag.study.runs.design import Stripes
 
 MOST_ARCHES, DEEPEST = 1000, 20
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds

@@ -6,10 +6,8 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.study.file.messages import refuse
-from archfrag.study.runs.cloud import Cloud
-from archfrag.study.runs.design import Design
+from archfrag.study.runs.design import Cloud, Design, Stripes
 from archfrag.study.runs.ida import Ida
-from archfrag.study.runs.stripes import Stripes
 
 _GONE = {
     "two_stage": "is gone, since it was not cheaper than ida; write kind: ida",

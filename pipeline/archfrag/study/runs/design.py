@@ -1,4 +1,4 @@
-"""What a design is: it asks for runs, takes their verdicts and estimates the curve from them.
+"""Designs: each asks for runs, takes their verdicts and estimates the curve from them.
 
 It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
 returns facts for the report. What it asks for follows from the verdicts alone: the same study asks
@@ -7,10 +7,11 @@ for the same runs whatever the workers, and a study that was stopped goes on by 
 
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -83,6 +84,54 @@ class Design(Section):
         level, place = np.unique(found.levels[decided], return_inverse=True)
         collapsed = np.bincount(place, found.collapsed[decided], level.size)
         return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
+
+
+class Stripes(Design):
+    """Every record at every level."""
+
+    kind: Literal["stripes"] = "stripes"
+    text = "every record at every level"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for all runs at once."""
+        n_record, n_level = grid.records.size, grid.levels.size
+        verdicts = yield grid.cases(*np.divmod(np.arange(n_record * n_level), n_level))
+        return {"runs": len(verdicts)}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch."""
+        return n_record * n_level, "exactly"
+
+
+class Cloud(Design):
+    """Every record once, as it is or by one factor."""
+
+    kind: Literal["cloud"]
+    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    """On every record."""
+    on_levels = False
+    text = "every record once"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for all runs at once."""
+        level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
+        verdicts = yield grid.cases(np.arange(level.size), 0, level)
+        return {"runs": len(verdicts), "records": len(verdicts)}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch."""
+        return n_record, "exactly"
+
+    def estimate(
+        self, found: Brackets, im: ArrayLike, confidence: float = 0.9,
+        groups: ArrayLike | None = None, unit: str = "event",
+    ) -> "QuotedBand":  # fmt: skip
+        """Curve and band from single runs, each with a motion of its own."""
+        from archfrag.fragility.quoted import quoted_runs
+
+        decided = found.collapsed | found.survived
+        level, collapsed = found.levels[decided], found.collapsed[decided]
+        return quoted_runs(level, collapsed, im, confidence=confidence)
 
 
 def ask(
