@@ -111,7 +111,7 @@ def _exceeded(
 ) -> NDArray[np.int64]:
     """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
     part = cube.isel(record=runs.rows).transpose("record", "level", ...)
-    states = {
+    states: dict[str, Any] = {
         "motion": part["openings"] + part["slides"] + part["impacts"] > 0,
         "impact": part["impacts"] > 0,
         "residual": part["residual_displacement"] >= keys["residual"] * part["joint_length"],

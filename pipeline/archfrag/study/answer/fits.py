@@ -232,7 +232,8 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     against = {name: (note["contradictions"], note["checked"])
                for name, note in notes.items() if note.get("contradictions")}  # fmt: skip
     if len(against) > MOST_NAMED:
-        against = {f"{len(against)} arches": tuple(map(sum, zip(*against.values())))}
+        count, checked = np.sum(list(against.values()), axis=0).tolist()
+        against = {f"{len(against)} arches": (count, checked)}
     return found + [
         f"{name}: {count} of {checked} checks near the border contradict the capacity of their "
         "record. Such a record has several borders between survival and collapse; the search "

@@ -115,8 +115,8 @@ def _arch_risk(
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
-    events = part["event"].values.astype(str)
-    events = shared_events(np.where(events == "", part["record"].values, events)[record])
+    names = part["event"].values.astype(str)
+    events = shared_events(np.where(names == "", part["record"].values, names)[record])
     splits = {"mechanism": _mechanisms(code, collapsed)}
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
         category, labels = value_bins(part[key].values[record], bins, unit)
@@ -149,7 +149,8 @@ def _on_levels(
         return at, collapsed, code, at[[0, -1]]
     row, place = np.nonzero(simulated & (at > 0.0))
     ends = np.array([at[row, place].min(), at[row, place].max()])
-    edges = np.geomspace(*ends, 1 + (_SCATTERED_BINS if ends[1] > ends[0] else 1))
+    count = _SCATTERED_BINS if ends[1] > ends[0] else 1
+    edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
     column = np.searchsorted(level_edges(levels), at[row, place], side="right")
     grid = np.zeros((len(at), levels.size), dtype=bool)
