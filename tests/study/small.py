@@ -11,23 +11,7 @@ from archfrag.study.file.schema import Study
 from archfrag.study.runs.execute import BatchLog, run_batch
 
 ROOT = Path(__file__).resolve().parents[2]
-TEXT = """\
-id: small
-title: A small study
-output: out
-arches:
-  - {id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
-     friction: 0.7}
-  - {id: slab, profile: block, width: 0.4, height: 2.0, friction: .inf}
-motions:
-  files: ["records/*.AT2"]
-intensity:
-  measure: PGA
-  unit: g
-  levels: [0.1, 0.6, 1.2]
-method: {name: time_stepping, dt: 2.0e-3, follow: 2.0}
-execution: {chunk: 2, workers: 2}
-"""
+TEXT = Path(__file__).with_name("small.yaml").read_text()
 
 
 def write_at2(path: Path, acceleration: np.ndarray, dt: float) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import lxml.etree
 import lxml.html
@@ -25,41 +26,7 @@ from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import finish, stale_steps, step_names
 from tests.study.small import make_runs, small_study
 
-TEXT = """\
-id: classes
-title: Classes of arches
-output: out
-arches:
-  - id: slab
-    profile: block
-    width: 0.4
-    height: 2.0
-    friction: .inf
-    vary:
-      samples: 4
-      of:
-        width: {distribution: normal, mean: 0.4, cov: 0.1}
-        height: {distribution: uniform, start: 1.6, stop: 2.4}
-      correlation: {width: {height: 0.5}}
-  - id: own
-    profile: block
-    width: 0.4
-    height: 2.0
-    friction: .inf
-    vary:
-      samples: 2
-      crossed: false
-      of: {width: {distribution: normal, mean: 0.4, cov: 0.1}}
-  - {id: fleet, table: fleet.csv, profile: block, height: 2.0, friction: .inf}
-  - {id: alone, profile: block, width: 0.4, height: 2.0, friction: .inf}
-motions:
-  files: ["records/*.AT2"]
-intensity:
-  measure: PGA
-  unit: g
-  levels: [0.1, 0.3, 0.5, 0.7, 0.9, 1.2]
-method: {name: auto, follow: 2.0}
-"""
+TEXT = Path(__file__).with_name("classes.yaml").read_text()
 TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 from click.testing import CliRunner
 
@@ -11,42 +12,7 @@ from archfrag.study.file.schema import Study, load_study
 from archfrag.study.steps import stale_steps
 from tests.study.small import dumped, small_study
 
-TEXT = """\
-id: every
-title: A study of all keys
-institution: nobody
-output: out
-arches:
-  - {id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
-     friction: 0.7, recess: {intrados: 0.01, extrados: 0.02}, dead_load: 100.0}
-  - {id: segment, profile: segmental, span: 10.0, rise: 3.0, thickness: 1.0, voussoirs: 5,
-     friction: 0.8}
-  - {id: point, profile: pointed, span: 8.0, rise: 6.0, thickness: 1.2, voussoirs: 6,
-     friction: 0.8}
-  - {id: ellipse, profile: elliptic, span: 8.0, rise: 4.0, thickness: 1.5, voussoirs: 7,
-     friction: 0.9}
-  - {id: chain, profile: catenary, span: 8.0, rise: 4.0, thickness: 1.0, voussoirs: 5,
-     friction: 0.9}
-  - {id: slab, profile: block, width: 0.4, height: 2.0, friction: .inf, vary: {samples: 2,
-     of: {density: {distribution: uniform, start: 1900.0, stop: 2100.0},
-          width: {distribution: normal, mean: 0.4, sd: 0.01},
-          height: {distribution: lognormal, median: 2.0, beta: 0.01},
-          depth: {distribution: triangular, start: 0.9, mode: 1.0, stop: 1.2}}}}
-  - {id: wall, profile: from_joints, friction: 0.7, free_end: true,
-     intrados: [[0.0, 0.0], [0.0, 1.0]], extrados: [[-0.5, 0.0], [-0.5, 1.0]]}
-  - {id: stone, profile: polygons, friction: 0.7, thickness_factor: 1.0,
-     outlines: [[[0, 0, 0], [0.5, 0, 0], [0.5, 1.5, 0], [0, 1.5, 0]]],
-     ground: [[[-1, 0], [2, 0]]]}
-  - {id: many, table: table.csv, profile: block, friction: 0.7}
-motions:
-  files: [{path: "records/*.AT2"}]
-  processing: [demean, {taper: {fraction: 0.05}}, {bandpass: {lowest: 0.1, highest: 25.0}},
-    {trim: {times: [0.0, 1.4]}}, {baseline: {order: 1}}, {resample: {dt: 0.005}}]
-intensity: {measure: PGA, unit: g, levels: [0.1, 1.2]}
-method: {name: time_stepping, dt: 4.0e-3, follow: 0.5}
-report: {at: 0.3}
-risk: {hazard: hazard.csv, unit: g}
-"""
+TEXT = Path(__file__).with_name("every.yaml").read_text()
 HAZARD = "PGA [g],rate\n0.01,0.1\n0.1,0.01\n0.5,0.001\n2.0,0.0001\n"
 TABLE = "id,width,height,owner\none,0.4,2.0,me\ntwo,0.5,2.1,you\n"
 # Where it runs, and where results go, changes no result.
