@@ -88,7 +88,6 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
         coords={"arch": list(names), "record": records, "model": list(MODELS)},
         attrs={
             "archfrag_design": '{"kind": "stripes"}',
-            "archfrag_design_kind": "stripes",
             "Conventions": "CF-1.11",
             "loss_limit": "0.5",
         },

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import archfrag
+from archfrag.files import counted
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.processing import described
 from archfrag.study.file.records import read_manifest
@@ -34,7 +35,21 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "design": study.design.model_dump(),
     }
     inputs = read_manifest(study)["inputs"]
+    counts = f"{counted(len(plan.arches), 'arch')} under {counted(len(plan.records), 'record')}"
     return {
+        "Conventions": "CF-1.11",
+        "title": study.title,
+        "institution": study.institution,
+        "source": f"rigid-block simulations with archfrag {archfrag.__version__}, method "
+        f"{study.method.name}",
+        "history": "Records read, processed and scaled to levels of the intensity measure; "
+        f"simulations as the design {study.design.kind} asks for them; results gathered by "
+        "archfrag.",
+        "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
+        "README of archfrag",
+        "comment": f"{counts} scaled by {study.intensity.measure}. Wall times and machine are in "
+        "a log beside this file.",
+        "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_study": study.id,
         "archfrag_config": strict_json(config),
         "archfrag_inputs_sha256": strict_json(_by_name(inputs["record"])),

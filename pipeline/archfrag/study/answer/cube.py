@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag import __version__
-from archfrag.files import counted, make_folder, replacing
+from archfrag.files import make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import Model
 from archfrag.study.file.members import Members
@@ -101,36 +100,10 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
     lost = np.isfinite(values["lost_contact_time"])
     values["lost_contact_and_stand"] = (survived & lost).sum(axis=1)
     facts |= {name: _variable(VARIABLES[name], each) for name, each in values.items()}
-    return xr.Dataset(facts, attrs=_global_attributes(study, plan, runs.notes))
-
-
-def _global_attributes(
-    study: Study, plan: Plan, notes: dict[int, dict[str, Any]]
-) -> dict[str, str]:
-    """Attributes by CF and of our own; `notes` are of the design, by arch."""
-    count, of = sum(record.vertical for record in plan.records), len(plan.records)
-    some = f"used for {count} of {of} records"
-    design = study.design.model_dump(mode="json")
-    design["arches"] = {plan.arches[arch].id: note for arch, note in sorted(notes.items())}
-    return {
-        "Conventions": "CF-1.11",
-        "title": study.title,
-        "institution": study.institution,
-        "source": f"rigid-block simulations with archfrag {__version__}, method "
-        f"{study.method.name}",
-        "vertical_component": some if 0 < count < of else "used" if count else "not used",
-        "history": "Records read, processed and scaled to levels of the intensity measure; "
-        f"simulations as the design {study.design.kind} asks for them; results gathered by "
-        "archfrag.",
-        "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
-        "README of archfrag",
-        "comment": f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')} scaled by "
-        f"{study.intensity.measure}. Wall times and machine are in a log beside this file.",
-        "loss_limit": f"{study.method.loss_limit:g}",
-        "archfrag_design": strict_json(design),
-        "archfrag_design_kind": str(design["kind"]),
-        **attributes(study, plan),
-    }
+    notes = {plan.arches[arch].id: note for arch, note in sorted(runs.notes.items())}
+    design = study.design.model_dump(mode="json") | {"arches": notes}
+    stated = attributes(study, plan) | {"archfrag_design": strict_json(design)}
+    return xr.Dataset(facts, attrs=stated)
 
 
 def _variable(about: Variable, values: Any) -> xr.Variable:
