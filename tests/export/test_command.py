@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.errors import FitError
 from archfrag.export.command import export_study
 from archfrag.study import steps
@@ -15,7 +13,7 @@ from archfrag.study.answer.fits import load_fits
 from archfrag.study.file.schema import load_study
 from tests.export.made import fragility
 from tests.report import synthetic
-from tests.study.small import files_below, small_study
+from tests.study.small import command, files_below, small_study
 
 ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 FILES = {
@@ -82,7 +80,7 @@ def test_no_curve_at_all(study):
 
 def test_messages_and_json(study, tmp_path):
     def call(*arguments):
-        return CliRunner().invoke(main, ["export", str(tmp_path / "small.yaml"), *arguments])
+        return command("export", tmp_path / "small.yaml", *arguments)
 
     folder = tmp_path / "x"
     result = call("--format", "pelicun", "--format", "pelicun", "--out", str(folder))

@@ -6,7 +6,9 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import yaml
+from click.testing import CliRunner, Result
 
+from archfrag.cli import main
 from archfrag.study.file.schema import Study
 from archfrag.study.runs.execute import BatchLog, run_batch
 
@@ -36,6 +38,11 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def command(*arguments, **options) -> Result:
+    """What a command of archfrag does in this process."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], **options)
 
 
 def dumped(study: Study) -> str:

@@ -10,9 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.fragility.counts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
@@ -24,7 +22,7 @@ from archfrag.study.file.schema import Study, load_study
 from archfrag.study.runs.execute import BatchLog
 from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import finish, stale_steps, step_names
-from tests.study.small import make_runs, small_study
+from tests.study.small import command, make_runs, small_study
 
 TEXT = Path(__file__).with_name("classes.yaml").read_text()
 TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
@@ -104,9 +102,8 @@ class TestOneCurve:
     NAMES = ("slab", "own", "fleet", "alone")
 
     @staticmethod
-    def called(classes, command, *arguments):
-        path = classes.study.folder.parent / "small.yaml"
-        result = CliRunner().invoke(main, [command, str(path), *map(str, arguments)])
+    def called(classes, name, *arguments):
+        result = command(name, classes.study.folder.parent / "small.yaml", *arguments)
         assert result.exit_code == 0, result.output
         return result
 

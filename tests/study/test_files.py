@@ -6,14 +6,12 @@ import subprocess
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.errors import OutputError
 from archfrag.files import WORK, replacing, sweep, temporary_prefix, write_csv
 from archfrag.motions.index import load_index, write_index
 from archfrag.study.files import write_text
-from tests.study.small import ROOT, files, write_at2
+from tests.study.small import ROOT, command, files, write_at2
 
 
 def test_a_file_is_replaced_only_at_the_end(tmp_path):
@@ -117,11 +115,11 @@ def test_cells_that_a_spreadsheet_would_compute_are_quoted_in_every_csv(tmp_path
 def test_what_a_terminal_would_obey_is_shown(tmp_path):
     name = "\x1b]0;owned\x07\u202egpj\x9b2J.AT2"
     write_at2(tmp_path / name, np.sin(np.arange(100.0)), 0.01)
-    for command in ("inspect", "measure"):
-        more = ["--out", str(tmp_path / "no" / "f.csv")] if command == "measure" else []
-        shown = CliRunner().invoke(main, ["records", command, str(tmp_path / name), *more]).output
+    for asked in ("inspect", "measure"):
+        more = ["--out", tmp_path / "no" / "f.csv"] if asked == "measure" else []
+        shown = command("records", asked, tmp_path / name, *more).output
         assert not set("\x1b\x07\u202e\x9b") & set(shown)
-        assert (command == "measure") or "\\u001b]0;owned\\u0007\\u202egpj" in shown
+        assert (asked == "measure") or "\\u001b]0;owned\\u0007\\u202egpj" in shown
     # Lines of ours about memory and progress go directly to the terminal, no others.
     direct = {path.name: path.read_text().count("click.echo(")
               for path in (ROOT / "pipeline" / "archfrag" / "cli").glob("*.py")}  # fmt: skip

@@ -6,9 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.cube import write_cube
@@ -19,6 +17,7 @@ from archfrag.study.file.schema import load_study
 from archfrag.study.files import write_text
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
+from tests.study.small import command
 
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
@@ -144,16 +143,15 @@ def finished(done, tmp_path_factory):
 
 
 class TestCommand:
-    def call(self, *arguments):
-        return CliRunner().invoke(main, ["risk", *map(str, arguments)])
-
     def test_json_and_file_are_the_same(self, finished):
         study, hazard, folder = finished
         out = folder / "risk.json"
-        result = self.call(*study, "--hazard", hazard, "--json", "--out", out, "--years", 100)
+        result = command(
+            "risk", *study, "--hazard", hazard, "--json", "--out", out, "--years", 100
+        )
         assert result.exit_code == 0, result.output
         for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
-            assert self.call(*study, "--hazard", hazard, f"--{option}", value).exit_code == 2
+            assert command("risk", *study, "--hazard", hazard, f"--{option}", value).exit_code == 2
         facts = json.loads(result.stdout)
         assert json.loads(out.read_text()) == facts
         ring = facts["arches"]["ring"]
@@ -173,7 +171,7 @@ class TestCommand:
         try:
             write_text(path, json.dumps(made))
             finish(load_study(study[0], study[2:]), "fit")
-            result = self.call(*study, "--hazard", hazard)
+            result = command("risk", *study, "--hazard", hazard)
         finally:
             write_text(path, kept.decode())
             finish(load_study(study[0], study[2:]), "fit")

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from obspy import Trace
 
-from archfrag.cli import main
 from archfrag.errors import InputError, RecordError
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
-from tests.study.small import TEXT, files_below, make_runs, small_study, write_at2
+from tests.study.small import TEXT, command, files_below, make_runs, small_study, write_at2
 
 INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
 
@@ -29,18 +28,6 @@ def prepared(folder, text=TEXT):
 def older(path):
     """Give a file a date before all others, as unpacking an archive does."""
     os.utime(path, (1.0e9, 1.0e9))
-
-
-def steps(path, *names):
-    """Exit code and what the first of some steps states that fails, or the last."""
-    from click.testing import CliRunner
-
-    for name in names:
-        quiet = ["--cores", "1", "--quiet"] if name == "batch" else []
-        result = CliRunner().invoke(main, [name, str(path), *quiet])
-        if result.exit_code != 0:
-            break
-    return result.exit_code, result.stderr
 
 
 def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_path):
@@ -112,14 +99,13 @@ def test_what_only_the_cube_states_is_noticed(tmp_path):
 def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp_path):
     """One record replaced, another damaged: the old motions stay, and results are theirs."""
     path = small_study(tmp_path)
-    assert steps(path, "motions")[0] == 0
+    assert command("motions", path).exit_code == 0
     study = load_study(path)
     digest, before = make_plan(study).digests, files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
-    code, messages = steps(path, "motions")
-    assert code == 2
-    assert "wave1.AT2" in messages
+    failed = command("motions", path)
+    assert (failed.exit_code, "wave1.AT2" in failed.stderr) == (2, True)
     assert before.items() <= files_below(tmp_path / "out").items()
     assert make_plan(study).digests == digest
     make_runs(study)
@@ -129,7 +115,7 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     )
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
-    assert steps(path, "motions")[0] == 0
+    assert command("motions", path).exit_code == 0
     assert make_plan(study).digests != digest
     with pytest.raises(InputError, match="6 of 12 runs of iteration 1 are missing"):
         gather(make_plan(study))

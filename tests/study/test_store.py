@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
@@ -25,7 +23,7 @@ from archfrag.study.runs.store import (
     read_part,
     write_part,
 )
-from tests.study.small import dumped, files_below, make_runs
+from tests.study.small import command, dumped, files_below, make_runs
 
 
 def runs_of(plan):
@@ -145,8 +143,8 @@ class TestStore:
         path = copied.study.folder / "study.yaml"
         path.write_text(dumped(copied.study))
         before = files_below(work)
-        asked = ["clean", str(path)]
-        assert CliRunner().invoke(main, asked).output.startswith("nothing to remove")
+        asked = ["clean", path]
+        assert command(*asked).output.startswith("nothing to remove")
         other = plan.parts.with_name("0" * 12)
         other.mkdir()
         part_of(other, drawn(np.random.default_rng(5), 6), 1)
@@ -156,11 +154,11 @@ class TestStore:
         for place, content in mine.items():
             place.write_bytes(content)
         full = files_below(work)
-        refused = CliRunner().invoke(main, asked, input="n\n")
+        refused = command(*asked, input="n\n")
         assert refused.exit_code == 1
         assert "1 file of runs of other kernels or another version, " in refused.output
         assert "1 file of runs that the study does not ask for, " in refused.output
         assert files_below(work) | {work / "lock": b""} == full | {work / "lock": b""}
-        assert CliRunner().invoke(main, [*asked, "--yes"]).exit_code == 0
+        assert command(*asked, "--yes").exit_code == 0
         assert files_below(work) | {work / "lock": b""} == before | mine | {work / "lock": b""}
         assert not other.exists()

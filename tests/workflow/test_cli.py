@@ -10,7 +10,6 @@ import sys
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import archfrag as af
 from archfrag.cli import main
@@ -19,7 +18,7 @@ from archfrag.simulate import MoreOptions
 from archfrag.simulation.checks import method_names
 from archfrag.study.file import schema
 from archfrag.study.file.schema import Method, load_study
-from tests.study.small import TEXT, make_runs, small_study, write_at2
+from tests.study.small import TEXT, command, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
@@ -30,13 +29,9 @@ COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motion
 RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
-def call(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
 def refused(*arguments):
     """Exit code and message of a command that fails."""
-    result = call(*arguments)
+    result = command(*arguments)
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
     return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
@@ -63,33 +58,33 @@ class TestHelp:
         assert min(took) < 0.3
 
     def test_every_command_explains_itself(self):
-        assert "..." not in call("--help").output.split("Commands:")[1]
-        assert "..." not in call("records", "--help").output.split("Commands:")[1]
-        for command in COMMANDS:
-            assert command in call(command, "--help").output.split("\n", 1)[0]
-            assert command in call("--help").output
-        for command in RECORDS:
-            assert command in call("records", "--help").output
-            text = call("records", command, "--help").output
+        assert "..." not in command("--help").output.split("Commands:")[1]
+        assert "..." not in command("records", "--help").output.split("Commands:")[1]
+        for name in COMMANDS:
+            assert name in command(name, "--help").output.split("\n", 1)[0]
+            assert name in command("--help").output
+        for name in RECORDS:
+            assert name in command("records", "--help").output
+            text = command("records", name, "--help").output
             assert "--json" in text
-            assert f"archfrag records {command}" in text.split("Example:")[1]
+            assert f"archfrag records {name}" in text.split("Example:")[1]
 
 
 class TestOnset:
     def test_by_numbers_in_text_and_json(self):
-        result = call("onset", *ARCH)
+        result = command("onset", *ARCH)
         assert result.exit_code == 0
         assert result.output.splitlines()[0] == (
             "ground towards +x: moves from 0.3700 g: joint 0 extrados, joint 2 intrados, "
             "joint 4 extrados, joint 7 intrados"
         )
-        facts = json.loads(call("onset", *ARCH, "--json").output)
+        facts = json.loads(command("onset", *ARCH, "--json").output)
         assert facts["plus"] == pytest.approx(0.37, abs=1e-4)
         assert facts["hinges"][0] == [0, "extrados"]
 
     def test_of_a_study(self, tmp_path):
         path = small_study(tmp_path)
-        text = call("onset", "--study", path, "--arch", "slab").output
+        text = command("onset", "--study", path, "--arch", "slab").output
         assert "moves from 0.2000 g: joint 0" in text
         for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is no such arch")):
             message = f"{path}: --arch {wrong}; the study has ring, slab"
@@ -97,9 +92,9 @@ class TestOnset:
 
     def test_an_arch_that_does_not_stand_is_a_result(self):
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
-        result = call("onset", *thin)
+        result = command("onset", *thin)
         assert (result.exit_code, result.output) == (0, "does not stand under its own weight\n")
-        assert json.loads(call("onset", *thin, "--json").output)["stands"] is False
+        assert json.loads(command("onset", *thin, "--json").output)["stands"] is False
 
 
 class TestSimulate:
@@ -109,7 +104,7 @@ class TestSimulate:
         return write_at2(tmp_path / "wave.AT2", 0.3 * np.sin(8.0 * time), 0.01)
 
     def test_scaled_to_a_peak(self, record):
-        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json", "--mechanism")
+        result = command("simulate", *ARCH, record, "--pga", "0.2", "--json", "--mechanism")
         facts = json.loads(result.output)
         assert facts["status"] == "standing"
         assert facts["scale"] == pytest.approx(0.2 / 0.3, rel=1e-3)
@@ -117,7 +112,7 @@ class TestSimulate:
         assert facts["peak_displacement"] == 0.0
         first = facts["mechanism"][0]
         assert set(first) == {"time", "until", "cause", "joint", "model", "joints"}
-        text = call("simulate", *ARCH, record, "--pga", "0.2").output
+        text = command("simulate", *ARCH, record, "--pga", "0.2").output
         assert text.startswith("standing: the arch came to rest")
 
     def test_unusable_input(self, record, tmp_path):
@@ -138,15 +133,15 @@ class TestSimulate:
 class TestValidate:
     def test_a_study_in_order(self, tmp_path):
         path = small_study(tmp_path)
-        assert call("validate", path).output == (
+        assert command("validate", path).output == (
             f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs\n"
         )
-        assert json.loads(call("validate", path, "--json").output)["runs"] == 12
+        assert json.loads(command("validate", path, "--json").output)["runs"] == 12
 
     def test_nothing_is_created(self, tmp_path):
         path = small_study(tmp_path, TEXT.replace("output: out", "output: deep/out"))
         before = sorted(tmp_path.rglob("*"))
-        assert call("validate", path).exit_code == 0
+        assert command("validate", path).exit_code == 0
         assert sorted(tmp_path.rglob("*")) == before
 
     @pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8 elsewhere")
@@ -154,7 +149,7 @@ class TestValidate:
         monkeypatch.setattr("archfrag.study.file.members.MOST_CHECKED", 3)
         vary = "samples: 8, of: {density: {distribution: uniform, start: 1800, stop: 2000}}"
         text = TEXT.replace("friction: .inf}", f"friction: .inf, vary: {{{vary}}}}}")
-        result = call("validate", small_study(tmp_path, text))
+        result = command("validate", small_study(tmp_path, text))
         assert result.exit_code == 0
         assert "6 of 9 arches were not checked; the run checks all" in result.stderr
 
@@ -176,8 +171,8 @@ class TestValidate:
 def test_a_study_file_is_parsed_once_a_command(tmp_path, monkeypatch):
     path, parsed, parse = small_study(tmp_path), [], schema.parse_value
     monkeypatch.setattr(schema, "parse_value", lambda *of: parsed.append(of[1]) or parse(*of))
-    for command in ("validate", "run", "report"):
-        assert call(command, path).exit_code == 0
+    for name in ("validate", "run", "report"):
+        assert command(name, path).exit_code == 0
         assert parsed == [str(path)]
         parsed.clear()
 
@@ -186,20 +181,17 @@ class TestSteps:
     def test_steps_by_hand_in_order(self, tmp_path):
         path, out = small_study(tmp_path), tmp_path / "out"
         assert refused("batch", path)[0] == 2
-        assert call("motions", path).stderr == "archfrag: motions: 2 records ready\n"
+        assert command("motions", path).stderr == "archfrag: motions: 2 records ready\n"
         code, message = refused("cube", path)
         assert (code, message.startswith(f"{out / '.archfrag' / 'parts'}: 12 of 12")) == (2, True)
-        result = call("batch", path, "--workers", "1", "--quiet")
+        result = command("batch", path, "--workers", "1", "--quiet")
         assert "12 runs, 0 kept from before, 12 new" in result.stderr
-        for command, result_file in {
-            "cube": "cube.nc",
-            "fit": "fits.json",
-            "report": "report.html",
-        }.items():
-            assert call(command, path).exit_code == 0
+        made = {"cube": "cube.nc", "fit": "fits.json", "report": "report.html"}
+        for step, result_file in made.items():
+            assert command(step, path).exit_code == 0
             assert (out / result_file).stat().st_size > 0
         assert "A small study" in (out / "report.html").read_text()
-        fits = json.loads(call("fit", path, "--json").stdout)
+        fits = json.loads(command("fit", path, "--json").stdout)
         assert set(fits["fits"]) == {"ring", "slab"}
         self.a_damaged_cube_is_refused_and_made_again(path, out)
         self.what_is_not_of_the_study_goes(path, out)
@@ -211,12 +203,12 @@ class TestSteps:
             code, message = refused("fit", path)
             assert code == 2
             assert message.startswith(f"{out / 'cube.nc'}: is missing, changed or damaged; `arch")
-            assert call("cube", path).exit_code == 0
+            assert command("cube", path).exit_code == 0
             assert (out / "cube.nc").read_bytes() == full
         (out / "cube.nc").write_bytes(b"a year of work")
         assert refused("cube", path)[0] == 4
         (out / "cube.nc").unlink()
-        assert call("cube", path).exit_code == 0
+        assert command("cube", path).exit_code == 0
 
     def what_is_not_of_the_study_goes(self, path, out):
         """But no run: the study may go back."""
@@ -225,8 +217,8 @@ class TestSteps:
         text = path.read_text().replace("id: slab", "id: plate")
         path.write_text(text.replace("height: 2.0", "height: 2.5"))
         make_runs(load_study(path))
-        for command in ("cube", "fit", "report"):
-            assert call(command, path).exit_code == 0
+        for step in ("cube", "fit", "report"):
+            assert command(step, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip

@@ -5,22 +5,21 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from obspy import Stream, Trace, UTCDateTime
 
-from archfrag.cli import main
 from archfrag.motions.flatfile import read_flatfile
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
 from archfrag.motions.synthetic import Plan, make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
+from tests.study.small import command
 
 G = 9.80665
 
 
 def call(*arguments):
-    return CliRunner().invoke(main, ["records", *map(str, arguments)])
+    return command("records", *arguments)
 
 
 def done(*arguments):
@@ -254,7 +253,7 @@ def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
     assert np.abs(read_motion(written["file"]).acceleration).max() == peak
     arch = ("--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
             "--friction", "0.7", "--json")  # fmt: skip
-    result = CliRunner().invoke(main, ["simulate", str(text), *known, *arch])
+    result = command("simulate", text, *known, *arch)
     assert json.loads(result.stdout)["status"]
     row, other = facts("measure", text, at2, *known, "--out", out)
     assert (row["columns"], other["columns"]) == ("acceleration=2 time=1 skip=1", None)
@@ -298,14 +297,15 @@ class TestMeasure:
         assert not list(tmp_path.glob("*.csv"))
 
 
+@pytest.fixture(scope="module")
+def flatfile(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flatfile") / "flat.csv"
+    done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
+    return path
+
+
 class TestSelect:
     SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
-
-    @pytest.fixture(scope="class")
-    def flatfile(self, tmp_path_factory):
-        path = tmp_path_factory.mktemp("flatfile") / "flat.csv"
-        done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
-        return path
 
     def test_a_scenario_and_a_file(self, flatfile, tmp_path):
         out, figure = tmp_path / "selected.csv", tmp_path / "selected.svg"

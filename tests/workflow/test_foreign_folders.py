@@ -11,12 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
 from archfrag.study.file.records import MANIFEST
 from archfrag.study.files import sha256_of
-from tests.study.small import files_below, small_study
+from tests.study.small import command, files_below, small_study
 
 PRECIOUS = b"years of work\n"
 LONGEST = 30  # after which a command hangs [s]
@@ -36,7 +34,7 @@ class Payload:
 def made(tmp_path_factory):
     """A finished study."""
     path = small_study(tmp_path_factory.mktemp("made"))
-    assert CliRunner().invoke(main, ["run", str(path)]).exit_code == 0
+    assert command("run", path).exit_code == 0
     return path.parent
 
 
@@ -172,10 +170,10 @@ def test_a_results_folder_from_somebody_else(made, tmp_path, timeout, attack):
         path: content for path, content in files_below(folder.out).items()
         if content == PRECIOUS and not path.is_symlink() and path.stat().st_nlink == 1
     }  # fmt: skip
-    study = str(folder.study / "small.yaml")
+    study = folder.study / "small.yaml"
     changes = ["--set", "title=New", "--set", "intensity.levels=[0.1, 0.6]"]
     for asked in (["run", study, *changes], ["clean", study, *changes, "--yes"]):
-        done = CliRunner().invoke(main, asked)
+        done = command(*asked)
         assert done.exception is None or isinstance(done.exception, SystemExit)
         assert len(done.stderr.splitlines()) < 20
     assert not folder.mark.exists()

@@ -17,14 +17,12 @@ import pandas as pd
 import psutil
 import pytest
 import xarray as xr
-from click.testing import CliRunner
 
 from archfrag import kernel_cache
-from archfrag.cli import main
 from archfrag.study.file.schema import load_study
 from archfrag.study.running import only_run
 from archfrag.study.starter import snakefile
-from tests.study.small import ROOT, TEXT, small_study, write_at2
+from tests.study.small import ROOT, TEXT, command, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
@@ -202,10 +200,10 @@ class TestSnakemake:
 
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     asked = ["export", str(finished[0]), "--format", "csv", "--out", str(tmp_path)]
-    assert CliRunner().invoke(main, asked).exit_code == 0
+    assert command(*asked).exit_code == 0
     assert len(pd.read_csv(tmp_path / "small-runs.csv")) == 2 * 2 * 5
     made = {found: found.read_bytes() for found in tmp_path.iterdir()}
-    late = CliRunner().invoke(main, [*asked, "--set", "intensity.levels=[0.1, 0.6]"])
+    late = command(*asked, "--set", "intensity.levels=[0.1, 0.6]")
     assert late.exit_code == 2
     assert "cube.nc: was made before these changed: levels" in late.stderr
     assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made

@@ -109,7 +109,8 @@ def build_cube(study: Study, plan: Plan, runs: Gathered) -> xr.Dataset:
 def _variable(about: Variable, values: Any) -> xr.Variable:
     """Values with CF's attributes and the names of the coordinates that they belong to."""
     dimensions = about.dimensions.replace("run", " ".join(_RUN)).split()
-    attrs: dict[str, Any] = {"long_name": about.long_name}
+    stated = {"long_name": about.long_name, "units": about.units, "comment": about.comment}
+    attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
     level = "intensity" if "record" in dimensions else "level"
     labels = [level if name == "level" else name for name in dimensions]
     labels = [name for name in labels if name != about.name]
@@ -120,13 +121,9 @@ def _variable(about: Variable, values: Any) -> xr.Variable:
         encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
         return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
     array = np.asarray(values, dtype=about.dtype)
-    if about.units:
-        attrs["units"] = about.units
     if about.flags:
         attrs["flag_values"] = np.array(list(about.meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(about.meanings.values())
-    if about.comment:
-        attrs["comment"] = about.comment
     # One arch at a time, so that who reads one reads no more; of very many runs some records.
     sizes = list(array.shape)
     if tuple(dimensions[: len(_RUN)]) == _RUN:
