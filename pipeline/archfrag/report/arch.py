@@ -19,9 +19,8 @@ from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, eve
 from archfrag.report.html import TEXTS, Picture, digits, onset_text
 from archfrag.report.inputs import ArchResults, ReportInputs, study_config
 from archfrag.report.motions import envelope
-from archfrag.simulate import Onset
+from archfrag.simulate import Onset, simulate
 from archfrag.simulation.response import Response
-from archfrag.study.runs.outcome import simulate_case
 
 LONGEST = 8.0  # [s] of a run, shown in real time
 _MOST_FRAMES = 40
@@ -166,17 +165,18 @@ def repeat(
     method = study_config(inputs.cube).get("method")
     if method is None or chosen is None:
         return None
+    kind, options = method["name"], {k: v for k, v in method.items() if k != "name"}
     record, level, reason = chosen
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
     then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
     # `auto` may take a history by events; the study's verdict came by steps.
-    for name in (method["name"], "time_stepping"):
-        response = simulate_case({**method, "name": name}, arch, motion, factor, history=True)
+    for name in (kind, "time_stepping"):
+        response = simulate(arch, motion, scale=factor, method=name, history=True, **options)
         same = then[:2] == [response.status, response.steps] and bool(
             np.isclose(then[2], response.collapse_time, equal_nan=True)
         )
-        if same or method["name"] != AUTO:
+        if same or kind != AUTO:
             break
     shown = f"{results.scale.measure} = {digits(results.levels[level])} {results.scale.unit}"
     if results.own_levels is not None:

@@ -171,10 +171,9 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     lines = []
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
-        for path in sorted(old.keys() | new.keys()):
-            file = f"{kind} {os.path.normpath(folder / path)}"
-            if path not in old or path not in new:
-                lines.append(f"{file} is {'new' if path in new else 'gone'}")
-            elif old[path] != new[path]:
-                lines.append(f"{file} has changed (sha256 {old[path][:12]}, now {new[path][:12]})")
+        for path in sorted(path for path in old | new if old.get(path) != new.get(path)):
+            what = f"is {'new' if path in new else 'gone'}"
+            if path in old and path in new:
+                what = f"has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
+            lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.mechanics.types import Results
     from archfrag.motions.motion import Motion
-    from archfrag.simulate import Response
 
 _CODES: dict[str, Any] = {"Verdict": Verdict, "Status": Status, "CollapseMode": CollapseMode}
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
@@ -69,20 +68,13 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     return columns
 
 
-def simulate_case(
-    method: Mapping[str, Any], arch: "Arch", motion: "Motion", factor: float, history: bool = False
-) -> "Response":
-    """One run by a study's method as the cube stores it; `factor` is on the vertical too."""
-    from archfrag.simulate import simulate
-
-    options = {("method" if key == "name" else key): value for key, value in method.items()}
-    return simulate(arch, motion, scale=factor, history=history, **options)
-
-
 def tabulate_cases(
     method: Mapping[str, Any], arch: "Arch", motions: Sequence["Motion"], factors: Sequence[float]
 ) -> dict[str, NDArray]:
-    """As `simulate_case` for several runs of one arch: `columns_of` and `wall_time` [s]."""
+    """Runs of one arch by a study's method: `columns_of` and `wall_time` [s].
+
+    Factors are on the verticals too.
+    """
     from archfrag.simulate import results_of_runs
 
     options = {("method" if key == "name" else key): value for key, value in method.items()}
