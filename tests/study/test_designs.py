@@ -42,16 +42,18 @@ def driven(requests, table):
     return notes[0], asked
 
 
+def seen_of(asked, table):
+    """Verdicts of the runs made, (n_record, n_level)."""
+    seen, cells = np.full_like(table, Verdict.NOT_SIMULATED), tuple(np.transpose(asked))
+    seen[cells] = table[cells]
+    return seen
+
+
 def bracketed(asked, table):
     """The highest standing and the lowest collapsing level among the runs made, by record."""
-    n_record, n_level = table.shape
-    low, high = np.full(n_record, -1), np.full(n_record, n_level)
-    for record, place in asked:
-        if table[record, place] == Verdict.COLLAPSED:
-            high[record] = min(high[record], place)
-        elif table[record, place] == Verdict.STANDING:
-            low[record] = max(low[record], place)
-    return low, high
+    seen, place = seen_of(asked, table), np.arange(table.shape[1])
+    low = np.where(seen == Verdict.STANDING, place, -1).max(axis=1)
+    return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
 def search_only(table, prepare=lambda borders: None):
@@ -162,11 +164,9 @@ class TestIda:
             capacity = 0.3 * np.exp(capacity + 0.2 * generator.standard_normal((30, 15)))
             table = (capacity <= LEVELS).astype(np.int8)
             _, asked = driven(Ida(kind="ida", seed=seed).requests(grid_of(30)), table)
-            seen = np.full_like(table, Verdict.NOT_SIMULATED)
-            seen[tuple(np.transpose(asked))] = table[tuple(np.transpose(asked))]
             one, other = (
                 capacity_posterior(find_brackets(verdict, LEVELS))[0].fragility
-                for verdict in (seen, table)
+                for verdict in (seen_of(asked, table), table)
             )
             pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
             off.append(np.log(pairs))
@@ -187,9 +187,7 @@ def until_known(log_capacity, groups=None, **keys):
     grid = Grid(0, np.arange(n), FINE, np.ones(n), 1.0, np.empty((n, 0)), groups)
     table = (np.log(FINE) >= log_capacity[:, None]).astype(np.int8)
     note, asked = driven(Ida(kind="ida", checks=0, precision=precision).requests(grid), table)
-    seen = np.full_like(table, Verdict.NOT_SIMULATED)
-    seen[tuple(np.transpose(asked))] = table[tuple(np.transpose(asked))]
-    return note, seen[: note["records"]]
+    return note, seen_of(asked, table)[: note["records"]]
 
 
 class TestPrecision:
