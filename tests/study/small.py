@@ -2,15 +2,21 @@
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import netCDF4
 import numpy as np
+import xarray as xr
 import yaml
 from click.testing import CliRunner, Result
 
 from archfrag.cli import main
-from archfrag.study.file.schema import Study
+from archfrag.study.answer.cube import write_cube
+from archfrag.study.answer.fits import fit_cube
+from archfrag.study.file.records import prepare_motions
+from archfrag.study.file.schema import Study, load_study
 from archfrag.study.runs.execute import BatchLog, run_batch
+from archfrag.study.steps import finish, step_names
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = Path(__file__).with_name("small.yaml").read_text()
@@ -63,6 +69,32 @@ def files_below(folder: Path) -> dict[Path, bytes]:
 def make_runs(study: Study) -> BatchLog:
     """Make all runs that are missing, in this process."""
     return run_batch(study, workers=1, quiet=True)[0]
+
+
+class Made(NamedTuple):
+    """A study with its cube and its curves, all up to date."""
+
+    study: Study
+    log: BatchLog
+    cube: xr.Dataset
+    fits: dict
+
+
+def made(path: Path) -> Made:
+    """Make a study up to its curves, in this process."""
+    study = load_study(path)
+    prepare_motions(study)
+    log = make_runs(study)
+    cube = xr.load_dataset(write_cube(study))
+    return Made(study, log, cube, fitted(study))
+
+
+def fitted(study: Study) -> dict:
+    """Fits of a study with a cube."""
+    fit_cube(study)
+    for step in step_names(study)[:-1]:
+        finish(study, step)
+    return json.loads((study.folder / "fits.json").read_text())
 
 
 def assert_compliant(cube: Path, folder: Path) -> None:

@@ -1,7 +1,6 @@
 """Classes of arches from the study file to their curves: who meets whom, what growing costs."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import lxml.etree
@@ -9,45 +8,19 @@ import lxml.html
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 
 from archfrag.fragility.counts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
-from archfrag.study.answer.cube import write_cube
-from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.blocks import RiskKeys
 from archfrag.study.file.records import prepare_motions
-from archfrag.study.file.schema import Study, load_study
-from archfrag.study.runs.execute import BatchLog
+from archfrag.study.file.schema import load_study
 from archfrag.study.runs.store import make_plan
-from archfrag.study.steps import finish, stale_steps, step_names
-from tests.study.small import command, make_runs, small_study
+from archfrag.study.steps import finish, stale_steps
+from tests.study.small import command, made, small_study
 
 TEXT = Path(__file__).with_name("classes.yaml").read_text()
 TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
-
-
-@dataclass(frozen=True)
-class Made:
-    """A study with its cube and its curves."""
-
-    study: Study
-    log: BatchLog
-    cube: xr.Dataset
-    fits: dict
-
-
-def made(path):
-    study = load_study(path)
-    prepare_motions(study)
-    log = make_runs(study)
-    with xr.open_dataset(write_cube(study)) as opened:
-        cube = opened.load()
-    fit_cube(study)
-    for step in step_names(study)[:-1]:
-        finish(study, step)
-    return Made(study, log, cube, json.loads((study.folder / "fits.json").read_text()))
 
 
 def write(folder, text=TEXT, table=TABLE):

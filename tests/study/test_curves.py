@@ -1,6 +1,5 @@
 """Curves of a cube's runs that no other test of studies makes."""
 
-import json
 from dataclasses import replace
 
 import lxml.html
@@ -27,11 +26,9 @@ from archfrag.study.answer.fits import (
     open_cube,
     undecided,
 )
-from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.design import Stripes
-from archfrag.study.steps import finish, step_names
-from tests.study.small import ROOT, TEXT, make_runs, small_study
+from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
 
@@ -55,23 +52,6 @@ def with_verdicts(study, change):
 
 def all_survive(cube):
     cube["verdict"][:] = Verdict.STANDING
-
-
-def simulated(path):
-    """A study with its cube, all of it up to date."""
-    study = load_study(path)
-    prepare_motions(study)
-    make_runs(study)
-    write_cube(study)
-    return fitted(study)
-
-
-def fitted(study):
-    """A study with a cube, and its fits anew."""
-    fit_cube(study)
-    for step in step_names(study)[:-1]:
-        finish(study, step)
-    return study, json.loads((study.folder / "fits.json").read_text())
 
 
 class TestUnits:
@@ -107,13 +87,13 @@ method: {{{{name: time_stepping, dt: 2.0e-3, follow: 2.0}}}}
             (tmp_path / f"{name}.yaml").write_text(text.replace(f"out-{unit}", f"out-{measure}"))
             return tmp_path / f"{name}.yaml"
 
-        _, in_g = simulated(written("PGA", "g", self.LEVELS))
+        in_g = made(written("PGA", "g", self.LEVELS)).fits
         for unit, factor in (("m/s2", 9.80665), ("cm/s2", 980.665)):
             path = written("PGA", unit, [round(factor * level, 6) for level in self.LEVELS])
-            found = fitted(load_study(path))[1]  # of the same cube
+            found = fitted(load_study(path))  # of the same cube
             assert self.states(found) == self.states(in_g)
             assert found["arches"]["ring"]["curve"] == in_g["arches"]["ring"]["curve"]
-        _, in_pgv = simulated(written("PGV", "cm/s", (32.0, 85.0, 138.0, 190.0, 243.0)))
+        in_pgv = made(written("PGV", "cm/s", (32.0, 85.0, 138.0, 190.0, 243.0))).fits
         assert list(self.states(in_pgv)) == list(self.states(in_g))
         for fits in (in_g, in_pgv):
             assert {k for k, curve in self.states(fits).items() if curve} == set(self.DAMAGE)
@@ -157,8 +137,7 @@ class TestCloud:
         text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [1.0]")
         text = text.replace("records/*.AT2", f"records/{records}.AT2")
         path = small_study(tmp_path, f"{text}design: {{kind: cloud, factor: {factor}}}\n")
-        study, _ = simulated(path)
-        page = lxml.html.document_fromstring(render(report_inputs(study))[0])
+        page = lxml.html.document_fromstring(render(report_inputs(made(path).study))[0])
         shown = page.xpath('string(//section[@id="arch1"])')
         assert reason in shown
         assert "error in archfrag" not in shown
@@ -172,8 +151,8 @@ class TestCloud:
         write_cube(copied.study)
         for name in ("measures_compared", "limit_states"):
             monkeypatch.setattr(comparisons, name, spoiled)
-        study, _ = fitted(copied.study)
-        page = lxml.html.document_fromstring(render(report_inputs(study))[0])
+        fitted(copied.study)
+        page = lxml.html.document_fromstring(render(report_inputs(copied.study))[0])
         assert page.xpath('string(//section[@id="arch0"])').count("ValueError: spoiled") == 2
 
 
