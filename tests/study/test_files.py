@@ -1,5 +1,6 @@
 """Files appear full or not at all."""
 
+import errno
 import os
 import subprocess
 
@@ -24,16 +25,19 @@ def test_a_file_is_replaced_only_at_the_end(tmp_path):
     assert files(tmp_path) == {"a.txt": b"new"}
 
 
-def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+    def full(handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     path = tmp_path / "a.txt"
     path.write_text("old")
-    message = (
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError) as caught, replacing(path) as temporary:
+        temporary.write_text("half")
+    assert str(caught.value) == (
         f"{path}: cannot be written (No space left on device); the output folder must exist or be "
         "creatable, allow writing and have space; what was finished is kept"
     )
-    with full_disk(at=1), pytest.raises(OutputError) as caught, replacing(path) as temporary:
-        temporary.write_text("half")
-    assert str(caught.value) == message
     assert caught.value.exit_code == 4
     assert files(tmp_path) == {"a.txt": b"old"}
 
@@ -86,14 +90,8 @@ def test_files_follow_the_umask(tmp_path):
 def test_cells_that_a_spreadsheet_would_compute_are_quoted_in_every_csv(tmp_path):
     """And come back as they were; numbers are not touched."""
     cells = ["=cmd|'calc'!A1", "@SUM(1)", "+1+1", "-x", "-0.5", "plain"]
-    row = {
-        "id": "a",
-        "file": "-a.AT2",
-        "unit": "g",
-        "event": cells[0],
-        "=head": "-1",
-        "dt_s": 0.01,
-    }
+    row = {"id": "a", "file": "-a.AT2", "unit": "g", "event": cells[0], "dt_s": 0.01}
+    row["=head"] = "-1"
     text = write_index(tmp_path, [row]).read_text()
     assert "'-a.AT2" in text
     assert f"'{cells[0]}" in text
