@@ -1,7 +1,6 @@
 """Rates of collapse of a study: of all designs, and by the command."""
 
 import json
-import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,15 +8,13 @@ import pytest
 
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
-from archfrag.study.answer.cube import write_cube
-from archfrag.study.answer.fits import FITS, fit_cube
+from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
 from archfrag.study.file.hazard import Hazard
-from archfrag.study.file.schema import load_study
 from archfrag.study.files import write_text
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
-from tests.study.small import command
+from tests.study.small import command, made, small_study
 
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
@@ -121,37 +118,32 @@ class TestDesigns:
         assert found.levels[-1] < at.max()
 
 
-@pytest.fixture(scope="module")
-def finished(done, tmp_path_factory):
-    """The finished parts with a cube and a made-up curve; arguments of the command, the hazard."""
-    # Beside the other results: inputs are known by their place relative to these.
-    folder, place = tmp_path_factory.mktemp("risk"), done.study.folder.with_name("risk")
-    shutil.copytree(done.study.folder, place)
-    study_file, override = done.study.folder.parent / "small.yaml", f"output={place}"
-    study = load_study(study_file, (override,))
-    write_cube(study)
-    finish(study, "cube")
-    fit_cube(study)
-    made = json.loads((study.folder / FITS).read_text())
-    curve = Fragility(5.0, 0.4, np.diag([0.01, 0.005]), 0.0, 3, 6, "stripes")
-    made["arches"]["ring"]["curve"] = curve.to_dict()
-    write_text(study.folder / FITS, json.dumps(made))
+def with_curves(study, **curves):
+    """Put other curves of arches into the fits of a study, which stay up to date."""
+    made_up = json.loads((study.folder / FITS).read_text())
+    for name, curve in curves.items():
+        made_up["arches"][name]["curve"] = curve
+    write_text(study.folder / FITS, json.dumps(made_up))
     finish(study, "fit")
-    hazard = folder / "hazard.csv"
-    hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
-    return (study_file, "--set", override), hazard, folder
 
 
 class TestCommand:
-    def test_json_and_file_are_the_same(self, finished):
-        study, hazard, folder = finished
-        out = folder / "risk.json"
-        result = command(
-            "risk", *study, "--hazard", hazard, "--json", "--out", out, "--years", 100
-        )
+    @pytest.fixture
+    def asked(self, tmp_path):
+        """Arguments of the command for a finished study with a made-up curve; the study."""
+        study = made(small_study(tmp_path)).study
+        curve = Fragility(5.0, 0.4, np.diag([0.01, 0.005]), 0.0, 3, 6, "stripes")
+        with_curves(study, ring=curve.to_dict())
+        hazard = tmp_path / "hazard.csv"
+        hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
+        return ("risk", tmp_path / "small.yaml", "--hazard", hazard), study
+
+    def test_json_and_file_are_the_same(self, asked, tmp_path):
+        out = tmp_path / "risk.json"
+        result = command(*asked[0], "--json", "--out", out, "--years", 100)
         assert result.exit_code == 0, result.output
         for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
-            assert command("risk", *study, "--hazard", hazard, f"--{option}", value).exit_code == 2
+            assert command(*asked[0], f"--{option}", value).exit_code == 2
         facts = json.loads(result.stdout)
         assert json.loads(out.read_text()) == facts
         ring = facts["arches"]["ring"]
@@ -161,20 +153,11 @@ class TestCommand:
         assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
         assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
 
-    def test_no_curve_at_all(self, finished):
-        study, hazard, _ = finished
-        path = load_study(study[0], study[2:]).folder / FITS
-        kept = path.read_bytes()
-        made = json.loads(kept)
-        for arch in made["arches"].values():
-            arch["curve"] = {"none": "nothing fell"}
-        try:
-            write_text(path, json.dumps(made))
-            finish(load_study(study[0], study[2:]), "fit")
-            result = command("risk", *study, "--hazard", hazard)
-        finally:
-            write_text(path, kept.decode())
-            finish(load_study(study[0], study[2:]), "fit")
+    def test_no_curve_at_all(self, asked):
+        arguments, study = asked
+        none = {"none": "nothing fell"}
+        with_curves(study, ring=none, slab=none)
+        result = command(*arguments)
         assert result.exit_code == 6
         assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
         assert result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"
