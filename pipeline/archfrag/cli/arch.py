@@ -187,15 +187,11 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
     """Results of one run, ready for JSON."""
     from archfrag.study.provenance import finite
 
-    names = (
-        "collapsed", "collapse_time", "collapse_joint", "collapse_mode", "peak_rotation",
-        "peak_displacement", "events", "model_time", "energy_error", "energy", "end_time",
-        "work", "steps", "fallbacks", "residual", "method", "wall_time",
-    )  # fmt: skip
-    facts = {name: getattr(response, name) for name in names}
-    if response.mechanism is not None:
-        facts["mechanism"] = [asdict(change) for change in response.mechanism]
-    return finite({"status": response.status.name.lower(), "scale": scale, **facts}, None)
+    facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}
+    mechanism, _ = facts.pop("mechanism"), facts.pop("history")
+    if mechanism is not None:
+        facts["mechanism"] = [asdict(change) for change in mechanism]
+    return finite(facts | {"status": response.status.name.lower(), "scale": scale}, None)
 
 
 def response_text(response: "Response", scale: float) -> str:
