@@ -35,13 +35,16 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "design": study.design.model_dump(),
     }
     inputs = read_manifest(study)["inputs"]
-    counts = f"{counted(len(plan.arches), 'arch')} under {counted(len(plan.records), 'record')}"
+    count, of = sum(record.vertical for record in plan.records), len(plan.records)
+    some = f"used for {count} of {of} records"
+    counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
     return {
         "Conventions": "CF-1.11",
         "title": study.title,
         "institution": study.institution,
         "source": f"rigid-block simulations with archfrag {archfrag.__version__}, method "
         f"{study.method.name}",
+        "vertical_component": some if 0 < count < of else "used" if count else "not used",
         "history": "Records read, processed and scaled to levels of the intensity measure; "
         f"simulations as the design {study.design.kind} asks for them; results gathered by "
         "archfrag.",
