@@ -8,7 +8,6 @@ from archfrag.errors import StabilityError, StudyError
 from archfrag.simulate import onset
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
-from archfrag.study.file.samples import draw
 from archfrag.study.file.schema import load_study
 from tests.study.small import TEXT, small_study
 
@@ -19,13 +18,13 @@ RING = {
 FRICTION = {"friction": {"distribution": "uniform", "start": 0.6, "stop": 0.8}}
 
 
-def entry(vary, **changed):
-    given = {**RING, **changed, "vary": {"samples": 4, **vary}}
-    return ArchEntry.model_validate(given)
-
-
 def drawn(vary, count=4, **changed):
-    return draw(entry(vary, **changed), count)
+    """Each arch that is drawn, and what was drawn for it."""
+    given = {**RING, **changed, "vary": {"samples": count, **vary}}
+    given = {key: value for key, value in given.items() if value is not None}
+    members = expand([ArchEntry.model_validate(given)])
+    check_buildable(members)
+    return [(member.entry, member.values) for member in members]
 
 
 def normal(mean, cov, **more):
@@ -78,30 +77,26 @@ class TestJoints:
         assert np.abs(pairs).max() < 0.28
         assert found[0][0].recess.extrados == 0.0
 
-    def test_the_springings_stay_where_they_are(self):
-        shift = {"distribution": "uniform", "start": -0.2, "stop": 0.2}
-        for profile in ({}, {"profile": "segmental", "span": 10.0, "rise": 3.0}):
-            gone = ("radius", "embrace") if profile else ()
-            given = {key: value for key, value in RING.items() if key not in gone}
-            vary = {"samples": 16, "joints": {"position": shift}}
-            one = ArchEntry.model_validate({**given, **profile, "vary": vary})
-            end = 1.0 if profile else 157.5
-            joints = np.array([arch.joints for arch, _ in draw(one, 16)])
-            assert np.all(joints[:, [0, -1]] == [0.0, end])
-            off = joints / end * 7.0 - np.arange(8)
-            assert 0.15 < np.abs(off).max() < 0.2
-            check_buildable(expand([one]))
+    @pytest.mark.parametrize("profile", ["circular", "segmental"])
+    def test_the_springings_stay_where_they_are(self, profile):
+        vary = {"joints": {"position": {"distribution": "uniform", "start": -0.2, "stop": 0.2}}}
+        other = {"profile": "segmental", "span": 10.0, "rise": 3.0, "radius": None, "embrace": None}
+        end = 157.5 if profile == "circular" else 1.0
+        found = drawn(vary, 16, **(other if profile == "segmental" else {}))
+        joints = np.array([arch.joints for arch, _ in found])
+        assert np.all(joints[:, [0, -1]] == [0.0, end])
+        off = joints / end * 7.0 - np.arange(8)
+        assert 0.15 < np.abs(off).max() < 0.2
 
     def test_a_block_has_one_and_a_column_no_free_end(self):
-        vary = {"samples": 2, "joints": {"friction": normal(1.0, 0.1)}}
-        block = {"profile": "block", "width": 0.4, "height": 2.0}
+        vary = {"joints": {"friction": normal(1.0, 0.1)}}
+        ring = dict.fromkeys(("radius", "thickness", "embrace", "voussoirs"))
         sides = {side: [[x, 0.0], [x, 1.0], [x, 2.0]]
                  for side, x in (("intrados", 0.0), ("extrados", 0.5))}  # fmt: skip
+        block = {"profile": "block", "width": 0.4, "height": 2.0}
         column = {"profile": "from_joints", "free_end": True, **sides}
         for given, count in ((block, 1), (column, 2)):
-            one = ArchEntry.model_validate({"id": "a", "friction": 0.5, "vary": vary, **given})
-            assert all(len(arch.friction) == count for arch, _ in draw(one, 2))
-            check_buildable(expand([one]))
+            assert all(len(arch.friction) == count for arch, _ in drawn(vary, 2, **ring, **given))
 
 
 class TestRefusals:
@@ -121,17 +116,17 @@ class TestRefusals:
             ({"samples": 12, "of": FRICTION}, ".samples = 12 must be a power of two"),
             ({"samples": 4}, "must have a key of or joints"),
             ({"samples": 4, "of": {"frictions": FRICTION["friction"]}},
-             ".of.frictions cannot vary for profile circular; allowed are radius"),
+             "sample 1 (frictions = 0.657234): frictions is not a known key; did"),
             ({"samples": 4, "of": {"friction": {"distribution": "normal", "cov": 0.1}}},
              ".of.friction.mean is missing"),
             ({"samples": 4, "of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
              ".of.friction.mean is not a known key; allowed are distribution, start, stop"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}},
-             "must have upper above lower = 0.9, not 0.8"),
+             "is cut too far: only 0 of"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=2.0)}}, "is cut too far"),
             ({"samples": 4, "of": {"dead_load": normal(1.0, 0.1, relative=True)}},
-             ".of.dead_load.relative needs a finite dead_load of the arch, which it"),
+             ".of.dead_load.relative needs a key dead_load of the arch, which it"),
             ({"samples": 4, "of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
              ".correlation is not possible: correlation of friction and density: density is not"),
             ({"samples": 4, "joints": {"friction": normal(1.0, 0.1, relative=True)}},
@@ -144,7 +139,6 @@ class TestRefusals:
 
     def test_an_arch_that_cannot_exist_or_has_a_value_that_its_key_does_not_allow(self, tmp_path):
         found = self.refused(tmp_path, {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}})
-        assert found.startswith("arches[0] (ring): cannot exist: ")
         assert " of 8 samples, the first is sample " in found
         assert found.count("thickness = -") == 2  # what was drawn, and why it is none
         found = self.refused(tmp_path, {"samples": 2, "of": {"density": normal(2e6, 0.01)}})
@@ -153,7 +147,8 @@ class TestRefusals:
 
     def test_arches_that_do_not_stand(self):
         vary = {"of": {"thickness": {"distribution": "uniform", "start": 0.4, "stop": 0.9}}}
-        found = expand([entry({**vary, "samples": 8})])
+        given = {**RING, "vary": {**vary, "samples": 8}}
+        found = expand([ArchEntry.model_validate(given)])
         thin = [member for member in found if not onset(member.entry.build()).stands]
         assert 1 < len(thin) < 8
         assert max(m.values["thickness"] for m in thin) < 0.75
@@ -161,6 +156,5 @@ class TestRefusals:
             check_standing(found)
         first = f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})"
         assert str(refusal.value).startswith(
-            "arches[0] (ring): does not stand under its own weight: "
-            f"{len(thin)} of 8 samples, the first is {first}"
+            f"arches[0] (ring): {len(thin)} of 8 samples, the first is {first}: does not stand"
         )

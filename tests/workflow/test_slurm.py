@@ -13,7 +13,7 @@ from archfrag.study.answer.cube import write_cube
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.starter import snakefile
+from archfrag.study.checks import shipped_folder
 from tests.study.small import ROOT, TEXT, small_study
 from tests.workflow.local_slurm import local_slurm, wait, why_not
 
@@ -54,7 +54,7 @@ def test_batches_are_jobs_by_the_profile(slurm, alone, tmp_path):
     shipped = (ROOT / "configs" / "profiles" / "slurm" / "config.yaml").read_text()
     (profile / "config.yaml").write_text(shipped + QUICK)
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), "--profile", profile,
+        [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--profile", profile,
          "--config", f"study={path}"],
         env=slurm.environment, capture_output=True, text=True, timeout=300, cwd=tmp_path,
     )  # fmt: skip

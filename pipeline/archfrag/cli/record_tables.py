@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.files import counted, opened
-from archfrag.study.file.blocks import PERIODS as PERIOD_ENDS
+from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 from archfrag.study.provenance import available_cores, finite
 
 if TYPE_CHECKING:

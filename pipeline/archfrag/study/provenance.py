@@ -14,7 +14,6 @@ from typing import Any
 
 import archfrag
 from archfrag.study.file.arches import ArchEntry
-from archfrag.study.file.processing import described
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.files import (
@@ -92,7 +91,9 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "archfrag_config": strict_json(portable_config(study)),
         **{f"archfrag_{name}_sha256": strict_json(_by_name(inputs[kind]))
            for kind, name in names.items()},
-        "archfrag_processing": strict_json(described(study.motions.processing)),
+        "archfrag_processing": strict_json(
+            [{"step": step.name, "settings": step.settings} for step in study.motions.processing]
+        ),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),
