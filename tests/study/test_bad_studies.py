@@ -14,6 +14,7 @@ from tests.study.small import ROOT, TEXT, small_study
 
 RING, FILES = "radius: 10.0", '["records/*.AT2"]'
 BLOCK = "profile: block, width: 0.4, height: 2.0"
+LEVELS = "[0.1, 0.6, 1.2]"
 MANY = "".join(
     f"  - {{id: a{i}, profile: block, width: 1.0, height: 2.0, friction: 1}}\n" for i in range(999)
 )
@@ -37,7 +38,6 @@ BAD += [
     (None, "", "must hold keys with values"),
     (None, "# long\n" * 72_000, "bytes; at most 500000 are allowed"),
     # Names and keys.
-    ("title: A small study", "title: ''", "title = "),
     ("dt: 2.0e-3", "colour: 1", "method.colour is not a known key; allowed are name, dt, rtol"),
     ("dt: 2.0e-3", "folow: 1", "method.folow is not a known key; did you mean follow?"),
     ("id: small", "id: a/b", "id = a/b must begin with a letter or a digit"),
@@ -60,30 +60,27 @@ BAD += [
      "intrados[0] = [0, 1, 2] must have at most 2"),
     # Motions.
     (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic no longer exists; make"),
-    (FILES, "[]", "must have a key index or files"),
+    (FILES, "[]", "the study has no record; give an index or files"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
-    (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
+    (f"files: {FILES}", f"files: {FILES}\n  select: [wave]", "'wave' is not a record of the"),
     (f"files: {FILES}", f"files: {FILES}\n  processing: [response]", "has no StationXML"),
-    (f"files: {FILES}", f"files: {FILES}\n  processing: [smooth]", "smooth is not a known step"),
     # Intensity.
     ("unit: g", "unit: cm/s", "intensity.unit = cm/s must be one of g, m/s2"),
     ("measure: PGA", "measure: Sa(1e9)", "must have periods from 0.01 to 20 s"),
     ("measure: PGA", "measure: AvgSA(2.0,0.5)", "needs its shorter period first"),
     ("measure: PGA", "measure: pga", "did you mean PGA?"),
     ("measure: PGA", "measure: D5_95", "no motion can be scaled to it"),
-    ("[0.1, 0.6, 1.2]", "[.nan]", "intensity.levels[0] = nan must be a finite number"),
-    ("[0.1, 0.6, 1.2]", "[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
-    ("[0.1, 0.6, 1.2]", "[1, 1]", "must increase, but 1 follows 1"),
-    ("[0.1, 0.6, 1.2]", "{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
-    ("[0.1, 0.6, 1.2]", "{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1"),
-    ("[0.1, 0.6, 1.2]", "{start: 1, stop: 1.0000000000000002, count: 50}", "1 follows 1"),
+    (LEVELS, "[.nan]", "intensity.levels[0] = nan must be a finite number"),
+    (LEVELS, "[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
+    (LEVELS, "{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
+    (LEVELS, "{start: 1.0, stop: 0.5, count: 3}", "levels must increase, but 0.75 follows 1"),
+    (LEVELS, "{start: 1, stop: 1.0000000000000002, count: 50}", "1 follows 1"),
     # Method, design and execution.
     ("time_stepping", "euler", "method.name = euler must be one of auto"),
-    ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("time_stepping", "four_link", "must be one of auto"),
+    ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
-    ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "has 'coarse'"),
     ("execution:", "design: {kind: two_stage}\nexecution:", "is gone, since it was"),
     ("execution:", "design: {kind: scattered}\nexecution:", "write kind: ida or stripes"),
     ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
@@ -195,7 +192,7 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, kind):
     [
         ("arches.²=z", "no such place; a list is counted from 0"),
         (f"arches.{'9' * 5000}=z", "no such place"),
-        ("a." * 3000 + "a=1", "must be key=value"),
+        ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),
         (f"title={'[' * 3000}", "--set title: is not valid YAML"),

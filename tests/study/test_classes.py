@@ -17,9 +17,8 @@ from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube
-from archfrag.study.file.schema import RiskKeys
 from archfrag.study.file.records import prepare_motions
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.schema import RiskKeys, Study, load_study
 from archfrag.study.runs.execute import BatchLog
 from archfrag.study.runs.plan import make_plan
 from archfrag.study.steps import finish, stale_steps, step_names

@@ -80,9 +80,10 @@ class TestJoints:
     @pytest.mark.parametrize("profile", ["circular", "segmental"])
     def test_the_springings_stay_where_they_are(self, profile):
         vary = {"joints": {"position": {"distribution": "uniform", "start": -0.2, "stop": 0.2}}}
-        other = {"profile": "segmental", "span": 10.0, "rise": 3.0, "radius": None, "embrace": None}
-        end = 157.5 if profile == "circular" else 1.0
-        found = drawn(vary, 16, **(other if profile == "segmental" else {}))
+        end, keys = 157.5, {}
+        if profile == "segmental":
+            end, keys = 1.0, {"span": 10.0, "rise": 3.0, "radius": None, "embrace": None}
+        found = drawn(vary, 16, profile=profile, **keys)
         joints = np.array([arch.joints for arch, _ in found])
         assert np.all(joints[:, [0, -1]] == [0.0, end])
         off = joints / end * 7.0 - np.arange(8)

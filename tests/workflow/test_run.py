@@ -21,13 +21,14 @@ from click.testing import CliRunner
 
 from archfrag import kernel_cache
 from archfrag.cli import main
+from archfrag.study.checks import shipped_folder
 from archfrag.study.file.schema import load_study
 from archfrag.study.running import only_run
-from archfrag.study.checks import shipped_folder
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
+SNAKEFILE = shipped_folder() / "Snakefile"
 STARTED: list[subprocess.Popen] = []
 
 

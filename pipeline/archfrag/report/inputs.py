@@ -26,11 +26,10 @@ from archfrag.study.answer.cautions import cautions_of_cube
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
 from archfrag.study.answer.fits import FITS, load_answers, open_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
-from archfrag.study.file.schema import LEVEL_UNITS
 from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.schema import LEVEL_UNITS, Study, load_study
 from archfrag.study.provenance import finite
 from archfrag.study.runs import design_of
 from archfrag.study.runs.design import Design

@@ -45,14 +45,9 @@ class Hazard:
     notes: tuple[str, ...] = ()  # messages on what was assumed
 
     @property
-    def main_name(self) -> str:
-        """Name of the curve that rates are computed with first."""
-        return next(iter(self.curves))
-
-    @property
     def main(self) -> HazardCurve:
         """The curve that rates are computed with first."""
-        return self.curves[self.main_name]
+        return next(iter(self.curves.values()))
 
 
 class _Stated(NamedTuple):
@@ -196,17 +191,17 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
     table = read_csv(text).set_index(["lon", "lat"]).filter(like="poe-")
-    im = [float(head.removeprefix("poe-")) for head in table]
+    im = [float(str(head).removeprefix("poe-")) for head in table]
     sites = np.array(list(table.index), dtype=float)
     values = table.astype(float).to_numpy()
     name, years = stated.get("kind", "one branch"), float(stated["investigation_time"])
     yield _engine(name, stated["imt"], years, im, values, sites)
 
 
-def _engine(name: str, imt: str, years: float, *numbers: Any) -> _Stated:
+def _engine(name: str, imt: str, years: float, im: Any, values: Any, sites: Any) -> _Stated:
     kind = imt.split("(")[0]
     measure = imt.replace(kind, _NAMES.get(kind, kind), 1)
-    return _Stated(name, measure, _UNITS.get(kind), years, *numbers, component=False)
+    return _Stated(name, measure, _UNITS.get(kind), years, im, values, sites, component=False)
 
 
 def _nrml(text: str) -> Iterator[_Stated]:

@@ -195,7 +195,7 @@ def _rows(entry: ArchEntry, where: str) -> list[Member]:
         raise StudyError(f"{place}: {error}") from None
     if "id" not in table or table.empty:
         raise StudyError(f"{place}: must have arches and a column id; commas between columns")
-    for name in table:
+    for name in map(str, table):
         if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
             rule = "give an attribute a name less like it"
             raise StudyError(f"{place}: column {name} is not a key of an arch; {hint} ({rule})")
@@ -203,16 +203,17 @@ def _rows(entry: ArchEntry, where: str) -> list[Member]:
         raise StudyError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
     found = []
-    for cells in table.to_dict("records"):
+    for row in table.to_dict("records"):
+        cells = {str(key): text for key, text in row.items()}
         own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
                if key in COLUMNS and key != "id" and text}  # fmt: skip
-        arch = _entry({**defaults, **own, "id": cells["id"]}, f"{place}, arch {cells['id']}")
+        place_of_row = f"{place}, arch {cells['id']}"
+        arch = _entry({**defaults, **own, "id": cells["id"]}, place_of_row)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
         values = {key: getattr(arch, key) for key in cells if key in ("voussoirs", *VARIABLE)}
         numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
         attributes = {key: text for key, text in cells.items() if key not in COLUMNS}
-        row = f"{place}, arch {arch.id}"
-        found.append(Member(arch, entry.id, row, values=numbers, attributes=attributes))
+        found.append(Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes))
     return found
 
 
@@ -227,15 +228,15 @@ def _value(text: str, place: str) -> Any:
 
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; StudyError names the first that cannot."""
-    wrong: dict[int, GeometryError] = {}
-    for i, member in enumerate(given):
+    wrong: dict[str, GeometryError] = {}
+    for member in given:
         try:
             member.entry.build()
         except GeometryError as error:
-            wrong[i] = error
+            wrong[member.id] = error
     if wrong:
-        first, *_ = wrong.values()
-        raise StudyError(f"{_first(given, list(wrong))}: cannot exist: {first}")
+        why = next(iter(wrong.values()))
+        raise StudyError(f"{_first(given, list(wrong))}: cannot exist: {why}") from why
 
 
 def check_standing(given: Members) -> None:
@@ -243,16 +244,16 @@ def check_standing(given: Members) -> None:
     from archfrag.simulate import onset
 
     check_buildable(given)
-    if wrong := [i for i, member in enumerate(given) if not onset(member.entry.build()).stands]:
+    if wrong := [member.id for member in given if not onset(member.entry.build()).stands]:
         how = "make it thicker, raise the friction, or narrow what varies by lower and upper"
         raise StabilityError(f"{_first(given, wrong)}: does not stand under its own weight; {how}")
 
 
-def _first(given: Members, wrong: Sequence[int]) -> str:
+def _first(given: Members, wrong: Sequence[str]) -> str:
     """The first wrong arch, for messages; of a sample also how many others are wrong."""
-    first = given[wrong[0]]
+    first = given[given.ids.index(wrong[0])]
     if not first.number:
         return first.place
-    alike, drawn = (sum(given[i].place == first.place for i in each)
-                    for each in (wrong, range(len(given))))  # fmt: skip
-    return f"{first.place}: {alike} of {drawn} samples, the first is {first.drawn}"
+    alike = [member.id for member in given if member.place == first.place]
+    count = len(set(alike) & set(wrong))
+    return f"{first.place}: {count} of {len(alike)} samples, the first is {first.drawn}"

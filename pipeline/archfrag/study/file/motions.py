@@ -170,7 +170,7 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
             raise InputError("one of arias, threshold_g and times is needed")
         value, margin = settings[kind[0]], settings["margin"]
         if kind == ["arias"]:
-            changed = process.trim_by_arias(motion, *value, margin)
+            changed = process.trim_by_arias(motion, value[0], value[1], margin)
         elif kind == ["threshold_g"]:
             changed = process.trim_by_threshold(motion, value * STANDARD_GRAVITY, margin)
         else:

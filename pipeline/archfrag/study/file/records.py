@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,35 +129,34 @@ def _with_components(
         log = (*motion.log, "Vertical component left out.")
         motion = motion._replaced(vertical=None, metadata=labels, log=log)
     elif study.motions.vertical and motion.vertical is None:
-        if source.vertical is None:
-            raise _lacks(source, motion, "vertical", "motions.vertical asks for it")
-        vertical = read_vertical(
-            source.vertical, source.unit, inventory=source.inventory, accept=source.accept
-        )
-        motion = with_vertical(motion, _as_listed(vertical, source))
+        vertical = None
+        if source.vertical is not None:
+            vertical = read_vertical(
+                source.vertical, source.unit, inventory=source.inventory, accept=source.accept
+            )
+        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
     if not needs_pairs(study):
         return motion
     other = other_horizontal(alone, every)
     if other is None and source.transverse is not None:
         found = _read(replace(source, path=source.transverse, entry=None, name=None))
         other = found[0] if len(found) == 1 else None
-    if other is None:
-        both = "motions.processing or intensity.measure needs both"
-        raise _lacks(source, motion, "other horizontal", both)
-    motion = with_transverse(motion, _as_listed(other, source))
+    other = _partner(other, motion, source, "other horizontal")
+    motion = with_transverse(motion, other)
     return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
 
 
-def _lacks(source: Source, motion: "Motion", component: str, why: str) -> RecordError:
-    return RecordError(
-        f"{source.path}: record {motion.id} has no {component} component, and {why}. It must be "
-        "in this file, in one whose name differs in the direction only (N and E; 090, 180 and "
-        "UP), or in the one other row of an index with this event and station"
-    )
-
-
-def _as_listed(partner: "Motion", source: Source) -> "Motion":
-    """A component without the header's event and station, where an index states them."""
+def _partner(
+    partner: "Motion | None", motion: "Motion", source: Source, component: str
+) -> "Motion":
+    """Another component, without its header's event and station where an index states them."""
+    if partner is None:
+        raise RecordError(
+            f"{source.path}: record {motion.id} has no {component} component, which the study "
+            "needs. It must be in this file, in one whose name differs in the direction only (N "
+            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
+            "station"
+        )
     if source.entry is None:
         return partner
     unknown = dict.fromkeys(("event", "date", "station"), "")

@@ -55,7 +55,7 @@ def find_sources(study: Study) -> list[Source]:
     if asked.select is not None and not asked.files:
         table = {row.id: row for row in rows}
         check_known(asked.select, table)
-        used = [table[name] for name in asked.select]
+        used = [table[name] for name in dict.fromkeys(asked.select)]
     indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in used]
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):

@@ -150,7 +150,6 @@ class JointScatter(Section):
         return keys
 
 
-
 class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
 
