@@ -8,6 +8,7 @@ import xarray as xr
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import measure
+from archfrag.motions.partners import partners
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.checks import check_study, uncorrected
 from archfrag.study.file.records import load_record, prepare_motions
@@ -85,29 +86,18 @@ class TestVertical:
 
 
 class TestPairs:
-    """RotD50 of files that each hold one component."""
-
-    ROTATED = TEXT.replace("PGA", "RotD50(PGA)")
-
-    def study(self, tmp_path, names, text=ROTATED):
-        path = small_study(tmp_path, text)
-        for old in (tmp_path / "records").iterdir():
-            old.unlink()
-        for number, name in enumerate(names):
-            text = at2_text(0.2 * wave(frequency=1.0 + number))
-            (tmp_path / "records" / f"{name}.AT2").write_text(text)
-        return load_study(path)
+    """Files that each hold one component, by their names."""
 
     @pytest.mark.parametrize(
         "names",
         [
             ["quake1", "quake2", "quake3", "quake4"], ["001", "002"], ["max", "may"],
             ["000", "090", "180", "270"], ["S16W", "S16E"], ["20160824013632", "20160824013722"],
+            ["1", "2", "3", "V"],
         ],
     )  # fmt: skip
-    def test_names_that_are_alike_are_no_pair(self, tmp_path, names):
-        with pytest.raises(RecordError, match="has no other horizontal component"):
-            check_study(self.study(tmp_path, names))
+    def test_names_that_are_alike_are_no_pair(self, names):
+        assert partners([f"{name}.AT2" for name in names]) == ({}, {})
 
     @pytest.mark.parametrize(
         "names",
@@ -116,18 +106,21 @@ class TestPairs:
             ("17_H1.cor", "17_H2.cor"), ("C_S16W", "C_N74W"), ("a_x", "a_y"),
         ],
     )  # fmt: skip
-    def test_directions_at_right_angles_are_and_validate_names_them(self, tmp_path, names):
+    def test_directions_at_right_angles_are(self, names):
         one, other = (f"{name}.AT2" for name in names)
-        study = self.study(tmp_path, names)
-        found = check_study(study)["partners"]
-        assert sorted(found) == sorted([f"{one} with {other}", f"{other} with {one}"])
-        logs = {name: motion.log for name, motion in stored(study).items()}
-        assert any(f"from {other}" in line for line in logs[names[0]])
+        assert partners([one, other]) == ({one: other, other: one}, {})
 
-    def test_numbered_files_have_no_vertical_in_common(self, tmp_path):
-        text = TEXT.replace(FILES, f"{FILES}\n  vertical: true")
-        with pytest.raises(RecordError, match="has no vertical component"):
-            check_study(self.study(tmp_path, ["1", "2", "3", "V"], text))
+    def test_rotd_needs_both_and_validate_names_them(self, tmp_path):
+        text = TEXT.replace("PGA", "RotD50(PGA)")
+        with pytest.raises(RecordError, match="record wave0 has no other horizontal component"):
+            check_study(study_with(tmp_path, FILES, text))
+        one, other = (CODES[code][0] for code in ("000", "090"))
+        study = study_with(tmp_path, 'files: ["quake/*.AT2"]', text)
+        assert set(check_study(study)["partners"]) == {
+            f"{one} with {other}",
+            f"{other} with {one}",
+        }
+        assert any(f"from {other}" in line for line in stored(study)["Q-ELC000"].log)
 
 
 class TestProcessing:

@@ -17,7 +17,7 @@ from archfrag.errors import InputError
 from archfrag.files import read_text
 from archfrag.fragility.curve import FloatArray
 from archfrag.fragility.risk import HazardCurve
-from archfrag.motions.measures import Measure, measure_unit, parse_measure
+from archfrag.motions.measures import measure_unit, parse_measure
 from archfrag.study.file import read_csv
 from archfrag.study.file.schema import LEVEL_UNITS
 
@@ -80,48 +80,44 @@ def load_hazard(
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            for stated in _of_measure(text, measure):
+            for stated, note in _of_measure(text, measure):
                 if stated.name in found:
                     raise InputError(f"has a second curve {stated.name!r}")
                 found[stated.name] = _curve(stated, measure, unit, site)
-                if stated.measure is None:
-                    what = f"does not name its measure, which is taken to be {measure}"
-                    notes[f"{path}: {what}"] = None
-                elif _parsed(stated.measure) != _parsed(measure):
-                    what = f"the file states {stated.measure} and no component"
-                    notes[f"{path}: {what}, taken to be {measure}'s"] = None
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        except ValueError as error:
-            raise InputError(f"{path}: must hold numbers, but: {error}") from None
+                notes |= {f"{path}: {note}": None} if note else {}
+        except (InputError, ValueError) as error:
+            must = "" if isinstance(error, InputError) else "must hold numbers, but: "
+            raise InputError(f"{path}: {must}{error}") from None
     order = sorted(found, key=lambda name: name != "mean")
     source = ", ".join(map(str, paths))
     return Hazard(measure, source, {name: found[name] for name in order}, tuple(notes))
 
 
-def _of_measure(text: str, measure: str) -> list[_Stated]:
-    """The curves of one file that may be of the measure; a file may hold other measures too."""
+def _of_measure(text: str, measure: str) -> list[tuple[_Stated, str]]:
+    """The curves of one file that may be of the measure, with a note on what is assumed."""
     read = _plain
     if text.lstrip().startswith("<"):
         read = _nrml
     elif re.search(r"^(\w+,)?lon,lat,", text, re.MULTILINE):
         read = _openquake_csv
-    requested, every = parse_measure(measure), list(read(text))
-    found = []
-    for stated in every:
-        alike = requested if stated.component else requested._replace(rotated="")
-        if stated.measure is None or _parsed(stated.measure) in (requested, alike):
-            found.append(stated)
-    if every and not found:
-        other = f"is a hazard of {every[0].measure}"
-        raise InputError(f"{other}, but the study's levels are of {measure}")
+    requested, found, other = parse_measure(measure), [], ""
+    for stated in read(text):
+        given = None
+        with contextlib.suppress(InputError):  # a file may hold any other measures too
+            given = parse_measure(stated.measure or measure)
+        if stated.measure is None:
+            note = f"does not name its measure, which is taken to be {measure}"
+            found.append((stated, note))
+        elif given == requested:
+            found.append((stated, ""))
+        elif given == requested._replace(rotated="") and not stated.component:
+            note = f"the file states {stated.measure} and no component, taken to be {measure}'s"
+            found.append((stated, note))
+        else:
+            other = f"is a hazard of {stated.measure}, but the study's levels are of {measure}"
+    if other and not found:
+        raise InputError(other)
     return found
-
-
-def _parsed(name: str) -> Measure | None:
-    with contextlib.suppress(InputError):
-        return parse_measure(name)
-    return None
 
 
 def _curve(
@@ -147,21 +143,19 @@ def _chosen(sites: FloatArray, requested: Sequence[float] | None) -> int:
     """Number of the only site, or of the nearest to the one asked for."""
     if len(sites) == 1 and requested is None:
         return 0
-    if requested is None or not len(sites):
-        some = "; ".join(f"{lon:g},{lat:g}" for lon, lat in sites[:3]) or "none"
-        how = f"choose one by longitude and latitude, such as {some}"
-        raise InputError(f"has {len(sites)} sites; {how}")
+    names = [f"{lon:g},{lat:g}" for lon, lat in sites]
+    if requested is None or not names:
+        how = f"choose one by longitude and latitude, such as {'; '.join(names[:3])}"
+        raise InputError(f"has {len(names)} sites; {how}")
     (lon, lat), (lon0, lat0) = np.radians(sites).T, np.radians(requested)
     # Great-circle distances [km] by the haversine formula.
     h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
     away = 2.0 * 6371.0 * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
     nearest = int(np.argmin(away))
     if away[nearest] > FARTHEST:
-        lon, lat = sites[nearest]
-        raise InputError(
-            f"has no site within {FARTHEST:g} km of longitude {requested[0]:g}, latitude "
-            f"{requested[1]:g}; the nearest is {lon:g},{lat:g}, {away[nearest]:.0f} km away"
-        )
+        far = f"the nearest is {names[nearest]}, {away[nearest]:.0f} km away"
+        place = "longitude {:g}, latitude {:g}".format(*requested)
+        raise InputError(f"has no site within {FARTHEST:g} km of {place}; {far}")
     return nearest
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.file import PathText, Section, refuse
@@ -161,7 +162,6 @@ class Motions(Section):
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process
-    from archfrag.motions.units import STANDARD_GRAVITY
 
     name, settings = step.name, step.settings
     if name == "trim":
