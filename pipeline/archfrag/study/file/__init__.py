@@ -78,11 +78,6 @@ def refuse(text: str, *keys: str) -> PydanticCustomError:
     return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
 
 
-def refuse_missing(keys: Iterable[str]) -> PydanticCustomError:
-    """An error of a block in which keys are missing."""
-    return PydanticCustomError("missing", "missing", {"keys": list(keys)})
-
-
 def _absolute(value: str, info: ValidationInfo) -> str:
     """Make a path absolute: relative ones are below the folder in the validation's context."""
     path = os.path.expanduser(value)
@@ -109,17 +104,17 @@ def first_message(
     problems = error.errors()
     kind, value, context = problems[0]["type"], problems[0]["input"], problems[0].get("ctx", {})
     place = _place(problems[0]["loc"], given)
+    keys, text = context.get("keys"), context.get("text", "must be given")
+    if keys:
+        return f"{', '.join(written([*place, key]) for key in keys)} {text}"
     if kind == "missing":
-        lost = [written([*_place(each["loc"], given), key])
-                for each in problems if each["type"] == kind
-                for key in each.get("ctx", {}).get("keys", each["loc"][-1:])]  # fmt: skip
-        return f"{', '.join(lost)} {'are' if lost[1:] else 'is'} missing"
+        locations = [problem["loc"] for problem in problems if problem["type"] == kind]
+        lost = [written([*_place(location, given), location[-1]]) for location in locations]
+        return f"{', '.join(lost)} {text}"
     if kind.startswith("union_tag"):
         key = written([*place, context["discriminator"].strip("'")])
         tags = context.get("expected_tags", "").replace("'", "")
-        return f"{key} = {context['tag']} must be one of {tags}" if tags else f"{key} is missing"
-    if keys := context.get("keys"):
-        return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
+        return f"{key} = {context['tag']} must be one of {tags}" if tags else f"{key} {text}"
     rule = re.sub("^.*? should ", "must ", _RULES.get(kind, problems[0]["msg"]))
     shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
     return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"

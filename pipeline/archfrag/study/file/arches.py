@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema,
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
 from archfrag.errors import StudyError
-from archfrag.study.file import PathText, Section, refuse, refuse_missing
+from archfrag.study.file import PathText, Section, refuse
 from archfrag.study.file.vary import Vary
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ class ArchEntry(Section):
         if self.drawing is None:
             needs = ("profile", *PROFILES.get(self.profile or "", ((), ()))[0], *needs)
         if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse_missing(missing)
+            raise refuse("must be given", *missing)
         for key, distribution in () if self.vary is None else self.vary.of.items():
             if distribution.relative and getattr(self, key, None) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"

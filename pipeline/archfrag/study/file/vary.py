@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.file import Section, refuse, refuse_missing
+from archfrag.study.file import Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch.uncertain import Marginal
@@ -67,7 +67,7 @@ class Distribution(Section):
     def _fit_together(self) -> Self:
         needs = DISTRIBUTIONS[self.distribution][0]
         if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse_missing(missing)
+            raise refuse("must be given", *missing)
         if self.distribution == "normal" and (self.cov is None) == (self.sd is None):
             raise refuse("must have one of cov and sd")
         if self.cov is not None and self.mean is not None and self.mean <= 0.0:

@@ -1,4 +1,4 @@
-"""Arches drawn for an entry that is not known exactly: what varies, stays and is refused."""
+"""All arches of a study: samples of one that is not known exactly, and rows of tables."""
 
 import numpy as np
 import pytest
@@ -103,11 +103,10 @@ class TestJoints:
 class TestRefusals:
     """In one message: where, what was drawn, how many."""
 
-    def refused(self, folder, vary, kind=StudyError, **changed):
-        given = {**RING, **changed, "vary": vary}
+    def refused(self, folder, vary):
         first, rest = TEXT.split("  - {id: ring")[0], TEXT.split("motions:")[1]
-        text = first + yaml.safe_dump([given]) + "motions:" + rest
-        with pytest.raises(kind) as refusal:
+        text = first + yaml.safe_dump([{**RING, "vary": vary}]) + "motions:" + rest
+        with pytest.raises(StudyError) as refusal:
             load_study(small_study(folder, text))
         return str(refusal.value).removeprefix(f"{folder / 'small.yaml'}: ")
 
@@ -115,28 +114,25 @@ class TestRefusals:
         ("vary", "message"),
         [
             ({"samples": 12, "of": FRICTION}, ".samples = 12 must be a power of two"),
-            ({"samples": 4}, "must have a key of or joints"),
-            ({"samples": 4, "of": {"frictions": FRICTION["friction"]}},
+            ({}, "must have a key of or joints"),
+            ({"of": {"frictions": FRICTION["friction"]}},
              "sample 1 (frictions = 0.657234): frictions is not a known key; did"),
-            ({"samples": 4, "of": {"friction": {"distribution": "normal", "cov": 0.1}}},
-             ".of.friction.mean is missing"),
-            ({"samples": 4, "of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
+            ({"of": {"friction": {"distribution": "normal", "cov": 0.1}}}, "n.mean must be given"),
+            ({"of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
              ".of.friction.mean is not a known key; allowed are distribution, start, stop"),
-            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
-            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}},
-             "is cut too far: only 0 of"),
-            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=2.0)}}, "is cut too far"),
-            ({"samples": 4, "of": {"dead_load": normal(1.0, 0.1, relative=True)}},
+            ({"of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
+            ({"of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}}, "is cut too far"),
+            ({"of": {"dead_load": normal(1.0, 0.1, relative=True)}},
              ".of.dead_load.relative needs a key dead_load of the arch, which it"),
-            ({"samples": 4, "of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
+            ({"of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
              ".correlation is not possible: correlation of friction and density: density is not"),
-            ({"samples": 4, "joints": {"friction": normal(1.0, 0.1, relative=True)}},
+            ({"joints": {"friction": normal(1.0, 0.1, relative=True)}},
              ".joints.friction.relative cannot be used for joints"),
         ],
-        ids=range(11),
+        ids=range(10),
     )  # fmt: skip
     def test_keys(self, tmp_path, vary, message):
-        assert message in self.refused(tmp_path, vary)
+        assert message in self.refused(tmp_path, {"samples": 4, **vary})
 
     def test_an_arch_that_cannot_exist_or_has_a_value_that_its_key_does_not_allow(self, tmp_path):
         found = self.refused(tmp_path, {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}})
@@ -159,3 +155,78 @@ class TestRefusals:
         assert str(refusal.value).startswith(
             f"arches[0] (ring): {len(thin)} of 8 samples, the first is {first}: does not stand"
         )
+
+
+DEFAULTS = {
+    "id": "fleet", "profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7,
+}  # fmt: skip
+TABLE = """\
+# From a survey.
+id,radius,thickness,friction,region,built
+old,10.0,1.5,0.6,north,1880
+wide,12,1.8,,south,1901
+
+late,8.0,1.25,inf,north,
+"""
+
+
+def fleet(folder, text=TABLE, **changed):
+    path = folder / "fleet.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return ArchEntry.model_validate({**DEFAULTS, "table": str(path), **changed})
+
+
+class TestTables:
+    def test_cells_are_keys_and_the_entry_fills_the_others(self, tmp_path):
+        entry = fleet(tmp_path)
+        found = expand([entry])
+        assert found.ids == ["old", "wide", "late"]
+        assert found.classes == ["fleet"] * 3
+        assert [arch.friction for arch in found.entries] == [0.6, 0.7, np.inf]
+        assert [arch.radius for arch in found.entries] == [10.0, 12.0, 8.0]
+        assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
+        assert found.attributes()["built"] == ["1880", "1901", ""]
+        fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))  # which is read again
+        assert expand([entry]).entries[0].radius == 10.25
+
+    def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
+        text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
+        (arch,) = expand([fleet(tmp_path, text)]).entries
+        assert (arch.voussoirs, arch.friction) == (2, [0.5, 0.6, 0.7])
+
+    def test_rows_may_vary_each_on_its_own(self, tmp_path):
+        normal = {"distribution": "normal", "mean": 1.0, "cov": 0.05, "relative": True}
+        vary = {"samples": 4, "of": {"thickness": normal}}
+        found = expand([fleet(tmp_path, vary=vary)])
+        assert len(found) == 12
+        assert found.ids[:2] == ["old-0001", "old-0002"]
+        thickness = np.array([arch.thickness for arch in found.entries])
+        np.testing.assert_array_equal(thickness, found.parameters()["thickness"])
+        factors = thickness.reshape(3, 4) / [[1.5], [1.8], [1.25]]
+        assert np.abs(factors[0] - factors[1]).min() > 1e-6
+        alone = "".join(TABLE.splitlines(True)[i] for i in (1, 3))  # whatever other rows there are
+        found = expand([fleet(tmp_path, alone, vary=vary)])
+        assert [arch.thickness for arch in found.entries] == thickness[4:8].tolist()
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("12,1.8", "12,1.8m", ", arch wide: thickness = '1.8m' must be"),
+            ("8.0,1.25", "8.0,", ", arch late: thickness must be given"),
+            ("late,8.0", "old,8.0", ": several arches have the id 'old'"),
+            ("late,8.0", "l te,8.0", ", arch l te: id = l te must begin with"),
+            (",south,1901", ",south,1901,x", ": is not a table in CSV (Error tokenizing data"),
+            ("region", "Thicknes", ": column Thicknes is not a key of an arch; did you mean"),
+            (TABLE, TABLE.replace(",", ";"), ": must have arches and a column id; commas"),
+            ("0.6,north", '"[0.6, x]",north', ", arch old: friction[1] = 'x' must be"),
+            ("0.6,north", '"[0.6",north', ", column friction: line 1: expected ',' or ']'"),
+            ("id,radius", "id,span", ", arch old: span is not a known key; allowed are "),
+        ],
+    )
+    def test_a_bad_table_is_one_message(self, tmp_path, old, new, message):
+        with pytest.raises(StudyError) as refusal:
+            expand([fleet(tmp_path, TABLE.replace(old, new, 1))])
+        assert str(refusal.value).startswith(
+            f"arches[0] (fleet): {tmp_path / 'fleet.csv'}{message}"
+        )
+        assert "\n" not in str(refusal.value)
