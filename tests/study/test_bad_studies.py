@@ -29,9 +29,7 @@ BAD += [
     ("title: A small study", "title: !!int abc", "is not valid YAML"),
     ("title: A small study", "title: !!python/object/apply:os.system [ls]", "line 2: could not"),
     ("title: A small study", r'title: "a\0b"', "line 2: text must hold no control characters"),
-    ("title: A small study", "title: a\0b", "special characters are not allowed"),
     ("title: A small study", "title:\n" + "- " * 2000 + "a", "is not valid YAML"),
-    ("title: A small study", "title: &a [*a]", "title = "),
     ("title: A small study", "id: other", "line 2: the key id is given twice"),
     (None, "? [a, b]\n: 3\n", "line 1: found unhashable key"),
     (None, f"{TEXT}---\n{TEXT}", "but found another document"),
@@ -51,7 +49,6 @@ BAD += [
     ("profile: block, ", "", "arches[1].profile must be given"),
     (f"{RING}, thickness: 1.5, ", "", "arches[0].radius, arches[0].thickness must be given"),
     (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are id, profile"),
-    ("voussoirs: 7", "voussoirs: 1000000000", "an integer from 2 to 2000"),
     ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be a valid integer"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
     ("friction: 0.7", f"friction: [{', '.join(['1'] * 3000)}]", "at most 2001"),
@@ -72,8 +69,6 @@ BAD += [
     ("measure: PGA", "measure: pga", "did you mean PGA?"),
     ("measure: PGA", "measure: D5_95", "no motion can be scaled to it"),
     (LEVELS, "[.nan]", "intensity.levels[0] = nan must be a finite number"),
-    (LEVELS, "[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
-    (LEVELS, "{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
     (LEVELS, "{start: 1.0, stop: 0.5, count: 3}", "levels must increase, but 0.75 follows 1"),
     (LEVELS, "{start: 1, stop: 1.0000000000000002, count: 50}", "1 follows 1"),
     # Method, design and execution.
@@ -82,9 +77,7 @@ BAD += [
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
     ("execution:", "design: {kind: two_stage}\nexecution:", "is gone, since it was"),
-    ("execution:", "design: {kind: scattered}\nexecution:", "write kind: ida or stripes"),
     ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
-    ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
 ]  # fmt: skip
 
 
@@ -106,15 +99,6 @@ def test_bad_study_is_refused_by_a_line_that_names_the_fault(folder, number):
     assert code != 0
     assert part in message
     assert len(message) < 1000
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [("friction: 0.7", f"friction: {f}") for f in ("inf", "[1, inf, 1, 1, 1, 1, 1, .inf]")]
-    + [(RING, f"radius: {radius}") for radius in ("1e1", "1.e+1", ".1e2")],
-)
-def test_numbers_as_people_write_them(folder, old, new):
-    assert check(folder, TEXT.replace(old, new).encode())[0] == 0
 
 
 SAMPLES = "'time=1,acceleration=2'"

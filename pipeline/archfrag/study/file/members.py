@@ -245,7 +245,7 @@ def check_standing(given: Members) -> None:
 
     check_buildable(given)
     if wrong := [member.id for member in given if not onset(member.entry.build()).stands]:
-        how = "make it thicker, raise the friction, or narrow what varies by lower and upper"
+        how = "make it thicker, raise the friction, or narrow the distributions of what varies"
         raise StabilityError(f"{_first(given, wrong)}: does not stand under its own weight; {how}")
 
 
