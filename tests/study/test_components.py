@@ -1,6 +1,7 @@
 """Components of a study's records: verticals, pairs, and what is done to them."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -145,6 +146,12 @@ class TestProcessing:
         motion = motions["Q-ELC0"]
         assert np.allclose(motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6)
         assert motion.vertical is not None
+
+    def test_rotation_of_two_records_with_files_of_the_same_names(self, tmp_path):
+        steps = "processing: [{rotate: {azimuth: 90}}]"
+        study = study_with(tmp_path, f'files: ["q*/Q-ELC0*.AT2"]\n  {steps}')
+        shutil.copytree(tmp_path / "quake", tmp_path / "quiet")
+        assert sorted(name[:5] for name in stored(study)) == ["quake", "quiet"]
 
     def test_choice_of_components(self, tmp_path):
         files = 'files: ["quake/Q-ELC0*.AT2"]\n  processing: [{choose: {components: ["%s"]}}]'

@@ -85,19 +85,20 @@ def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
         while motions:  # the memory of those that are done is free again
             motion = motions.pop(0)
             about = motion.metadata
-            file, code = str(about.get("file", "")), str(about.get("component", ""))
+            code = str(about.get("component", ""))
             shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
             record = shared if any(shared) else source.path
             if chosen and not {code.upper(), code[-1:].upper()} & set(chosen):
                 left_out.setdefault(record, f"{source.path}: record {motion.id} ({code})")
                 continue
             used.add(record)
-            if (file, code) in turned:  # the other component of a motion that was rotated
+            if (source.path, code) in turned:  # the other component of a motion that was rotated
                 continue
             motion = _with_components(study, motion, every, source)
             if "rotate" in steps:
-                others = motion.metadata.get("file_transverse", file)
-                turned.add((others, motion.metadata.get("component_transverse", "")))
+                same = motion.metadata.get("file_transverse", "") == source.path.name
+                file = source.path if same else source.transverse
+                turned.add((file, motion.metadata.get("component_transverse", "")))
             motion = _processed(study, motion, source)
             yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
     for record, name in left_out.items():
