@@ -60,15 +60,15 @@ class TestVertical:
 
     def test_rows_of_an_index_are_paired_by_event_and_station(self, tmp_path):
         study = study_with(tmp_path, "index: index.csv\n  vertical: true")
-        names = {"a.AT2": "000", "b.AT2": "UP"}
+        names = {"a.AT2": "000", "b.AT2": "UP", "c.AT2": "090"}
         for name, code in names.items():
             (tmp_path / "quake" / CODES[code][0]).rename(tmp_path / "quake" / name)
         rows = [f"{name[0]},quake/{name},g,E1,S1,{code}" for name, code in names.items()]
         head = "id,file,unit,event,station,component"
         (tmp_path / "index.csv").write_text("\n".join([head, *rows]) + "\n")
         motions = stored(study)
-        assert list(motions) == ["a"]
-        assert np.allclose(motions["a"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
+        assert list(motions) == ["a", "c"]
+        assert np.allclose(motions["c"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
 
     def test_is_in_the_same_file_and_left_out_unless_asked_for(self, tmp_path):
         from obspy import Stream, Trace

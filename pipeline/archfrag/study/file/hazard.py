@@ -59,8 +59,8 @@ class _Stated(NamedTuple):
     years: float | None  # of probabilities of exceedance; None: annual rates
     im: Any  # (n_level,)
     values: Any  # (n_site, n_level)
-    sites: Any = None  # (n_site, 2): longitude and latitude [degrees]; None: one, not stated
-    component: bool = True  # whether the measure's name would give its component
+    # (n_site, 2): longitude and latitude [degrees]; None: one, in a file that is not OpenQuake's
+    sites: Any = None
 
 
 def load_hazard(
@@ -110,7 +110,7 @@ def _of_measure(text: str, measure: str) -> list[tuple[_Stated, str]]:
             found.append((stated, note))
         elif given == requested:
             found.append((stated, ""))
-        elif given == requested._replace(rotated="") and not stated.component:
+        elif stated.sites is not None and given == requested._replace(rotated=""):
             note = f"the file states {stated.measure} and no component, taken to be {measure}'s"
             found.append((stated, note))
         else:
@@ -195,7 +195,7 @@ def _openquake_csv(text: str) -> Iterator[_Stated]:
 def _engine(name: str, imt: str, years: float, im: Any, values: Any, sites: Any) -> _Stated:
     kind = imt.split("(")[0]
     measure = imt.replace(kind, _NAMES.get(kind, kind), 1)
-    return _Stated(name, measure, _UNITS.get(kind), years, im, values, sites, component=False)
+    return _Stated(name, measure, _UNITS.get(kind), years, im, values, sites)
 
 
 def _nrml(text: str) -> Iterator[_Stated]:

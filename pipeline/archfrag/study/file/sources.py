@@ -134,12 +134,12 @@ def _with_names(sources: list[Source]) -> list[Source]:
 def _without_verticals(sources: Sequence[Source]) -> list[Source]:
     """Sources without those that hold only the vertical component of another one's record."""
     by_name = vertical_files(sorted({source.path for source in sources}))
-    rows = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
+    horizontals = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
     return [
         source
         for source in sources
         if source.path not in by_name
-        and not (source.entry and _is_vertical(source.entry) and _same_record(source.entry, rows))
+        and not (_is_vertical(source.entry) and _of_record(source.entry, horizontals))
     ]
 
 
@@ -159,25 +159,24 @@ def _with_partners(
     for source in sources:
         files: dict[str, Path] = {}
         for (kind, requested), names in zip(asked.items(), by_name[source.path.parent]):
-            alike = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
-            row = None if source.entry is None else _same_record(source.entry, alike)
-            if requested and row is not None:
-                files[kind] = row.path
+            of_kind = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
+            alike = _of_record(source.entry, of_kind)
+            if requested and len(alike) == 1:
+                files[kind] = alike[0].path
             elif requested and source.path.name in names:
                 files[kind] = source.path.with_name(names[source.path.name])
         found.append(replace(source, **files))  # type: ignore[arg-type]
     return found
 
 
-def _is_vertical(row: IndexEntry) -> bool:
-    return VERTICAL.fullmatch(str(row.metadata.get("component") or "")) is not None
+def _is_vertical(row: IndexEntry | None) -> bool:
+    return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
 
 
-def _same_record(row: IndexEntry, rows: Sequence[IndexEntry]) -> IndexEntry | None:
-    """The one other row of the same event and station."""
-
-    def record(one: IndexEntry) -> list[str]:
-        return [str(one.metadata.get(key) or "") for key in ("event", "station")]
-
-    alike = [other for other in rows if other is not row and record(other) == record(row)]
-    return alike[0] if all(record(row)) and len(alike) == 1 else None
+def _of_record(row: IndexEntry | None, rows: Sequence[IndexEntry]) -> list[IndexEntry]:
+    """Other rows of the same event and station, if both are known."""
+    if row is None:
+        return []
+    own = {key: row.metadata.get(key) for key in ("event", "station")}
+    alike = [each for each in rows if {key: each.metadata.get(key) for key in own} == own]
+    return [each for each in alike if each is not row] if all(own.values()) else []
