@@ -120,14 +120,9 @@ def _with_names(sources: list[Source]) -> list[Source]:
     for name, paths in alike.items():
         parents = [path.parent for path in paths]
         common = os.path.commonpath(parents)
-        parts = [
-            (*parent.relative_to(common).parts, path.name if parents.count(parent) > 1 else name)
-            for path, parent in zip(paths, parents)
-        ]
-        depth = 1
-        while len({each[-depth:] for each in parts}) < len(parts):
-            depth += 1
-        names |= {path: "+".join(each[-depth:]) for path, each in zip(paths, parts) if paths[1:]}
+        for path in paths if paths[1:] else ():
+            last = path.name if parents.count(path.parent) > 1 else name
+            names[path] = "+".join((*path.parent.relative_to(common).parts, last))
     return [replace(source, name=names.get(source.path)) for source in sources]
 
 

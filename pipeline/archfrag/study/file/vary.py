@@ -203,9 +203,8 @@ class Vary(Section):
         values = sample(
             marginals, count, scheme=self.scheme, seed=seed, correlation=self.correlation
         )
-        digits = max(4, len(str(count)))
         for i in range(count):
-            given, drawn = {**plain, "id": f"{plain['id']}-{i + 1:0{digits}d}"}, {}
+            given, drawn = {**plain, "id": f"{plain['id']}-{i + 1:04d}"}, {}
             for key, distribution in self.of.items():
                 value = given[key] = float(values[key][i])
                 if distribution.relative:
