@@ -117,7 +117,7 @@ def test_keys_of_a_file_in_a_study(tmp_path):
     motions = list(read_sources(found))
     assert [motion.id for motion in motions] == ["one", "two"]
     assert pga(motions[0]) == pytest.approx(np.abs(SAMPLES).max() * G)
-    for columns, reason in (('"time=1"', r"motions\.files\[0\]\.columns.* must have acceleration"),
-                            ("{time: 1}", "in words, here columns: 'time=1'")):  # fmt: skip
-        with pytest.raises(StudyError, match=reason):
-            study(columns)
+    for columns, reason in (('"time=1"', "columns.* must have acceleration"),
+                            ("{time: 1}", "columns must be text")):  # fmt: skip
+        with pytest.raises(StudyError, match=rf"motions\.files\[0\].*{reason}"):
+            find_sources(study(columns))

@@ -12,9 +12,8 @@ import pytest
 from archfrag.fragility.counts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
-from archfrag.study.file.blocks import RiskKeys
 from archfrag.study.file.records import prepare_motions
-from archfrag.study.file.schema import load_study
+from archfrag.study.file.schema import RiskKeys, load_study
 from archfrag.study.runs.store import make_plan
 from archfrag.study.steps import finish, stale_steps
 from tests.study.small import command, made, small_study

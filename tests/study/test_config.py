@@ -18,21 +18,21 @@ def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
         load_study(path)
     assert caught.value.exit_code == 2
     assert str(caught.value) == (
-        f"{path}: arches[0] (ring): thickness = 25.0 m is impossible; it must be a finite number "
-        "greater than 0 m and less than 20 m (2 x radius)"
+        f"{path}: arches[0] (ring): cannot exist: thickness = 25.0 m is impossible; it must be "
+        "a finite number greater than 0 m and less than 20 m (2 x radius)"
     )
     with pytest.raises(StudyError, match=r"nowhere\.yaml cannot be read: No such file"):
         load_study(tmp_path / "nowhere.yaml")
 
 
-def test_no_sliding_lists_and_exponents_are_accepted(tmp_path):
-    text = TEXT.replace("friction: 0.7", "friction: [.inf, 1, 1, 1, 1, 1, 1, 0.5]")
-    study = load_study(small_study(tmp_path, text.replace("2.0e-3", "2e-3")))
-    assert study.method.dt == 2e-3
-    friction = study.arches[0].build().chain.friction
-    np.testing.assert_array_equal(friction, [np.inf, 1, 1, 1, 1, 1, 1, 0.5])
-    plain = load_study(small_study(tmp_path, TEXT.replace("friction: .inf", "friction: inf")))
-    assert plain.arches[1].friction == np.inf
+@pytest.mark.parametrize("friction", ["inf", "[1, inf, 1, 1, 1, 1, 1, .inf]", "5e-1"])
+@pytest.mark.parametrize("radius", ["1e1", "1.e+1", ".1e2", "10"])
+def test_numbers_as_people_write_them(tmp_path, friction, radius):
+    text = TEXT.replace("friction: 0.7", f"friction: {friction}").replace("10.0", radius)
+    arch = load_study(small_study(tmp_path, text)).arches[0]
+    own = {"inf": np.inf, "5e-1": 0.5}.get(friction, [1, np.inf, 1, 1, 1, 1, 1, np.inf])
+    np.testing.assert_array_equal(arch.build().chain.friction, np.broadcast_to(own, 8))
+    assert arch.radius == 10.0
 
 
 def test_levels_in_user_units_become_si(tmp_path):

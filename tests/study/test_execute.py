@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from archfrag.errors import WorkerError
-from archfrag.study.file.blocks import Method
+from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute
 from archfrag.study.runs.design import CASE
 from archfrag.study.runs.execute import chunks, kernels_needed, run_batch

@@ -33,126 +33,105 @@ NRML = """\
 """
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write_file(text, name="hazard.csv"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write_file
-
-
 def openquake(kind="mean", imt="PGA", p="1.000000E-01"):
     return OPENQUAKE.format(kind=kind, imt=imt, p=p)
 
 
-def refusal(path, measure="PGA", **options):
-    with pytest.raises(InputError) as found:
-        load_hazard(path, measure, **options)
-    message = str(found.value)
-    assert "\n" not in message
-    return message
+@pytest.fixture
+def load(tmp_path):
+    """Read texts, each as a file."""
+
+    def load_texts(*texts, measure="PGA", unit=None, site=None):
+        paths = [tmp_path / f"hazard{i}" for i in range(len(texts))]
+        for path, text in zip(paths, texts):
+            path.write_text(text, encoding="utf-8")
+        return load_hazard(paths, measure, unit, site)
+
+    return load_texts
 
 
 class TestPlain:
-    def test_rates_and_quantiles(self, write):
-        path = write("# a site\nPGA [g],rate_0.84,rate\n0.1,2e-2,1e-2\n\n0.4,8e-4,4e-4\n")
-        found = load_hazard(path, "PGA")
+    def test_rates_and_quantiles(self, load):
+        found = load("# a site\nPGA [g],rate_0.84,rate\n0.1,2e-2,1e-2\n\n0.4,8e-4,4e-4\n")
         assert list(found.curves) == ["mean", "0.84"]
         np.testing.assert_allclose(found.main.im, [0.1 * G, 0.4 * G])
         np.testing.assert_array_equal(found.main.rate, [1e-2, 4e-4])
         assert found.notes == ()
 
-    def test_probabilities_in_years(self, write):
-        found = load_hazard(write("im,poe_50\n0.1,0.1\n0.4,0.02\n"), "PGA", "g")
+    def test_probabilities_in_years(self, load):
+        found = load("im,poe_50\n0.1,0.1\n0.4,0.02\n", unit="g")
         assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
         assert "taken to be PGA" in found.notes[0]
 
-    def test_other_measures_and_units(self, write):
-        found = load_hazard(write("SA(0.50) [gal],rate\n10,1e-2\n100,1e-3\n"), "Sa(0.5)")
-        np.testing.assert_allclose(found.main.im, [0.1, 1.0])
-        found = load_hazard(write("PGV [cm/s],rate\n10,1e-2\n100,1e-3\n"), "PGV")
-        np.testing.assert_allclose(found.main.im, [0.1, 1.0])
-
-    @pytest.mark.parametrize(
-        ("text", "part"),
-        [
-            ("", "is not a table in CSV (No columns"),
-            ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
-            ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
-            ("strength\n1\n", "has 'strength' as its first of 1 columns; the header is `im [g]`"),
-            ("strength,rate\n1,1\n", "is a hazard of strength, but the study's levels are of PGA"),
-            ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
-            ("PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "has a column 'rate.1'"),
-            ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),
-            ("PGA [g],rate\n0.1,much\n", "row 1 of column 'rate' is 'much'"),
-            ("PGA [g],rate\n0.1\n", "row 1 of column 'rate' is ''"),
-            ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", "rises from 0.001 to 0.01 at im = 0.2"),
-        ],
-    )
-    def test_refusals(self, write, text, part):
-        path = write(text)
-        message = refusal(path)
-        assert part in message
-        assert message.startswith(str(path))
+    def test_other_measures_and_units(self, load):
+        for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]")):
+            found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
+            np.testing.assert_allclose(found.main.im, [0.1, 1.0])
 
 
 class TestOpenQuakeCsv:
-    def test_nearest_site_in_g(self, write):
-        found = load_hazard(write(openquake()), "PGA", site=(13.41, 42.31))
+    def test_nearest_site_in_g(self, load):
+        found = load(openquake(), site=(13.41, 42.31))
         np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
         assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
-        assert found.main_name == "mean"
         named = openquake().replace("lon,", "custom_site_id,lon,").replace("\n1", "\nsite,1")
-        again = load_hazard(write(named), "PGA", site=(13.4, 42.3))
+        again = load(named, site=(13.4, 42.3))
         np.testing.assert_array_equal(again.main.rate, found.main.rate)
 
-    def test_mean_comes_first_and_quantiles_follow(self, write):
-        files = [write(openquake("quantile-0.84", p="2.000000E-01"), "q"), write(openquake(), "m")]
-        assert "'mean', and so has a file before it" in refusal(2 * files[1:], site=(13.4, 42.3))
-        found = load_hazard(files, "PGA", site=(13.4, 42.3))
+    def test_mean_comes_first_and_quantiles_follow(self, load):
+        found = load(openquake("quantile-0.84", p="2.000000E-01"), openquake(), site=(13.4, 42.3))
         assert list(found.curves) == ["mean", "quantile-0.84"]
         assert found.curves["quantile-0.84"].rate[1] > found.main.rate[1]
 
-    def test_component_that_it_cannot_name(self, write):
-        found = load_hazard(write(openquake()), "RotD50(PGA)", site=(14.0, 42.3))
+    def test_component_that_it_cannot_name(self, load):
+        found = load(openquake(), measure="RotD50(PGA)", site=(14.0, 42.3))
         assert "no component" in found.notes[0]
 
-    @pytest.mark.parametrize(
-        ("changes", "options", "part"),
-        [
-            ({}, {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
-            ({}, {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42.3"),
-            ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),
-            ({"imt": "SA(0.3)"}, {"site": (13.4, 42.3)}, "hazard of Sa(0.3), but the study's"),
-            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "row 1 (lon 13.4, lat 42.3): the hazard"),
-            ({"p": "x"}, {"site": (13.4, 42.3)}, "row 1 of column 'poe-0.1000000' is 'x'"),
-        ],
-    )
-    def test_refusals(self, write, changes, options, part):
-        assert part in refusal(write(openquake(**changes)), **options)
+
+@pytest.mark.parametrize("version", [4, 5])
+def test_measure_and_site_of_nrml_are_chosen(load, version):
+    text = NRML.format(version=version, kind='statistics="mean"')
+    found = load(text, measure="Sa(0.5)", site=(14.0, 42.3))
+    assert list(found.curves) == ["mean"]
+    np.testing.assert_allclose(found.main.im, [0.01 * G, 0.1 * G, G])
+    assert found.main.rate[1] == pytest.approx(-np.log(0.95) / 50.0)
+    assert load(text).main.im.size == 2
 
 
-class TestNrml:
-    @pytest.mark.parametrize("version", [4, 5])
-    def test_measure_and_site_are_chosen(self, write, version):
-        path = write(NRML.format(version=version, kind='statistics="mean"'), "hazard.xml")
-        found = load_hazard(path, "Sa(0.5)", site=(14.0, 42.3))
-        assert found.main_name == "mean"
-        np.testing.assert_allclose(found.main.im, [0.01 * G, 0.1 * G, G])
-        assert found.main.rate[1] == pytest.approx(-np.log(0.95) / 50.0)
-        assert load_hazard(path, "PGA").main.im.size == 2
+SITE = {"site": (13.4, 42.3)}
 
-    @pytest.mark.parametrize(
-        ("text", "part"),
-        [
-            ("<nrml><hazardCurves", "is not XML"),
-            ("<nrml><other/></nrml>", "no element hazardCurves"),
-            ('<!DOCTYPE a [<!ENTITY b "c">]><nrml/>', "declares a document type"),
-            ('<nrml><hazardCurves IMT="PGA"/></nrml>', "investigationTime is ''"),
-            ('<nrml><hazardCurves IMT="PGA" investigationTime="1"/></nrml>', "has no IMLs"),
-        ],
-    )
-    def test_refusals(self, write, text, part):
-        assert part in refusal(write(text, "hazard.xml"))
+
+@pytest.mark.parametrize(
+    ("text", "options", "part"),
+    [
+        ("", {}, "is not a table in CSV (No columns"),
+        ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", {}, "no unit is stated; give one of g, m/s2"),
+        ("PGV [m/s],rate\n1,1\n", {}, "hazard of PGV, but the study's levels are of PGA"),
+        ("strength\n1\n", {}, "has 'strength' as its first of 1 columns; the header is `im [g]`"),
+        ("strength,rate\n1,1\n", {}, "hazard of strength, but the study's levels are of PGA"),
+        ("PGA [g],frequency\n1,1\n", {}, "has a column 'frequency'"),
+        ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", {}, "is for 0 years"),
+        ("PGA [g],rate\n0.1,much\n", {}, "must hold numbers, but: could not convert string to"),
+        ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", {}, "rises from 0.001 to 0.01 at im = 0.2"),
+        (openquake(), {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
+        (openquake(), {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42"),
+        (openquake(), {"unit": "m/s2", **SITE}, "gives PGA in g, not in m/s2"),
+        (openquake(imt="SA(0.3)"), SITE, "hazard of Sa(0.3), but the study's"),
+        (openquake(p="1.5"), SITE, "the hazard curve's probability holds 1.5"),
+        (openquake().replace("imt=", "im="), SITE, "does not state imt and investigation_time"),
+        ("<nrml><hazardCurves", {}, "is not XML"),
+        ("<nrml><other/></nrml>", {}, "no element hazardCurves"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><nrml/>', {}, "declares a document type"),
+        ('<nrml><hazardCurves IMT="PGA"/></nrml>', {}, "must hold numbers"),
+        ('<nrml><hazardCurves IMT="PGA" investigationTime="1"/></nrml>', {}, "without IMLs"),
+    ],
+)
+def test_refusals_name_the_file(load, text, options, part):
+    with pytest.raises(InputError, match=r"^[^\n]*hazard0: [^\n]*$") as found:
+        load(text, **options)
+    assert part in str(found.value)
+
+
+def test_two_files_with_one_curve(load):
+    with pytest.raises(InputError, match="hazard1: has a second curve 'mean'"):
+        load(openquake(), openquake(), site=(13.4, 42.3))

@@ -83,7 +83,8 @@ def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
         for name in ("H", "more/wave1", "more/H", "more/1/H", "more/b/1/H", "more/other"):
             made(tmp_path / place / f"{name}.AT2")
         assert sorted(ids(study)) == [
-            "H", "b+1+H", "more+1+H", "more+H", "more+wave1", "other", "records+wave1", "wave0"
+            "H", "more+1+H", "more+H", "more+b+1+H", "more+wave1", "other", "records+wave1",
+            "wave0",
         ]  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
         assert changed_by((path, None)) == []
     inventory = tmp_path / "stations.xml"
     assert changed_by((inventory, "<two/>")) == [f"inventory {inventory} has changed"]
-    with pytest.raises(RecordError, match=r"stations\.xml cannot be read"):
+    with pytest.raises(RecordError, match=r"stations\.xml: there is no such file"):
         changed_by((inventory, None))
 
 

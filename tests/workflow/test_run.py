@@ -19,13 +19,14 @@ import pytest
 import xarray as xr
 
 from archfrag import kernel_cache
+from archfrag.study.checks import shipped_folder
 from archfrag.study.file.schema import load_study
 from archfrag.study.running import only_run
-from archfrag.study.starter import snakefile
 from tests.study.small import ROOT, TEXT, command, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
+SNAKEFILE = shipped_folder() / "Snakefile"
 STARTED: list[subprocess.Popen] = []
 
 
@@ -127,7 +128,7 @@ def test_what_is_done_is_not_done_again(finished):
 
 def snakemake(folder, *arguments, file=None):
     """Snakemake as a user starts it."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", file or snakefile()]
+    command = [sys.executable, "-m", "snakemake", "--snakefile", file or SNAKEFILE]
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     return subprocess.run(
         [*command, *map(str, arguments)], cwd=folder, capture_output=True, text=True, timeout=600,
@@ -179,7 +180,7 @@ class TestSnakemake:
         second = first.with_name("second.yaml")
         second.write_text(first.read_text().replace("id: small", "id: second"))
         (tmp_path / "Snakefile").write_text(
-            f"module fragility:\n    snakefile: {str(snakefile())!r}\n"
+            f"module fragility:\n    snakefile: {str(SNAKEFILE)!r}\n"
             f"    config: {{'study': [{str(first)!r}, {str(second)!r}]}}\n"
             "use rule * from fragility as fragility_*\n"
             "rule both:\n    default_target: True\n"

@@ -10,10 +10,10 @@ import pytest
 import xarray as xr
 
 from archfrag.study.answer.cube import write_cube
+from archfrag.study.checks import shipped_folder
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.starter import snakefile
 from tests.study.small import ROOT, TEXT, small_study
 from tests.workflow.local_slurm import local_slurm, wait, why_not
 
@@ -22,6 +22,7 @@ pytestmark = [
     pytest.mark.skipif(bool(why_not()), reason=f"SLURM is {why_not()}"),
     pytest.mark.xdist_group("slurm"),
 ]
+SNAKEFILE = shipped_folder() / "Snakefile"
 BATCHES = TEXT.replace("execution: {chunk: 2, workers: 2}", "execution: {batches: 2, workers: 1}")
 # A cluster without accounting, and a test that has no time to wait.
 QUICK = "slurm-status-command: squeue\nslurm-init-seconds-before-status-checks: 1\n"
@@ -54,7 +55,7 @@ def test_batches_are_jobs_by_the_profile(slurm, alone, tmp_path):
     shipped = (ROOT / "configs" / "profiles" / "slurm" / "config.yaml").read_text()
     (profile / "config.yaml").write_text(shipped + QUICK)
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), "--profile", profile,
+        [sys.executable, "-m", "snakemake", "--snakefile", SNAKEFILE, "--profile", profile,
          "--config", f"study={path}"],
         env=slurm.environment, capture_output=True, text=True, timeout=300, cwd=tmp_path,
     )  # fmt: skip

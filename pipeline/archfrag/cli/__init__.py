@@ -73,7 +73,7 @@ def init(folder: Path) -> None:
 
     The shipped motions come with it.
     """
-    from archfrag.study.starter import write_starter
+    from archfrag.study.checks import write_starter
 
     echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 

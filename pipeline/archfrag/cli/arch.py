@@ -88,8 +88,8 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     from pydantic import ValidationError
 
     from archfrag.errors import InputError
+    from archfrag.study.file import first_message
     from archfrag.study.file.arches import ArchEntry
-    from archfrag.study.file.messages import first_message
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
     what = "--drawing" if "drawing" in given else f"--profile {given['profile']}"

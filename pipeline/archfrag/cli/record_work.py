@@ -27,7 +27,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
 from archfrag.motions.synthetic import Plan, make_suite, plan_motions
-from archfrag.study.file.blocks import PERIODS as PERIOD_ENDS
+from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 from archfrag.study.provenance import available_cores
 
 SHOWN_PERIODS = np.geomspace(0.02, 5.0, 80)  # of a record's spectrum [s]

@@ -1,7 +1,7 @@
 """What may be done to a motion before it is used; each step writes a line in its log.
 
 A step does the same to all components of a motion and does not change the motion that it is
-given. What its settings may be is in `archfrag.study.file.processing`; what depends on the motion,
+given. What its settings may be is in `archfrag.study.file.motions`; what depends on the motion,
 too, is checked here.
 """
 

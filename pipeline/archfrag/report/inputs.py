@@ -25,11 +25,10 @@ from archfrag.simulate import Onset, onset
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
-from archfrag.study.file.blocks import LEVEL_UNITS
 from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
-from archfrag.study.file.schema import Study, load_study
+from archfrag.study.file.schema import LEVEL_UNITS, Study, load_study
 from archfrag.study.provenance import finite
 from archfrag.study.runs import design_of
 from archfrag.study.runs.design import Design
@@ -172,7 +171,7 @@ def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> Stud
     given = study.risk
     if given is None:
         return None
-    hazard = load_hazard(Path(given.hazard), study.intensity.measure, given.unit, given.site)
+    hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
     fits = {name: answer.curve for name, answer in answers.items()}
     return risk_of(cube, fits, hazard, given.years, study.report.confidence)
 

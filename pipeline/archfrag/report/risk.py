@@ -27,8 +27,8 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
     if isinstance(risk, str):
         yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
-    hazard = risk.hazard
-    words = [f"Rates with the hazard curve {hazard.main_name} of {Path(hazard.source).name}"]
+    hazard, first = risk.hazard, next(iter(risk.hazard.curves))
+    words = [f"Rates with the hazard curve {first} of {Path(hazard.source).name}"]
     yield html.paragraph(". ".join([*words, *hazard.notes, ""]), "note")
     yield _rates_table(risk, percent)
     shown = SHOWN if len(risk.arches) <= SHOWN else 3

@@ -1,9 +1,10 @@
-"""Checks of a study before anything is computed."""
+"""A study to start from, and checks of a study before anything is computed."""
 
 import contextlib
 import errno
 import math
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,11 @@ import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
-from archfrag.files import cannot_write, counted
+from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, needs_records
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources, study_inputs
-from archfrag.study.file.schema import Study
-from archfrag.study.files import read_owner, refuse_foreign_cube
+from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
@@ -23,22 +24,50 @@ MOST_ASKED = 12  # arches, records
 CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
 
-def uncorrected(study: Study) -> tuple[str, ...]:
-    """Message on prepared records that are raw and not corrected by the study either."""
-    with contextlib.suppress(InputError):
-        raw = {record["id"]: record.get("raw") for record in read_manifest(study)["records"]}
-        return _uncorrected(study, raw)
-    return ()
+def shipped_folder() -> Path:
+    """Folder with Snakefile, rules and records: the checkout, or one of the installed package."""
+    for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
+        if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
+            return folder
+    raise OutputError(f"{PACKAGE}: this installation has no Snakefile; install archfrag again")
 
 
-def _uncorrected(study: Study, is_raw: dict[str, bool]) -> tuple[str, ...]:
-    raw = [name for name in is_raw if is_raw[name]]
-    if not raw or CORRECTING & {step.name for step in study.motions.processing}:
+def write_starter(folder: Path) -> Path:
+    """Write a commented study file, its schema and the shipped motions; all of it or nothing."""
+    names = ("records", "study.schema.json", "study.yaml")
+    records, schema, study = (make_folder(folder) / name for name in names)
+    for path in (records, schema, study):
+        if os.path.lexists(path):
+            raise OutputError(f"{path}: exists already; choose a folder without it")
+    try:
+        unwanted = shutil.ignore_patterns("*.svg", "*.py")
+        shutil.copytree(shipped_folder() / records.name, records, ignore=unwanted)
+        schema.write_text(study_schema())
+        shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
+    except OSError as error:
+        shutil.rmtree(records, ignore_errors=True)
+        for path in (schema, study):
+            path.unlink(missing_ok=True)
+        raise cannot_write(folder, error) from error
+    return study
+
+
+def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, ...]:
+    """Message on records that are raw and not corrected by the study either.
+
+    `raw` tells of each record whether it is; if not given, the prepared records do.
+    """
+    if raw is None:
+        raw = {}
+        with contextlib.suppress(InputError):
+            raw = {record.id: record.raw for record in read_manifest(study)["records"]}
+    names = [name for name in raw if raw[name]]
+    if not names or CORRECTING & {step.name for step in study.motions.processing}:
         return ()
-    more = f" and {len(raw) - MOST_ASKED} more" if len(raw) > MOST_ASKED else ""
+    more = f" and {len(names) - MOST_ASKED} more" if len(names) > MOST_ASKED else ""
     return (
-        f"{len(raw)} of {counted(len(is_raw), 'record')} raw, as recorded ("
-        f"{', '.join(raw[:MOST_ASKED])}{more}): their drift counts as motion; correct them by "
+        f"{len(names)} of {counted(len(raw), 'record')} raw, as recorded ("
+        f"{', '.join(names[:MOST_ASKED])}{more}): their drift counts as motion; correct them by "
         "motions.processing, such as [detrend, {bandpass: {lowest: 0.1, highest: 25}}]",
     )
 
@@ -77,8 +106,15 @@ def check_start(study: Study) -> None:
     if (risk := study.risk) is not None:
         from archfrag.study.file.hazard import load_hazard
 
-        load_hazard(Path(risk.hazard), study.intensity.measure, risk.unit, risk.site)
-    _check_writable(study.folder)
+        load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
+    folder = study.folder
+    try:
+        place = next(path for path in (folder, *folder.parents) if path.exists())
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    code = errno.EACCES if place.is_dir() else errno.ENOTDIR
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+        raise cannot_write(folder, OSError(code, os.strerror(code)))
     refuse_foreign_results(study)
 
 
@@ -91,25 +127,12 @@ def refuse_foreign_results(study: Study) -> None:
         raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
 
 
-def _check_writable(folder: Path) -> None:
-    try:
-        place = next(path for path in (folder, *folder.parents) if path.exists())
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    code = errno.EACCES if place.is_dir() else errno.ENOTDIR
-    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-        raise cannot_write(folder, OSError(code, os.strerror(code)))
-
-
 def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
-    Returns
-    -------
-    dict
-        What the study amounts to: numbers of ``arches``, ``records``, ``levels`` and ``runs``,
-        which are meant exactly, about or at most (``extent``); ``cautions``, ``classes`` of
-        arches that were drawn or come from a table, and records put together from ``partners``.
+    Returned is what it amounts to: numbers of ``arches``, ``records``, ``levels`` and ``runs``,
+    which are meant exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches
+    that were drawn or come from a table, and records put together from ``partners``.
     """
     check_start(study)
     # Arches that each record has of its own are known once the records are.
@@ -124,18 +147,21 @@ def check_study(study: Study) -> dict[str, Any]:
         used = " and ".join(name for name in others if name and name != about["file"])
         partners += [f"{about['file']} with {used}"] if used else []
     if not raw:
-        raise StudyError("motions: the study has no record")
+        raise StudyError("motions: the study has no record; give an index or files")
     found = study.members(len(raw))
     checked = found.checked()
-    check_standing(checked)
-    design, levels = study.design, len(study.intensity.si)
-    sizes = [design.size(int(records), levels) for records in found.meets(len(raw)).sum(axis=1)]
-    cautions = unit_warnings(study, found) + _uncorrected(study, raw)
+    if needs_records(study.arches):
+        check_standing(checked)
+    levels = len(study.intensity.si)
+    met = (len(raw) if member.record is None else 1 for member in found)
+    sizes = [study.design.size(records, levels) for records in met]
+    cautions = unit_warnings(study, found) + uncorrected(study, raw)
     if unchecked := len(found) - len(checked):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
         "study": study.id, "arches": len(found), "records": len(raw), "levels": levels,
-        "design": design.kind, "runs": sum(size for size, _ in sizes), "extent": sizes[0][1],
-        "classes": found.summaries(), "cautions": cautions, "partners": tuple(partners),
+        "design": study.design.kind, "runs": sum(size for size, _ in sizes),
+        "extent": sizes[0][1], "classes": found.summaries(), "cautions": cautions,
+        "partners": tuple(partners),
     }  # fmt: skip

@@ -15,7 +15,6 @@ from typing import Any
 import archfrag
 from archfrag.files import counted
 from archfrag.study.file.arches import ArchEntry
-from archfrag.study.file.processing import described
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.files import PACKAGE, digest_of, read_json, sha256_if_there, write_text
@@ -58,7 +57,9 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "archfrag_inputs_sha256": strict_json(_by_name(inputs["record"])),
         "archfrag_index_sha256": strict_json(_by_name(inputs["index"])),
         "archfrag_inventories_sha256": strict_json(_by_name(inputs["inventory"])),
-        "archfrag_processing": strict_json(described(study.motions.processing)),
+        "archfrag_processing": strict_json(
+            [{"step": step.name, "settings": step.settings} for step in study.motions.processing]
+        ),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),

@@ -4,30 +4,16 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
 from archfrag.errors import StudyError
-from archfrag.study.file.messages import PathText, Section, refuse, refuse_key, refuse_missing
-from archfrag.study.file.vary import VARIABLE, Vary
+from archfrag.study.file import PathText, Section, refuse
+from archfrag.study.file.vary import Vary
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
 
-# Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
-MOST_FRICTION, MOST_DENSITY, MOST_LOAD = 1e6, 1e6, 1e12
-
-Profile = Literal[
-    "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block", "polygons"
-]
 _SPANNED = ("span", "rise", "thickness", "voussoirs")
 _DRAWN = ("thickness_factor", "tolerance", "dead_load")
 # Keys that each profile needs, and keys that it may have.
@@ -44,42 +30,37 @@ PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 _MATERIAL = ("friction", "density", "depth")
 _COMMON = ("id", "profile", *_MATERIAL, "recess", "vary")
 _DRAWING = ("id", *_MATERIAL, "recess", "vary", "drawing", "layer", "unit", *_DRAWN)
-# Columns of a table that are keys of its arches, and those of them that are one number each.
+# Columns of a table that are keys of its arches.
 COLUMNS = tuple(dict.fromkeys(
     (*_COMMON, *(key for name, (needs, may) in PROFILES.items() if name != "polygons"
                  for key in (*needs, *may)))
 ))  # fmt: skip
-NUMBERS = ("voussoirs", *VARIABLE)
 
 
-def _infinite(given: Any) -> Any:
+def _coefficient(given: Any) -> Any:
+    if isinstance(given, int | float) and 1e6 < given < math.inf:
+        raise refuse("must be at most 1e+06, or inf for no sliding")
     return math.inf if given == "inf" else given
 
 
-def _coefficient(value: float) -> float:
-    if MOST_FRICTION < value < math.inf:
-        raise refuse(f"must be at most {MOST_FRICTION:g}, or inf for no sliding")
-    return value
-
-
-# Bounds that `arch` checks, with messages of its own, are here for the schema only.
-Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
-Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
-Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
-Density = Annotated[float, Field(le=MOST_DENSITY, json_schema_extra={"exclusiveMinimum": 0})]
 _T = TypeVar("_T")
 List = Annotated[list[_T], Field(max_length=MOST_VOUSSOIRS + 1)]
 OneOrList = Annotated[
     Annotated[_T, Tag("one")] | Annotated[List[_T], Tag("list")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "one"),
 ]
-Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
+# Bounds that `arch` checks, with messages of its own, are here for the schema only.
+Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
+Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
+Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
+# Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
+Density = Annotated[float, Field(le=1e6, json_schema_extra={"exclusiveMinimum": 0})]
+Load = Annotated[float, Field(le=1e12, json_schema_extra={"minimum": 0})]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Friction = Annotated[
     float,
     Field(allow_inf_nan=True),
-    BeforeValidator(_infinite),
-    AfterValidator(_coefficient),
+    BeforeValidator(_coefficient),
     WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
 ]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -102,7 +83,10 @@ class ArchEntry(Section):
 
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
-    profile: Profile | None = None
+    profile: Literal[
+        "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block",
+        "polygons",
+    ] | None = None  # fmt: skip
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
     """Table (CSV) with an arch in each row, relative to the study file: a column id, columns named
@@ -177,32 +161,14 @@ class ArchEntry(Section):
             return self
         needs: tuple[str, ...] = ("friction",)
         if self.drawing is None:
-            own = () if self.profile is None else PROFILES[self.profile][0]
-            needs = ("profile", *own, *needs)
+            needs = ("profile", *PROFILES.get(self.profile or "", ((), ()))[0], *needs)
         if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse_missing(missing)
-        if self.vary is not None:
-            self._can_vary(self.vary)
+            raise refuse("must be given", *missing)
+        for key, distribution in () if self.vary is None else self.vary.of.items():
+            if distribution.relative and getattr(self, key, None) is None:
+                text = f"needs a key {key} of the arch, which it multiplies"
+                raise refuse(text, f"vary.of.{key}.relative")
         return self
-
-    def _can_vary(self, vary: Vary) -> None:
-        needs, may = PROFILES[self.profile] if self.profile else ((), _DRAWING)
-        own = (*_COMMON, *needs, *may)
-        what = f"for profile {self.profile}" if self.profile else "for a drawing"
-        for key, distribution in vary.of.items():
-            if key not in own or key not in VARIABLE:
-                names = ", ".join(name for name in VARIABLE if name in own)
-                raise refuse_key(f"vary.of.{key}", f"cannot vary {what}; allowed are {names}")
-            if distribution.relative and not _is_finite(getattr(self, key)):
-                text = f"needs a finite {key} of the arch, which it multiplies"
-                raise refuse_key(f"vary.of.{key}.relative", text)
-        if vary.joints is None:
-            return
-        if vary.joints.position is not None and "joints" not in own:
-            raise refuse_key("vary.joints.position", f"cannot vary {what}")
-        if vary.joints.friction is not None and not _is_finite(self.friction):
-            text = "needs a finite friction of the arch, which it multiplies"
-            raise refuse_key("vary.joints.friction", text)
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -235,20 +201,13 @@ class ArchEntry(Section):
 
         if self.table is not None:
             raise StudyError(f"{self.id}: is a table of arches; name one of its arches")
-        if self.drawing is not None:
-            return self.read().build()
-        assert self.profile is not None
-        needs, may = PROFILES[self.profile]
-        values = {key: getattr(self, key) for key in (*needs, *may, *_MATERIAL)}
+        entry = self.read()
+        assert entry.profile is not None
+        needs, may = PROFILES[entry.profile]
+        values = {key: getattr(entry, key) for key in (*needs, *may, *_MATERIAL)}
         makers: dict[str, Any] = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
-        make = makers.get(self.profile) or getattr(arch.Arch, self.profile)
+        make = makers.get(entry.profile) or getattr(arch.Arch, entry.profile)
         built: Arch = make(**{key: value for key, value in values.items() if value is not None})
-        if self.recess is None:
+        if entry.recess is None:
             return built
-        return built.recessed(self.recess.intrados, self.recess.extrados)
-
-
-def _is_finite(given: Any) -> bool:
-    """Whether a key has a value, and no value of it is infinite."""
-    values = given if isinstance(given, list) else [given]
-    return None not in values and all(map(math.isfinite, values))
+        return built.recessed(entry.recess.intrados, entry.recess.extrados)

@@ -1,9 +1,7 @@
 """All arches of a study: those of its entries, samples drawn for them, and rows of tables."""
 
 import hashlib
-import re
 import zlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,14 +17,14 @@ from pydantic import ValidationError
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.files import counted, read_text
-from archfrag.study.file.arches import COLUMNS, NUMBERS, ArchEntry
-from archfrag.study.file.messages import first_message, meant, parse_value, read_csv
-from archfrag.study.file.samples import draw, listed
+from archfrag.study.file import first_message, meant, parse_value, read_csv
+from archfrag.study.file.arches import COLUMNS, ArchEntry
+from archfrag.study.file.vary import VARIABLE
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
-MOST_ROWS, LARGEST_TABLE = 10_000, 20_000_000  # [1], [bytes]
+LARGEST_TABLE = 20_000_000  # [bytes]
 _ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of the keyboard
 
 
@@ -48,6 +46,12 @@ class Member:
     def id(self) -> str:
         """Name of the arch in results."""
         return self.entry.id
+
+    @property
+    def drawn(self) -> str:
+        """What was drawn for it, in words."""
+        shown = (f"{name} = {value:.6g}" for name, value in self.values.items())
+        return f"sample {self.number} ({', '.join(shown) or 'joints'})"
 
     @cached_property
     def chain(self) -> str:
@@ -93,17 +97,12 @@ class Members(tuple[Member, ...]):
         """All arches; if there are very many, some of them at equal distances."""
         return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
 
-    def meets(self, n_record: int) -> NDArray[np.bool_]:
-        """Which arch meets which record, (n_arch, n_record)."""
-        own = np.array([-1 if m.record is None else m.record for m in self])
-        return (own[:, None] < 0) | (own[:, None] == np.arange(n_record))
-
     def summaries(self) -> tuple[str, ...]:
         """Classes whose arches were drawn or come from a table: how many, and how they differ."""
         found = []
         for name, alike in groupby(self, attrgetter("arch_class")):
             own = Members(alike)
-            if all(member.number == 0 and member.id == name for member in own):
+            if own.ids == [name]:
                 continue
             parts = [f"{name}: {counted(len(own), 'arch')}"]
             for key, values in own.parameters().items():
@@ -119,12 +118,6 @@ def shown(theta: Sequence[float]) -> list[int]:
 
     All of up to `SHOWN`; of many the weakest, the middle and the strongest. A capacity is nan
     where there is no curve.
-
-    Examples
-    --------
-    >>> from archfrag.study.file.members import shown
-    >>> shown([2.0, 1.0]), shown([0.1 * i for i in range(20)])
-    ([0, 1], [0, 10, 19])
     """
     if len(theta) <= SHOWN:
         return list(range(len(theta)))
@@ -147,122 +140,103 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
     found: list[Member] = []
     seen: dict[str, str] = {}
     for i, entry in enumerate(entries):
-        where = f"arches[{i}] ({entry.id})"
+        where, vary = f"arches[{i}] ({entry.id})", entry.vary
         try:
-            if entry.table is None:
-                bases = [Member(entry.read(), entry.id, where)]
-            else:
-                bases = [replace(row, place=f"{where}: {row.place}") for row in read_table(entry)]
-        except (GeometryError, StudyError) as error:
+            table = entry.table is not None
+            bases = _rows(entry, where) if table else [Member(entry.read(), entry.id, where)]
+            each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
+            if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
+                most = f"a study must have at most {MOST_MEMBERS}"
+                raise StudyError(f"{where}: makes {count} arches with those before it; {most}")
+            new = [member for base in bases for member in _drawn(base, n_record, table)]
+        except GeometryError as error:
             raise StudyError(f"{where}: {error}") from None
-        new = [member for base in bases for member in _drawn(base, n_record, entry)]
-        found += new
-        if len(found) > MOST_MEMBERS:
-            most = f"makes {len(found)} arches with those before it"
-            raise StudyError(f"{where}: {most}; a study must have at most {MOST_MEMBERS}")
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
                 raise StudyError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
+        found += new
     return Members(found)
 
 
-def _drawn(base: Member, n_record: int | None, entry: ArchEntry) -> Iterator[Member]:
+def _drawn(base: Member, n_record: int | None, table: bool) -> Iterator[Member]:
     """The samples of an arch, or itself if it does not vary."""
     vary = base.entry.vary
     if vary is None:
         yield base
         return
-    owners: list[int | None] = [None] * vary.samples
-    if not vary.crossed:
-        if n_record is None:
-            text = "has crossed: false, and the number of records is not known"
-            raise StudyError(f"{base.place}: {text}")
-        owners = [record for record in range(n_record) for _ in range(vary.samples)]
-    if len(owners) > MOST_MEMBERS:
-        most = f"a study must have at most {MOST_MEMBERS}"
-        raise StudyError(f"{base.place}: makes {len(owners)} arches; {most}")
+    records = [None] if vary.crossed else range(n_record or 0)
+    owners = [record for record in records for _ in range(vary.samples)]
     # Rows of a table are drawn independently, whatever other rows there are.
-    stream = () if entry.table is None else (zlib.crc32(base.id.encode()),)
+    stream = (zlib.crc32(base.id.encode()),) if table else ()
+    plain = base.entry.model_dump(exclude_none=True, exclude={"vary"})
+    n_joint = 0 if vary.joints is None else base.entry.build().n_joint
+    drawn = vary.draw(plain, n_joint, len(owners), stream)
+    for number, ((given, values), record) in enumerate(zip(drawn, owners), start=1):
+        new = replace(base, number=number, record=record, values=base.values | values)
+        yield replace(new, entry=_entry(given, f"{base.place}: {new.drawn}"))
+
+
+def _entry(given: dict[str, Any], place: str) -> ArchEntry:
     try:
-        drawn = draw(base.entry, len(owners), stream)
-    except InputError as error:
-        raise StudyError(f"{base.place}: {error}") from None
-    for number, ((arch, values), record) in enumerate(zip(drawn, owners), start=1):
-        own = base.values | values
-        yield replace(base, entry=arch, number=number, record=record, values=own)
+        return ArchEntry.model_validate(given)
+    except ValidationError as error:
+        raise StudyError(f"{place}: {first_message(error, given)}") from None
 
 
-def read_table(entry: ArchEntry) -> list[Member]:
-    """Read the arches of a table; keys of the entry fill the cells that a row leaves empty."""
+def _rows(entry: ArchEntry, where: str) -> list[Member]:
+    """The arches of a table; keys of the entry fill the cells that a row leaves empty."""
     path = Path(entry.table or "")
-    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
+    place = f"{where}: {path}"
+    text = read_text(path, LARGEST_TABLE, StudyError, f"{where}: the table")
     try:
-        rows = read_csv(text)
+        table = read_csv(text)
     except InputError as error:
-        raise StudyError(f"{path}: {error}") from None
-    _check_table(rows, path)
+        raise StudyError(f"{place}: {error}") from None
+    if "id" not in table or table.empty:
+        raise StudyError(f"{place}: must have arches and a column id; commas between columns")
+    for name in map(str, table):
+        if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
+            rule = "give an attribute a name less like it"
+            raise StudyError(f"{place}: column {name} is not a key of an arch; {hint} ({rule})")
+    if (twice := table["id"].duplicated()).any():
+        raise StudyError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
     found = []
-    for cells in rows:
-        place = f"{path}, arch {cells['id']}"
+    for row in table.to_dict("records"):
+        cells = {str(key): text for key, text in row.items()}
         own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
                if key in COLUMNS and key != "id" and text}  # fmt: skip
-        given = {**defaults, **own, "id": cells["id"]}
-        try:
-            arch = ArchEntry.model_validate(given)
-        except ValidationError as error:
-            message = first_message(error, given)
-            column = re.split(r"[ .\[]", message, maxsplit=1)[0] in cells
-            raise StudyError(f"{place}, {'column ' if column else ''}{message}") from None
+        place_of_row = f"{place}, arch {cells['id']}"
+        arch = _entry({**defaults, **own, "id": cells["id"]}, place_of_row)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {key: getattr(arch, key) for key in cells if key in NUMBERS}
-        numbers = {k: float(v) for k, v in values.items() if isinstance(v, float | int)}
+        values = {key: getattr(arch, key) for key in cells if key in ("voussoirs", *VARIABLE)}
+        numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
         attributes = {key: text for key, text in cells.items() if key not in COLUMNS}
-        found.append(Member(arch, entry.id, place, values=numbers, attributes=attributes))
+        found.append(Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes))
     return found
 
 
-def _check_table(rows: list[dict[str, str]], path: Path) -> None:
-    """Check that arches of a table have different ids, and no column is a misspelt key."""
-    if not 1 <= len(rows) <= MOST_ROWS:
-        raise StudyError(f"{path}: has {len(rows)} arches; it must have 1 to {MOST_ROWS}")
-    for name in rows[0]:
-        if name in ("vary", "recess"):
-            raise StudyError(f"{path}: give {name} in the study file, not in a column")
-        if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
-            rule = "give an attribute a name less like it"
-            raise StudyError(f"{path}: column {name} is not a key of an arch; {hint} ({rule})")
-    if "id" not in rows[0]:
-        raise StudyError(f"{path}: a column id is missing; commas must be between columns")
-    name, count = Counter(row["id"] for row in rows).most_common(1)[0]
-    if count > 1:
-        raise StudyError(f"{path}: {count} arches have the id {name!r}")
-
-
 def _value(text: str, place: str) -> Any:
-    """Content of a cell: numbers as spreadsheets write them, else as YAML."""
+    """Content of a cell: YAML, but for numbers as spreadsheets write them, such as 7.0 for 7."""
     try:
         number = float(text)
     except ValueError:
-        return parse_value(text, place) if text[0] in "[tTfF" else text
-    # A spreadsheet may write 7 as 7.0, where an integer is needed.
-    return int(number) if abs(number) < 1e15 and number == int(number) else number
+        return parse_value(text, place)
+    return int(number) if number.is_integer() else number
 
 
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; StudyError names the first that cannot."""
-    wrong: list[tuple[Member, GeometryError]] = []
+    wrong: dict[str, GeometryError] = {}
     for member in given:
         try:
             member.entry.build()
         except GeometryError as error:
-            wrong.append((member, error))
+            wrong[member.id] = error
     if wrong:
-        first, why = wrong[0]
-        which = _samples(given, [member for member, _ in wrong])
-        where = f"{first.place}: cannot exist: {which}" if first.number else first.place
-        raise StudyError(f"{where}: {why}") from why
+        why = next(iter(wrong.values()))
+        raise StudyError(f"{_first(given, list(wrong))}: cannot exist: {why}") from why
 
 
 def check_standing(given: Members) -> None:
@@ -270,18 +244,16 @@ def check_standing(given: Members) -> None:
     from archfrag.simulate import onset
 
     check_buildable(given)
-    unstable = [member for member in given if not onset(member.entry.build()).stands]
-    if unstable:
-        where, advice = f"{unstable[0].place}: does not stand under its own weight", ""
-        if unstable[0].number:
-            advice = "narrow the distributions by lower and upper, "
-            where += f": {_samples(given, unstable)}; such an arch has no fragility"
-        raise StabilityError(f"{where}; {advice}make it thicker or raise the friction")
+    if wrong := [member.id for member in given if not onset(member.entry.build()).stands]:
+        how = "make it thicker, raise the friction, or narrow the distributions of what varies"
+        raise StabilityError(f"{_first(given, wrong)}: does not stand under its own weight; {how}")
 
 
-def _samples(given: Members, some: Sequence[Member]) -> str:
-    """Count the wrong samples of the first one's class, and show what was drawn for it."""
-    first = some[0]
-    alike, drawn = (sum(m.place == first.place for m in each) for each in (some, given))
-    values = listed(first.values)
-    return f"{alike} of {drawn} samples, the first is sample {first.number} ({values})"
+def _first(given: Members, wrong: Sequence[str]) -> str:
+    """The first wrong arch, for messages; of a sample also how many others are wrong."""
+    first = given[given.ids.index(wrong[0])]
+    if not first.number:
+        return first.place
+    alike = [member.id for member in given if member.place == first.place]
+    count = len(set(alike) & set(wrong))
+    return f"{first.place}: {count} of {len(alike)} samples, the first is {first.drawn}"

@@ -3,8 +3,8 @@
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.files import cannot_write, make_folder, sha256_of
-from archfrag.study.file.processing import Step, apply_step
+from archfrag.study.file.motions import apply_step
 from archfrag.study.file.schema import Study
 from archfrag.study.file.sources import Source, check_known, find_sources, needs_pairs
 from archfrag.study.files import (
@@ -50,15 +50,12 @@ class PreparedRecord:
     magnitude: float | None
     distance: float | None  # [km]
     factor: float  # that brings the study's measure to 1 in its SI unit
-    measures: dict[str, float]  # of the motion as it is, in SI units
+    measures: dict[str, float] = field(hash=False)  # of the motion as it is, in SI units
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     vertical: bool = False  # whether the motion has its vertical component
     raw: bool = False  # whether the file states that nothing was corrected
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
-
-    def __hash__(self) -> int:
-        return hash((self.id, self.prepared))
 
 
 def read_sources(study: Study) -> Iterator["Motion"]:
@@ -79,28 +76,33 @@ def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
     """Each motion with its file."""
     steps = {step.name: step.settings for step in study.motions.processing}
     chosen = [code.upper() for code in steps.get("choose", {}).get("components", ())]
-    rotated = set[frozenset[tuple[str, str]]]()
-    with_chosen, left_out = set[Any](), dict[Any, str]()
+    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
+    used, turned = set[Any](), set[Any]()
     for source in find_sources(study):
         facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
         motions = _read(source)
         every = tuple(motions) if needs_pairs(study) else ()
-        while motions:
+        while motions:  # the memory of those that are done is free again
             motion = motions.pop(0)
-            code, record = str(motion.metadata.get("component", "")), _record(motion, source)
+            about = motion.metadata
+            code = str(about.get("component", ""))
+            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
+            record = shared if any(shared) else source.path
             if chosen and not {code.upper(), code[-1:].upper()} & set(chosen):
                 left_out.setdefault(record, f"{source.path}: record {motion.id} ({code})")
                 continue
-            with_chosen.add(record)
-            motion = _with_components(study, motion, every, source)
-            pair = _pair(motion)
-            if "rotate" in steps and pair in rotated:
+            used.add(record)
+            if (source.path, code) in turned:  # the other component of a motion that was rotated
                 continue
-            rotated.add(pair)
-            motion = _processed(motion, source, study.motions.processing)
+            motion = _with_components(study, motion, every, source)
+            if "rotate" in steps:
+                same = motion.metadata.get("file_transverse", "") == source.path.name
+                file = source.path if same else source.transverse
+                turned.add((file, motion.metadata.get("component_transverse", "")))
+            motion = _processed(study, motion, source)
             yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
     for record, name in left_out.items():
-        if record not in with_chosen:
+        if record not in used:
             codes = ", ".join(steps["choose"]["components"])
             text = f"has none of the components {codes} that motions.processing chooses"
             raise RecordError(f"{name}: {text}")
@@ -113,20 +115,6 @@ def _read(source: Source) -> list["Motion"]:
         return [load_motion(source.entry)]
     names = ("unit", "inventory", "accept", "columns", "name")
     return read_motions(source.path, **{name: getattr(source, name) for name in names})
-
-
-def _record(motion: "Motion", source: Source) -> Any:
-    """Facts that all components of a record share."""
-    facts = tuple(str(motion.metadata.get(k) or "") for k in ("event", "station", "start_time"))
-    return facts if any(facts) else source.path
-
-
-def _pair(motion: "Motion") -> frozenset[tuple[str, str]]:
-    """The two components of a motion; two motions share them if they are one record."""
-    about = motion.metadata
-    file = str(about.get("file", ""))
-    other = str(about.get("file_transverse", file)), str(about.get("component_transverse", ""))
-    return frozenset(((file, str(about.get("component", ""))), other))
 
 
 def _with_components(
@@ -142,43 +130,42 @@ def _with_components(
         log = (*motion.log, "Vertical component left out.")
         motion = motion._replaced(vertical=None, metadata=labels, log=log)
     elif study.motions.vertical and motion.vertical is None:
-        if source.vertical is None:
-            raise _lacks(source, motion, "vertical", "motions.vertical asks for it")
-        vertical = read_vertical(
-            source.vertical, source.unit, inventory=source.inventory, accept=source.accept
-        )
-        motion = with_vertical(motion, _as_listed(vertical, source))
+        vertical = None
+        if source.vertical is not None:
+            vertical = read_vertical(
+                source.vertical, source.unit, inventory=source.inventory, accept=source.accept
+            )
+        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
     if not needs_pairs(study):
         return motion
     other = other_horizontal(alone, every)
     if other is None and source.transverse is not None:
         found = _read(replace(source, path=source.transverse, entry=None, name=None))
         other = found[0] if len(found) == 1 else None
-    if other is None:
-        both = "motions.processing or intensity.measure needs both"
-        raise _lacks(source, motion, "other horizontal", both)
-    motion = with_transverse(motion, _as_listed(other, source))
+    other = _partner(other, motion, source, "other horizontal")
+    motion = with_transverse(motion, other)
     return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
 
 
-def _lacks(source: Source, motion: "Motion", component: str, why: str) -> RecordError:
-    return RecordError(
-        f"{source.path}: record {motion.id} has no {component} component, and {why}. It must be "
-        "in this file, in one whose name differs in the direction only (N and E; 090, 180 and "
-        "UP), or in the one other row of an index with this event and station"
-    )
-
-
-def _as_listed(partner: "Motion", source: Source) -> "Motion":
-    """A component without the header's event and station, where an index states them."""
+def _partner(
+    partner: "Motion | None", motion: "Motion", source: Source, component: str
+) -> "Motion":
+    """Another component, without its header's event and station where an index states them."""
+    if partner is None:
+        raise RecordError(
+            f"{source.path}: record {motion.id} has no {component} component, which the study "
+            "needs. It must be in this file, in one whose name differs in the direction only (N "
+            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
+            "station"
+        )
     if source.entry is None:
         return partner
     unknown = dict.fromkeys(("event", "date", "station"), "")
     return partner._replaced(metadata={**partner.metadata, **unknown})
 
 
-def _processed(motion: "Motion", source: Source, steps: Sequence[Step]) -> "Motion":
-    for number, step in enumerate(steps):
+def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
+    for number, step in enumerate(study.motions.processing):
         try:
             motion = apply_step(step, motion, source.path, source.inventory)
         except InputError as error:
@@ -211,42 +198,30 @@ def study_inputs(study: Study) -> Inputs:
     return read_inputs(study.motions.index, find_sources(study), study.folder)
 
 
-def prepare_motions(
-    study: Study, progress: Callable[[int], None] | None = None
-) -> list[PreparedRecord]:
+def prepare_motions(study: Study) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / FOLDER)
-    records: list[PreparedRecord] = []
     try:
-        for motion in read_sources(study):
-            records.append(_stored(motion, study))
-            if progress is not None:
-                progress(len(records))
+        records = [_stored(motion, study) for motion in read_sources(study)]
         if not records:
-            raise StudyError("motions: the study has no record")
-        if study.motions.select is not None:
-            records.sort(key=lambda record: (study.motions.select or []).index(record.id))
+            raise StudyError("motions: the study has no record; give an index or files")
+        if (select := study.motions.select) is not None:
+            records.sort(key=lambda record: select.index(record.id))
         manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
                     "records": [asdict(record) for record in records]}  # fmt: skip
         write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
     except OSError as error:
         raise cannot_write(folder, error) from error
-    finally:
-        _remove_others(study)
-    return records
-
-
-def _remove_others(study: Study) -> None:
-    """Remove stored motions that the manifest does not name."""
-    with contextlib.suppress(InputError, OSError):
-        kept = {Path(record["file"]).name for record in read_manifest(study)["records"]}
-        for path in (study.work / FOLDER).glob("*.npz"):
-            if path.name not in kept:
+    finally:  # no stored motions stay that the manifest does not name
+        with contextlib.suppress(InputError, OSError):
+            kept = {study.work / record.file for record in read_manifest(study)["records"]}
+            for path in set(folder.glob("*.npz")) - kept:
                 path.unlink()
+    return records
 
 
 def _stored(motion: "Motion", study: Study) -> PreparedRecord:
@@ -274,19 +249,18 @@ def _stored(motion: "Motion", study: Study) -> PreparedRecord:
 
 def _number(value: Any) -> float | None:
     try:
-        return None if value in (None, "") else float(value)
+        return float(value)
     except (TypeError, ValueError):
         return None
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
-    """The manifest that `prepare_motions` wrote."""
+    """The manifest that `prepare_motions` wrote: key, inputs and `PreparedRecord`s."""
     path = study.work / MANIFEST
     try:
-        manifest = read_json(path)
-        if not isinstance(manifest["inputs"], dict):
-            raise TypeError("inputs")
-        return {name: manifest[name] for name in ("key", "inputs", "records")}
+        found = read_json(path)
+        records = [PreparedRecord(**record) for record in found["records"]]
+        return {"key": found["key"], "inputs": dict(found["inputs"]), "records": records}
     except FileNotFoundError:
         raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -303,10 +277,7 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
         raise InputError(f"{path}: was made for {other}; {_AGAIN}")
-    try:
-        records = [PreparedRecord(**entry) for entry in manifest["records"]]
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {_AGAIN}") from None
+    records: list[PreparedRecord] = manifest["records"]
     for record in records:
         _check_stored(study.work, record)
     return records

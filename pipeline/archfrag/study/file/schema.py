@@ -4,102 +4,195 @@ import json
 import os
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, StudyError
 from archfrag.files import WORK, read_text
-from archfrag.motions.calibrate import Acceptable
+from archfrag.study.file import PathText, Section, first_message, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
-from archfrag.study.file.blocks import (
-    Execution,
-    Intensity,
-    LimitStates,
-    Method,
-    ReportKeys,
-    RiskKeys,
-)
-from archfrag.study.file.members import Members, check_buildable, expand
-from archfrag.study.file.messages import PathText, Section, first_message, parse_value, refuse
-from archfrag.study.file.processing import Steps
+from archfrag.study.file.members import Members, check_buildable, expand, needs_records
+from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign
 from archfrag.study.runs.design import Stripes
 
-MOST_ARCHES, DEEPEST = 1000, 20
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 # Keys whose values are paths, or lists of them.
 PATHS = {"output", "table", "drawing", "index", "files", "path", "inventory", "hazard"}
+# Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
+LEVEL_UNITS: dict[str, dict[str, float]] = {
+    "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
+    "m/s": {"m/s": 1.0, "cm/s": 0.01},
+    "m": {"m": 1.0, "cm": 0.01},
+}
+PERIODS = (0.01, 20.0)  # of a spectral measure [s]
+MOST_LEVELS = 1000
+Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
-def _check_columns(given: Any) -> Any:
-    """Check that words such as ``time=1,acceleration=2`` state where the numbers are."""
-    from archfrag.motions.formats.columns import parse_columns
+class LevelRange(Section):
+    """Equally spaced levels."""
 
-    if isinstance(given, dict):
-        words = ",".join(f"{key}={value}" for key, value in given.items())
-        raise refuse(f"must be in words, here columns: {words!r}")
-    try:
-        return str(parse_columns(str(given)))
-    except InputError as error:
-        raise refuse(f"must state where the numbers are; {error}") from None
+    start: Level
+    """First level."""
+    stop: Level
+    """Last level."""
+    count: Annotated[int, Field(ge=2, le=MOST_LEVELS)]
+    """Number of levels, both ends included."""
 
 
-def _as_words(given: Any) -> Any:
-    return given.replace(",", " ").split() if isinstance(given, str) else given
+def _listed(levels: list[float] | LevelRange) -> list[float]:
+    """All levels, of a range to twelve digits: what a person would have typed."""
+    if isinstance(levels, LevelRange):
+        step = (levels.stop - levels.start) / (levels.count - 1)
+        levels = [float(f"{levels.start + i * step:.12g}") for i in range(levels.count)]
+    for before, level in pairwise(levels):
+        if level <= before:
+            raise refuse(f"must increase, but {level:g} follows {before:g}")
+    return levels
 
 
-class FileSet(Section):
-    """Records by path or pattern."""
+class Intensity(Section):
+    """The levels to which the motions are scaled."""
 
-    path: PathText
-    """A file, or a pattern with * and ? in any case, relative to the study file."""
-    unit: str | None = None
-    """Unit of the samples if the file does not state it; never guessed."""
-    inventory: PathText | None = None
-    """StationXML with the response, for records in counts."""
-    columns: Annotated[str, BeforeValidator(_check_columns)] | None = None
-    """Columns of plain text: time=1,acceleration=2 or acceleration=1,dt=0.01; dt=0.01 alone reads
-    all numbers, row after row; also vertical=COLUMN and skip=LINES."""
-    accept: Annotated[list[Acceptable], BeforeValidator(_as_words)] = Field(default_factory=list)
-    """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
-    header (its peak is off by a tenth)."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _as_mapping(cls, given: Any) -> Any:
-        return {"path": given} if isinstance(given, str) else given
-
-
-class Motions(Section):
-    """The ground motions of the study."""
-
-    index: PathText | None = None
-    """Index (CSV) of shipped records, relative to the study file."""
-    select: Annotated[list[str], Field(min_length=1)] | None = None
-    """Ids of the records to use, in this order; all if not given."""
-    files: list[FileSet] = Field(default_factory=list)
-    """Record files or patterns; each a path, or a mapping with path, unit, columns and so on."""
-    vertical: bool = False
-    """Whether vertical components move the arches too, from the same file or from a matching file
-    next to it, scaled as the horizontal one. Every record must then have one."""
-    processing: Steps = Field(default_factory=list)
-    """Steps applied to each record before it is measured and scaled, in this order."""
-
-    gone: ClassVar = {
-        "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same "
-        "numbers as options, and write index: FOLDER/index.csv"
-    }
+    measure: str
+    """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T) or AvgSA(T1,T2);
+    RotD50() or RotD100() of PGA, PGV or Sa(T)."""
+    unit: str
+    """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities, m
+    or cm for lengths."""
+    levels: Annotated[
+        Annotated[list[Level], Field(min_length=1, max_length=MOST_LEVELS), Tag("list")]
+        | Annotated[LevelRange, Tag("range")],
+        Discriminator(lambda given: "range" if isinstance(given, dict) else "list"),
+        AfterValidator(_listed),
+    ]
+    """Increasing list, or start, stop and count."""
 
     @model_validator(mode="after")
-    def _have_a_source(self) -> Self:
-        if self.index is None and not self.files:
-            raise refuse("must have a key index or files")
-        selected = self.select or []
-        if twice := [name for name in selected if selected.count(name) > 1]:
-            raise refuse(f"must have different ids under select, but {twice[0]!r} is there twice")
+    def _agree(self) -> Self:
+        from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
+
+        try:
+            periods = parse_measure(self.measure).periods
+        except InputError as error:
+            raise refuse(f"= {self.measure}: {error}", "measure") from None
+        low, high = PERIODS
+        if not all(low <= period <= high for period in periods):
+            rule = f"must have periods from {low:g} to {high:g} s"
+            raise refuse(f"= {self.measure} {rule}", "measure")
+        if not scaling_exponent(self.measure):
+            raise refuse(f"= {self.measure}: no motion can be scaled to it", "measure")
+        allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
+        if self.unit not in allowed:
+            text = f"must be one of {', '.join(allowed)}, the units of {self.measure}"
+            raise refuse(f"= {self.unit} {text}", "unit")
         return self
+
+    @property
+    def given(self) -> tuple[float, ...]:
+        """Levels in the user's unit."""
+        return tuple(self.levels)  # type: ignore[arg-type]  # which `_listed` has made a list
+
+    @property
+    def si(self) -> tuple[float, ...]:
+        """Levels in the SI unit of the measure."""
+        return tuple(level * self.factor for level in self.given)
+
+    @property
+    def factor(self) -> float:
+        """SI unit of the measure in multiples of the unit of the levels."""
+        from archfrag.motions.measures import measure_unit
+
+        return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
+
+
+class Method(Section):
+    """How the equations of motion are integrated."""
+
+    name: str = "auto"
+    """Method; with auto archfrag chooses one."""
+    dt: Annotated[float, Field(ge=1e-6, le=0.1)] | None = None
+    """Fixed time step [s]; if not given, steps follow rtol."""
+    rtol: Annotated[float, Field(ge=1e-12, lt=1.0)] | None = None
+    """Allowed relative error, unless dt is given; the method's default if not given."""
+    follow: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
+    """Longest time to simulate after a record while the arch still moves [s]."""
+    loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
+    """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
+    settings: dict[str, float] = Field(default_factory=dict)
+    """Parameters of this method that differ from their defaults, by name."""
+
+    @model_validator(mode="after")
+    def _known_with_its_settings(self) -> Self:
+        from archfrag.simulation import checks
+
+        names = checks.method_names()
+        if self.name not in names:
+            raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
+        try:
+            method = checks.check_method(self.name)
+            checks.check_taken(method, dt=self.dt, rtol=self.rtol)
+            checks.check_settings(method, self.settings)
+        except InputError as error:
+            raise refuse(str(error)) from error
+        return self
+
+
+class LimitStates(Section):
+    """Damage before collapse, from the same runs.
+
+    Motion, the first impact, loss of contact at a joint and collapse need no number.
+    """
+
+    rotation: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    """Peak rotation over the static limit: the rotation at which the mechanism of onset is in
+    unstable equilibrium."""
+    residual: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    """Residual displacement over the mean length of the joints."""
+
+
+class ReportKeys(Section):
+    """The first numbers of the report."""
+
+    at: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """Level whose probability of collapse the report gives first, in the study's unit."""
+    confidence: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.9
+    """Confidence of all bands and intervals, two-sided."""
+
+
+class RiskKeys(Section):
+    """A hazard curve, for the rate of collapse."""
+
+    hazard: PathText
+    """CSV of intensity and annual rate or probability, or a file of OpenQuake; relative to the
+    study file."""
+    unit: str | None = None
+    """Unit of its intensities if the file does not state it."""
+    years: Annotated[float, Field(gt=0.0, le=1e4)] = 50.0
+    """Period for the probability of collapse [years]."""
+    site: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    """Longitude and latitude, if the file has several sites [degrees]."""
+
+
+class Execution(Section):
+    """Where and in what portions the study runs; never changes a result."""
+
+    workers: Annotated[int, Field(ge=1)] | None = None
+    """Number of one-thread processes; as many as cores by default. A batch makes its first five
+    seconds of runs without them."""
+    scheduler: str | None = None
+    """Address of a running dask scheduler, to use instead of own workers. It executes any code
+    sent to it under your account: use tls:// with the certificates of dask's configuration, or
+    a private network."""
+    chunk: Annotated[int, Field(ge=1)] | None = None
+    """Runs in one part file; depends on the number of runs if not given."""
+    batches: Annotated[int, Field(ge=1, le=999)] = 1
+    """Number of Snakemake jobs among which the runs are divided."""
 
 
 class Study(Section):
@@ -113,7 +206,7 @@ class Study(Section):
     """Institution that made the study, for the attributes of the cube."""
     output: PathText = "results"
     """Folder of the results, relative to the study file; results/ID beside it if not given."""
-    arches: Annotated[list[ArchEntry], Field(min_length=1, max_length=MOST_ARCHES)]
+    arches: Annotated[list[ArchEntry], Field(min_length=1, max_length=1000)]
     """Arches, columns or blocks; classes of them sampled by `vary` or listed in a table."""
     motions: Motions
     intensity: Intensity
@@ -136,11 +229,12 @@ class Study(Section):
 
     def members(self, n_record: int | None = None) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        of, known = self._expanded.get(n_record, (None, Members()))
+        key = n_record if needs_records(self.arches) else None
+        of, found = self._expanded.get(key, (None, Members()))
         if of is not self.arches:  # not yet, or of the study that this one is a copy of
-            known = expand(self.arches, n_record)
-            self._expanded[n_record] = self.arches, known
-        return known
+            found = expand(self.arches, key)
+            self._expanded[key] = self.arches, found
+        return found
 
     @cached_property
     def _expanded(self) -> dict[int | None, tuple[Any, Members]]:
@@ -148,25 +242,11 @@ class Study(Section):
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
-    """Read a study file.
+    """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
-    Parameters
-    ----------
-    path : str or Path
-        YAML file; paths in it are relative to its folder.
-    overrides : sequence of str
-        ``key.key=value`` with the value in YAML, over the file's; paths in them are relative to
-        the current folder.
-
-    Returns
-    -------
-    Study
-        With absolute paths.
-
-    Raises
-    ------
-    StudyError
-        One message with the file, the key, its value and what is allowed.
+    `overrides` are texts ``key.key=value``, the value in YAML, over the file's; paths in them are
+    relative to the current folder. StudyError is one message with the file, the key, its value
+    and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
@@ -204,16 +284,16 @@ def _override(given: dict[str, Any], text: str) -> None:
     """Put the value of an option --set into a raw study."""
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
-    if not equals or not all(parts) or len(parts) > DEEPEST:
+    if not equals or not all(parts):
         raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
     name = next((part for part in reversed(parts) if not part.isdigit()), "")
+    *outer, last = parts
     block: Any = given
     try:
-        for part in parts[:-1]:
+        for part in outer:
             block = block.setdefault(part, {}) if isinstance(block, dict) else block[int(part)]
-        last = parts[-1] if isinstance(block, dict) else int(parts[-1])
-        block[last] = _from_here(value, name)
+        block[last if isinstance(block, dict) else int(last)] = _from_here(value, name)
     except (IndexError, TypeError, ValueError):
         what = "a list is counted from 0, and only a block or a list has keys"
         raise StudyError(f"--set {text}: the study has no such place; {what}") from None
@@ -225,7 +305,5 @@ def _from_here(value: Any, key: str) -> Any:
         return {name: _from_here(inner, str(name)) for name, inner in value.items()}
     if isinstance(value, list):
         return [_from_here(inner, key) for inner in value]
-    if key not in PATHS or not isinstance(value, str) or not value:
-        return value
-    expanded = os.path.expanduser(value)
-    return value if expanded.startswith("~") else os.path.abspath(expanded)
+    path = isinstance(value, str) and value and key in PATHS and not value.startswith("~")
+    return os.path.abspath(value) if path else value

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from archfrag.errors import RecordError, StudyError
-from archfrag.files import opened
-from archfrag.motions.calibrate import LARGEST_INVENTORY, record_size
+from archfrag.errors import InputError, StudyError
+from archfrag.motions.calibrate import record_size
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
-from archfrag.study.file.messages import meant
-from archfrag.study.file.schema import FileSet, Study
+from archfrag.study.file import meant
+from archfrag.study.file.motions import FileSet
+from archfrag.study.file.schema import Study
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
@@ -55,7 +55,7 @@ def find_sources(study: Study) -> list[Source]:
     if asked.select is not None and not asked.files:
         table = {row.id: row for row in rows}
         check_known(asked.select, table)
-        used = [table[name] for name in asked.select]
+        used = [table[name] for name in dict.fromkeys(asked.select)]
     indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in used]
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
@@ -68,7 +68,7 @@ def find_sources(study: Study) -> list[Source]:
     for source in (*indexed, *given.values()):
         record_size(source.path)
         if source.inventory is not None:
-            _check_inventory(source.inventory)
+            record_size(Path(source.inventory))
     found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
     return _with_partners(found, study, rows)
 
@@ -82,36 +82,26 @@ def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
             raise StudyError(f"motions.select: {name!r} is not a record of the study; {hint}")
 
 
-def _check_inventory(path: str) -> None:
-    try:
-        with opened(path, LARGEST_INVENTORY):
-            pass
-    except OSError as error:
-        why = f"cannot be read: {error.strerror}"
-        raise RecordError(f"the StationXML file {path} {why}") from None
-
-
 def _from_files(files: FileSet, key: str) -> list[Source]:
     from archfrag.motions.formats.columns import parse_columns
 
-    paths = [Path(files.path)]
-    if glob.has_magic(files.path) and not paths[0].is_file():
-        paths = [path for path in _matches(paths[0]) if not goes_with_records(path)]
+    pattern = Path(files.path)
+    paths = [pattern]
+    if glob.has_magic(files.path) and not pattern.is_file():
+        # Folders match as they are written, names in any case.
+        place, name = str(pattern.parent), fnmatch.translate(pattern.name)
+        folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
+        every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
+        alike = [path for path in every if re.match(name, path.name, re.IGNORECASE)]
+        paths = sorted(path for path in alike if not goes_with_records(path))
         if not paths:
             raise StudyError(f"{key}: no file matches {files.path}")
-    columns = None if files.columns is None else parse_columns(files.columns)
+    try:
+        columns = None if files.columns is None else parse_columns(files.columns)
+    except InputError as error:
+        raise StudyError(f"{key}: {error}") from None
     known = files.unit, files.inventory, tuple(files.accept), columns
     return [Source(path, *known) for path in paths]
-
-
-def _matches(pattern: Path) -> list[Path]:
-    """Files that a pattern matches: folders as they are written, names in any case."""
-    place = str(pattern.parent)
-    folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
-    name = re.compile(fnmatch.translate(pattern.name), re.IGNORECASE)
-    found = (Path(folder, each) for folder in folders for each in folder_names(Path(folder))
-             if name.match(each))  # fmt: skip
-    return sorted(found)
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
@@ -122,41 +112,34 @@ def _with_names(sources: list[Source]) -> list[Source]:
     from archfrag.motions.read import record_name
 
     stems = Counter(source.path.stem for source in sources)
-    groups: dict[str, list[Path]] = {}
+    alike: dict[str, list[Path]] = {}
     for source in sources:
         if stems[source.path.stem] > 1 and find_entry(source.path) is None:
-            groups.setdefault(record_name(source.path), []).append(source.path)
+            alike.setdefault(record_name(source.path), []).append(source.path)
     names: dict[Path, str] = {}
-    for name, paths in groups.items():
+    for name, paths in alike.items():
         parents = [path.parent for path in paths]
         common = os.path.commonpath(parents)
-        rows = [
-            (*parent.relative_to(common).parts, path.name if parents.count(parent) > 1 else name)
-            for path, parent in zip(paths, parents)
-        ]
-        depth = 1
-        while len({row[-depth:] for row in rows}) < len(rows):
-            depth += 1
-        if len(paths) > 1:
-            names |= {path: "+".join(row[-depth:]) for path, row in zip(paths, rows)}
+        for path in paths if paths[1:] else ():
+            last = path.name if parents.count(path.parent) > 1 else name
+            names[path] = "+".join((*path.parent.relative_to(common).parts, last))
     return [replace(source, name=names.get(source.path)) for source in sources]
 
 
 def _without_verticals(sources: Sequence[Source]) -> list[Source]:
     """Sources without those that hold only the vertical component of another one's record."""
-    paths = {source.path for source in sources}
-    verticals = vertical_files(sorted(paths)) if len(paths) > 1 else set()
-    rows = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
+    by_name = vertical_files(sorted({source.path for source in sources}))
+    horizontals = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
     return [
         source
         for source in sources
-        if source.path not in verticals
-        and not (source.entry and _is_vertical(source.entry) and _same_record(source.entry, rows))
+        if source.path not in by_name
+        and not (_is_vertical(source.entry) and _of_record(source.entry, horizontals))
     ]
 
 
 def _with_partners(
-    sources: Sequence[Source], study: Study, rows: Sequence[IndexEntry]
+    sources: list[Source], study: Study, rows: Sequence[IndexEntry]
 ) -> list[Source]:
     """Sources with the files of the other components that are asked for.
 
@@ -165,34 +148,30 @@ def _with_partners(
     """
     asked = {"transverse": needs_pairs(study), "vertical": study.motions.vertical}
     if not any(asked.values()):
-        return list(sources)
-    by_name = {
-        folder: partners(folder_names(folder)) for folder in {s.path.parent for s in sources}
-    }
+        return sources
+    by_name = {place: partners(folder_names(place)) for place in {s.path.parent for s in sources}}
     found = []
     for source in sources:
         files: dict[str, Path] = {}
         for (kind, requested), names in zip(asked.items(), by_name[source.path.parent]):
-            alike = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
-            row = _same_record(source.entry, alike) if source.entry is not None else None
-            if requested and row is not None:
-                files[kind] = row.path
+            of_kind = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
+            alike = _of_record(source.entry, of_kind)
+            if requested and len(alike) == 1:
+                files[kind] = alike[0].path
             elif requested and source.path.name in names:
                 files[kind] = source.path.with_name(names[source.path.name])
-        pair = files.get("transverse"), files.get("vertical")
-        found.append(replace(source, transverse=pair[0], vertical=pair[1]))
+        found.append(replace(source, **files))  # type: ignore[arg-type]
     return found
 
 
-def _is_vertical(row: IndexEntry) -> bool:
-    return VERTICAL.fullmatch(str(row.metadata.get("component") or "")) is not None
+def _is_vertical(row: IndexEntry | None) -> bool:
+    return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
 
 
-def _same_record(row: IndexEntry, rows: Sequence[IndexEntry]) -> IndexEntry | None:
-    """The one other row of the same event and station."""
-
-    def record(one: IndexEntry) -> list[str]:
-        return [str(one.metadata.get(key) or "") for key in ("event", "station")]
-
-    alike = [other for other in rows if other is not row and record(other) == record(row)]
-    return alike[0] if all(record(row)) and len(alike) == 1 else None
+def _of_record(row: IndexEntry | None, rows: Sequence[IndexEntry]) -> list[IndexEntry]:
+    """Other rows of the same event and station, if both are known."""
+    if row is None:
+        return []
+    own = {key: row.metadata.get(key) for key in ("event", "station")}
+    alike = [each for each in rows if {key: each.metadata.get(key) for key in own} == own]
+    return [each for each in alike if each is not row] if all(own.values()) else []

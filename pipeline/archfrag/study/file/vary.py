@@ -1,12 +1,13 @@
 """Uncertain keys of an arch: their distributions, correlations and sampling."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.file.messages import Section, refuse, refuse_key, refuse_missing
+from archfrag.study.file import Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch.uncertain import Marginal
@@ -16,10 +17,6 @@ VARIABLE = (
     "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
     "friction", "dead_load", "thickness_factor",
 )  # fmt: skip
-MOST_SAMPLES = 8192
-Value = Annotated[float, Field(ge=-1e12, le=1e12)]
-Positive = Annotated[float, Field(gt=0.0, le=1e12)]
-Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 # Keys that each distribution needs, and keys that it may have.
 DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "normal": (("mean",), ("cov", "sd", "lower", "upper")),
@@ -27,6 +24,9 @@ DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "uniform": (("start", "stop"), ()),
     "triangular": (("start", "mode", "stop"), ()),
 }
+Value = Annotated[float, Field(ge=-1e12, le=1e12)]
+Positive = Annotated[float, Field(gt=0.0, le=1e12)]
+Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 
 
 class Distribution(Section):
@@ -67,22 +67,19 @@ class Distribution(Section):
     def _fit_together(self) -> Self:
         needs = DISTRIBUTIONS[self.distribution][0]
         if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse_missing(missing)
+            raise refuse("must be given", *missing)
         if self.distribution == "normal" and (self.cov is None) == (self.sd is None):
             raise refuse("must have one of cov and sd")
         if self.cov is not None and self.mean is not None and self.mean <= 0.0:
             raise refuse(f"must have sd in the place of cov with mean = {self.mean:g}")
         ends = [value for value in (self.start, self.mode, self.stop) if value is not None]
         if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
-            names = " <= ".join(needs)
-            raise refuse(f"must have {names}, not {', '.join(f'{end:g}' for end in ends)}")
-        if self.lower is not None and self.upper is not None and self.upper <= self.lower:
-            raise refuse(f"must have upper above lower = {self.lower:g}, not {self.upper:g}")
-        if self.lower is not None or self.upper is not None:
-            try:
-                self.marginal().quantile(0.5)
-            except InputError as error:
-                raise refuse(f"is cut too far: {error}") from None
+            values = ", ".join(f"{end:g}" for end in ends)
+            raise refuse(f"must have {' <= '.join(needs)}, not {values}")
+        try:
+            self.marginal().quantile(0.5)
+        except InputError as error:
+            raise refuse(f"is cut too far: {error}") from None
         return self
 
     def marginal(self) -> "Marginal":
@@ -117,20 +114,46 @@ class JointScatter(Section):
     """Factor on the arch's friction."""
 
     @model_validator(mode="after")
-    def _have_something(self) -> Self:
-        given = {name: value for name, value in self if value is not None}
-        if not given:
-            raise refuse(f"must have one of {', '.join(JointScatter.model_fields)}")
-        for name, distribution in given.items():
-            if distribution.relative:
-                raise refuse_key(f"{name}.relative", "cannot be used for joints")
+    def _have_no_factors(self) -> Self:
+        for name, distribution in self:
+            if distribution is not None and distribution.relative:
+                raise refuse("cannot be used for joints", f"{name}.relative")
         return self
+
+    def draw(
+        self, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
+    ) -> dict[str, Any]:
+        """Draw the keys of an arch whose joints differ from each other."""
+        from archfrag.arch.uncertain import to_digits
+
+        drawn = {}
+        # All are drawn, so that one key more leaves the others' numbers as they are.
+        for name, distribution in self:
+            points = np.clip(generator.random(n_joint), 2.0**-32, 1.0 - 2.0**-32)
+            if distribution is not None:
+                drawn[name] = to_digits(distribution.marginal().quantile(points))
+        keys: dict[str, Any] = {}
+        if "friction" in drawn:
+            friction = np.asarray(given["friction"]) * drawn["friction"]
+            keys["friction"] = to_digits(friction).tolist()
+        for side in ("intrados", "extrados"):
+            if f"recess_{side}" in drawn:
+                own = {side: drawn[f"recess_{side}"].tolist()}
+                keys["recess"] = given.get("recess", {}) | keys.get("recess", {}) | own
+        if "position" in drawn:  # the springings stay where they are
+            end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
+            step = end / count
+            joints = given.get("joints") or [*(step * j for j in range(count)), end]
+            moved = np.asarray(joints[1:-1]) + step * drawn["position"][1:-1]
+            inner = (float(f"{joint:.12g}") for joint in moved)
+            keys["joints"] = [float(joints[0]), *inner, float(joints[-1])]
+        return keys
 
 
 class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
 
-    samples: Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+    samples: Annotated[int, Field(ge=1, le=8192)]
     """Number of sampled arches: of the study if crossed, of each record if not."""
     scheme: Literal["sobol", "latin_hypercube"] = "sobol"
     """sobol keeps its first samples when you add samples; latin_hypercube suits any number."""
@@ -149,18 +172,52 @@ class Vary(Section):
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        if not self.of and self.joints is None:
+        if not self.of and (self.joints is None or not self.joints.model_fields_set):
             raise refuse("must have a key of or joints: nothing varies")
-        count = self.samples
-        if self.scheme == "sobol" and self.crossed and count & (count - 1):
-            some = 1 << (count.bit_length() - 1)
-            text = f"must be a power of two with scheme sobol, such as {some} or {2 * some}"
-            raise refuse_key("samples", f"= {count} {text}; latin_hypercube takes any number")
-        if self.correlation:
-            from archfrag.arch.uncertain import correlation_factor
+        if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
+            text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
+            raise refuse(f"= {self.samples} {text}", "samples")
+        from archfrag.arch.uncertain import correlation_factor
 
-            try:
-                correlation_factor(list(self.of), self.correlation)
-            except InputError as error:
-                raise refuse_key("correlation", f"is not possible: {error}") from None
+        try:
+            correlation_factor(list(self.of), self.correlation)
+        except InputError as error:
+            raise refuse(f"is not possible: {error}", "correlation") from None
         return self
+
+    def draw(
+        self, plain: Mapping[str, Any], n_joint: int, count: int, stream: Sequence[int] = ()
+    ) -> Iterator[tuple[dict[str, Any], dict[str, float]]]:
+        """Draw arches: all keys of each, and the values of those that were drawn.
+
+        Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`). What differs from joint to
+        joint is drawn by plain random numbers, which are the same for the n-th sample of a seed
+        whatever the number of samples: no design of a few points is even in as many coordinates
+        as there are joints, and an arch averages over its joints. `plain` has the keys of the arch
+        itself; `stream` distinguishes its numbers from those of other arches.
+        """
+        from archfrag.arch.uncertain import sample, to_digits
+
+        seed = (self.seed, *stream)
+        marginals = {key: distribution.marginal() for key, distribution in self.of.items()}
+        values = sample(
+            marginals, count, scheme=self.scheme, seed=seed, correlation=self.correlation
+        )
+        for i in range(count):
+            given, drawn = {**plain, "id": f"{plain['id']}-{i + 1:04d}"}, {}
+            for key, distribution in self.of.items():
+                value = given[key] = float(values[key][i])
+                if distribution.relative:
+                    given[key] = to_digits(np.multiply(plain[key], value)).tolist()
+                many = isinstance(given[key], list)
+                drawn[f"{key}_factor" if many else key] = value if many else given[key]
+            if "embrace" in self.of and "joints" in plain:
+                # Joints in degrees keep their parts of an angle of embrace that varies.
+                ratio = given["embrace"] / plain["embrace"]
+                inner = (joint * ratio for joint in plain["joints"][:-1])
+                given["joints"] = [*inner, given["embrace"]]
+            if self.joints is not None:
+                # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
+                generator = np.random.default_rng([*seed, i, 1])
+                given |= self.joints.draw(given, n_joint, generator)
+            yield given, drawn

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, TypeAdapter
 
-from archfrag.study.file.messages import refuse
+from archfrag.study.file import refuse
 from archfrag.study.runs.design import Cloud, Design, Stripes
 from archfrag.study.runs.ida import Ida
 

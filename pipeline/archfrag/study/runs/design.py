@@ -15,7 +15,7 @@ from pydantic import Field
 
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file.messages import Section
+from archfrag.study.file import Section
 
 if TYPE_CHECKING:
     from archfrag.fragility.quoted import QuotedBand

@@ -12,7 +12,7 @@ from archfrag.errors import FitError
 from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file.messages import Section
+from archfrag.study.file import Section
 from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown

@@ -1,12 +1,14 @@
-"""Steps that process the records of a study, one after the other."""
+"""What a study file says of its motions: record files, and steps that process them in order."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from archfrag.study.file.messages import Section, refuse
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import InputError
+from archfrag.motions.calibrate import Acceptable
+from archfrag.study.file import PathText, Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -67,32 +69,20 @@ STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
                        "letters."),
     }),
 }  # fmt: skip
-# Settings of which a step must have one, and pairs that must rise.
-_ONE_OF = {"trim": ("arias", "threshold_g", "times"), "rotate": ("azimuth", "angle")}
-_LIBRARY = {"bandpass": "scipy", "resample": "scipy", "response": "obspy"}
 
 
-def _check(name: str, settings: Mapping[str, Any]) -> None:
-    """Check that the settings of one step agree."""
-    given = [key for key in _ONE_OF.get(name, ()) if settings[key] is not None]
-    if name in _ONE_OF and len(given) != 1:
-        *first, last = _ONE_OF[name]
-        raise refuse(f"must have one of {', '.join(first)} and {last} of {name}, not {len(given)}")
-    if name == "trim" and isinstance(pair := settings[given[0]], list) and pair[0] >= pair[1]:
-        raise refuse(f"must have {given[0]} increase, not {pair}")
-    if name == "bandpass":
-        low, high = settings["lowest"], settings["highest"]
-        if low is None and high is None:
-            example = "{bandpass: {lowest: 0.1, highest: 25}}"
-            raise refuse(f"must have lowest, highest or both of bandpass [Hz], such as {example}")
-        if low and high and low >= high:
-            raise refuse(f"must have highest above lowest = {low:g} Hz")
+def _model(name: str) -> Any:
+    """Type of the settings of a step."""
+    text, settings = STEPS[name]
+    fields: dict[str, Any] = {
+        key: (kind | None if default is None else kind, Field(default, description=about))
+        for key, (kind, default, about) in settings.items()
+    }
+    return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
 
 
 class Step(Section):
     """One step: its name, and its settings."""
-
-    called: ClassVar[str] = "step"
 
     @model_validator(mode="before")
     @classmethod
@@ -100,14 +90,9 @@ class Step(Section):
         named = {given: {}} if isinstance(given, str) else given
         if not isinstance(named, dict):
             return named
-        return {name: {} if settings is None else settings for name, settings in named.items()}
-
-    @model_validator(mode="after")
-    def _one_step(self) -> Self:
-        if len(self.model_fields_set) != 1:
+        if len(named) != 1:
             raise refuse(f"must have one of the keys {', '.join(STEPS)}")
-        _check(self.name, self.settings)
-        return self
+        return {name: {} if settings is None else settings for name, settings in named.items()}
 
     @property
     def name(self) -> str:
@@ -121,78 +106,83 @@ class Step(Section):
         return found
 
 
-def _model(name: str) -> Any:
-    """Type of the settings of a step."""
-    text, settings = STEPS[name]
-    fields: dict[str, Any] = {
-        key: (kind | None if default is None else kind, Field(default, description=about))
-        for key, (kind, default, about) in settings.items()
-    }
-    return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
-
-
-def _in_order(steps: list[Step]) -> list[Step]:
-    names = [step.name for step in steps]
-    for once in ("rotate", "response", "choose"):
-        if names.count(once) > 1:
-            raise refuse(f"must have {once} once only")
-    if "rotate" in names and "choose" in names[names.index("rotate") :]:
-        raise refuse("must have choose before rotate")
-    return steps
-
-
 _AnyStep: Any = create_model(
     "Step", __base__=Step, __doc__=Step.__doc__, **{name: (_model(name), None) for name in STEPS}
 )  # type: ignore[call-overload]
-Steps = Annotated[list[_AnyStep], Field(max_length=50), AfterValidator(_in_order)]
+Steps = Annotated[list[_AnyStep], Field(max_length=50)]
 
 
-def described(steps: Sequence[Step]) -> list[dict[str, Any]]:
-    """Steps as provenance: name, settings, and the version of what does it."""
-    return [
-        {"step": step.name, "settings": step.settings, "version": _version(step)} for step in steps
-    ]
+def _words(given: Any) -> Any:
+    return given.replace(",", " ").split() if isinstance(given, str) else given
+
+
+class FileSet(Section):
+    """Records by path or pattern."""
+
+    path: PathText
+    """A file, or a pattern with * and ? in any case, relative to the study file."""
+    unit: str | None = None
+    """Unit of the samples if the file does not state it; never guessed."""
+    inventory: PathText | None = None
+    """StationXML with the response, for records in counts."""
+    columns: str | None = None
+    """Columns of plain text: time=1,acceleration=2 or acceleration=1,dt=0.01; dt=0.01 alone reads
+    all numbers, row after row; also vertical=COLUMN and skip=LINES."""
+    accept: Annotated[list[Acceptable], BeforeValidator(_words)] = Field(default_factory=list)
+    """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
+    header (its peak is off by a tenth)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_mapping(cls, given: Any) -> Any:
+        return {"path": given} if isinstance(given, str) else given
+
+
+class Motions(Section):
+    """The ground motions of the study."""
+
+    index: PathText | None = None
+    """Index (CSV) of shipped records, relative to the study file."""
+    select: Annotated[list[str], Field(min_length=1)] | None = None
+    """Ids of the records to use, in this order; all if not given."""
+    files: list[FileSet] = Field(default_factory=list)
+    """Record files or patterns; each a path, or a mapping with path, unit, columns and so on."""
+    vertical: bool = False
+    """Whether vertical components move the arches too, from the same file or from a matching file
+    next to it, scaled as the horizontal one. Every record must then have one."""
+    processing: Steps = Field(default_factory=list)
+    """Steps applied to each record before it is measured and scaled, in this order."""
+
+    gone: ClassVar = {
+        "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same "
+        "numbers as options, and write index: FOLDER/index.csv"
+    }
 
 
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
-    """Apply one step to a motion."""
+    """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process
 
-    settings = step.settings
-    if step.name == "choose":
+    name, settings = step.name, step.settings
+    if name == "trim":
+        kind = [key for key in ("arias", "threshold_g", "times") if settings[key] is not None]
+        if len(kind) != 1:
+            raise InputError("one of arias, threshold_g and times is needed")
+        value, margin = settings[kind[0]], settings["margin"]
+        if kind == ["arias"]:
+            changed = process.trim_by_arias(motion, value[0], value[1], margin)
+        elif kind == ["threshold_g"]:
+            changed = process.trim_by_threshold(motion, value * STANDARD_GRAVITY, margin)
+        else:
+            changed = process.cut(motion, *value)
+    elif name == "response":
+        changed = process.remove_response(motion, record, inventory, **settings)
+    elif name == "choose":
         text = f"Components {', '.join(settings['components'])} chosen."
         return motion._replaced(log=(*motion.log, text))
-    if step.name == "trim":
-        changed = _trimmed(motion, **settings)
-    elif step.name == "response":
-        changed = process.remove_response(motion, record, inventory, **settings)
     else:
-        changed = getattr(process, step.name)(motion, **settings)
+        changed = getattr(process, name)(motion, **settings)
     if len(changed.log) == len(motion.log):  # nothing to do
         return changed
     text = ", ".join(f"{key}={value}" for key, value in settings.items() if value is not None)
-    note = f"{changed.log[-1]} [{step.name}({text}), {_version(step)}]"
-    return changed._replaced(log=(*changed.log[:-1], note))
-
-
-def _trimmed(
-    motion: "Motion", arias: tuple[float, float] | None, threshold_g: float | None,
-    times: Sequence[float] | None, margin: float,
-) -> "Motion":  # fmt: skip
-    from archfrag.motions import process
-    from archfrag.motions.units import STANDARD_GRAVITY
-
-    if arias is not None:
-        return process.trim_by_arias(motion, *arias, margin)
-    if threshold_g is not None:
-        return process.trim_by_threshold(motion, threshold_g * STANDARD_GRAVITY, margin)
-    return process.cut(motion, *(times or ()))
-
-
-def _version(step: Step) -> str:
-    from importlib.metadata import version
-
-    from archfrag import __version__
-
-    library = _LIBRARY.get(step.name)
-    return f"archfrag {__version__}" + (f", {library} {version(library)}" if library else "")
+    return changed._replaced(log=(*changed.log[:-1], f"{changed.log[-1]} [{name}({text})]"))
