@@ -6,7 +6,7 @@ import pytest
 
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
-from archfrag.motions.motion import Motion
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
 from archfrag.motions.selection import (
     MODELS,
@@ -18,7 +18,6 @@ from archfrag.motions.selection import (
     select_records,
     spectrum_target,
 )  # fmt: skip
-from archfrag.motions.units import STANDARD_GRAVITY
 
 from .helpers import at2_text, refused
 

@@ -10,7 +10,7 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import pga, spectral_acceleration, velocity
-from archfrag.motions.motion import Motion
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
 from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions
@@ -24,7 +24,6 @@ from archfrag.motions.synthetic.amplitude import (
     draw_term,
 )
 from archfrag.motions.synthetic.motion import _amplitude, _generator, amplification
-from archfrag.motions.units import STANDARD_GRAVITY
 
 from .helpers import SHIPPED
 

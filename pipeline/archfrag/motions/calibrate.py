@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
-from archfrag.files import read_bytes
+from archfrag.files import opened, read_bytes
+from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import channel_code, is_vertical
-from archfrag.motions.units import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 
 if TYPE_CHECKING:
     from obspy import Inventory, Trace
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
-PGA_RANGE, TIME_STEP_RANGE = (1e-5, 5.0), (1e-4, 0.1)  # [g], [s]
 LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 _Scaled = tuple[NDArray[np.float64], str, tuple[str, ...]]
@@ -40,29 +39,21 @@ class Reading(NamedTuple):
     columns: "Columns | None" = None
 
 
-def record_size(path: Path) -> int:
-    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
+def check_file(path: Path) -> None:
+    """Raise RecordError for what cannot be read as a record: a folder, a pipe, an empty file."""
     try:
         str(path).encode()
+        with opened(path) as file:
+            size = os.fstat(file.fileno()).st_size
     except UnicodeEncodeError:
         shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        raise RecordError(
-            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
-            "made of its name"
-        ) from None
-    for right, what in (
-        (path.exists(), "there is no such file"),
-        (not path.is_dir(), "this is a folder; a record is one file"),
-        (path.is_file(), "this is not a regular file"),
-        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
-    ):
-        if not right:
-            raise RecordError(f"{path}: {what}")
-    size = path.stat().st_size
+        remedy = "rename it, the id of a record is made of its name"
+        raise RecordError(f"{shown}: the name of the file is not in UTF-8; {remedy}") from None
+    except OSError as error:
+        raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
     if not 0 < size <= LARGEST_RECORD:
         many = f"the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
         raise RecordError(f"{path}: {many if size else 'the file is empty'}")
-    return size
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
@@ -78,31 +69,26 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
 def implausible(channel: "Trace") -> Iterator[Warned]:
     """What is implausible about a channel in m/s2."""
     code, dt = channel_code(channel), float(channel.stats.delta)
-    low, high = TIME_STEP_RANGE
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
-    if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
-        text = f"time step of channel {code} is {dt:g} s, outside {low:g} to {high:g} s"
-        yield "time_step", text
-    low, high = PGA_RANGE
+    if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
+        yield "time_step", f"time step of channel {code} is {dt:g} s, outside 0.0001 to 0.1 s"
     peak = float(np.abs(channel.data).max()) / STANDARD_GRAVITY
-    if not low <= peak <= high:
-        unit = channel.stats.record.unit_in_file
-        text = f"peak of channel {code} is {peak:.4g} g by its unit {unit}"
-        yield "pga", f"{text}, outside {low:g} to {high:g} g"
+    if not 1e-5 <= peak <= 5.0:
+        text = f"{peak:.4g} g by its unit {channel.stats.record.unit_in_file}"
+        yield "pga", f"peak of channel {code} is {text}, outside 1e-05 to 5 g"
 
 
 def accept_or_refuse(
     path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
 ) -> tuple[str, ...]:
     """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
-    accepted = []
-    for word, fact in warnings:
+    found = tuple(warnings)
+    for word, fact in found:
         if word not in accept:
-            remedy = f"; to use it as it is give `accept` with {word} (--accept {word} on the "
-            remedy = f"{remedy}command line)" if word else ""
+            given = f"give `accept` with {word} (--accept {word} on the command line)"
+            remedy = f"; to use it as it is {given}" if word else ""
             raise RecordError(f"{path}: {fact}{remedy}")
-        accepted.append(f"Accepted: {fact}.")
-    return tuple(accepted)
+    return tuple(f"Accepted: {fact}." for _, fact in found)
 
 
 def calibrate(
@@ -125,8 +111,8 @@ def calibrate(
     motion = float(np.abs(values - mean).max())
     if abs(mean) > motion > 0.0:
         unit = record.unit_in_file or "unit unknown"
-        offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
-        record.faults += (f"{offset}{motion:.4g} [{unit} in the file]",)
+        offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it"
+        record.faults += (f"{offset}, {motion:.4g} [{unit} in the file]",)
     if not record.unit_in_file:
         return
     code = channel_code(trace)
@@ -162,10 +148,8 @@ def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | N
         stated = f"the file holds counts and there is {counts[1]}" if counts else ""
     if needless:
         raise RecordError(f"{path}: unit {unit!r} was asked for but {stated}; leave `unit` out")
-    if counts is not None:
-        done = f"Converted from counts to m/s2 by {counts[1]}, factor {counts[0]:.9g}."
-        return _demeaned(trace, counts[0], "counts", (done,), "Mean removed")
-    unit, how = (known, f"unit {known} from the {source}") if known else (unit, "")
+    if known or counts:
+        unit = known or "counts"
     if unit is None:
         raise RecordError(
             f"{path}: the file does not state the unit of its samples; give `unit`, one of "
@@ -173,22 +157,22 @@ def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | N
             f"its StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the "
             "command line)"
         )
-    factor = METRES_PER_SECOND_SQUARED[unit]
-    how = how or f"unit {unit} as asked for"
-    log: tuple[str, ...] = (f"Converted to m/s2: {how}, factor {factor:g}.",)
-    if record.get("level") == "raw":
-        return _demeaned(trace, factor, unit, log, "Uncorrected: mean removed")
-    if not known and trace.stats.calib != 1.0:
-        log = (*log, f"Calibration factor {trace.stats.calib:g} of the file not applied.")
-    return np.asarray(trace.data, dtype=np.float64) * factor, unit, log
-
-
-def _demeaned(
-    trace: "Trace", factor: float, unit: str, log: tuple[str, ...], words: str
-) -> _Scaled:
+    if counts:
+        factor, raw = counts[0], "Mean removed"
+        done = f"Converted from counts to m/s2 by {counts[1]}, factor {factor:.9g}."
+    else:
+        factor = METRES_PER_SECOND_SQUARED[unit]
+        raw = "Uncorrected: mean removed" if record.get("level") == "raw" else ""
+        how = f"{unit} from the {source}" if known else f"{unit} as asked for"
+        done = f"Converted to m/s2: unit {how}, factor {factor:g}."
     samples = np.asarray(trace.data, dtype=np.float64) * factor
-    mean = float(samples.mean())
-    return samples - mean, unit, (*log, f"{words} ({mean:.6g} m/s2).")
+    if raw:
+        mean = float(samples.mean())
+        return samples - mean, unit, (done, f"{raw} ({mean:.6g} m/s2).")
+    if not known and trace.stats.calib != 1.0:
+        kept = f"Calibration factor {trace.stats.calib:g} of the file not applied."
+        return samples, unit, (done, kept)
+    return samples, unit, (done,)
 
 
 def _of_counts(trace: "Trace", path: Path, given: "Given") -> tuple[float, str] | None:
@@ -236,10 +220,9 @@ def _sensitivity(trace: "Trace", path: Path, inventory: "Inventory") -> float:
         raise RecordError(f"{path}: the StationXML has no response for {place}") from None
     unit = (overall.input_units or "").upper() if overall else ""
     if unit not in _ACCELERATION_UNITS:
-        raise RecordError(
-            f"{path}: channel {trace.id} measures {unit or 'an unknown unit'} by its StationXML; "
-            "an accelerometer (M/S**2) is needed"
-        )
+        measured = f"measures {unit or 'an unknown unit'} by its StationXML"
+        needed = "an accelerometer (M/S**2) is needed"
+        raise RecordError(f"{path}: channel {trace.id} {measured}; {needed}")
     if not (overall.value and np.isfinite(overall.value)):
         raise RecordError(f"{path}: the sensitivity of channel {trace.id} is {overall.value}")
     return float(overall.value)

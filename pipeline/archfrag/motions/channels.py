@@ -22,8 +22,8 @@ from archfrag.motions.calibrate import (
     accept_or_refuse,
     accepted_words,
     calibrate,
+    check_file,
     implausible,
-    record_size,
 )
 from archfrag.motions.formats import OWN, TEXT, read_traces
 from archfrag.motions.formats.columns import Columns, read_columns
@@ -60,7 +60,7 @@ def _examine(
     Returns its channels, that their numbers of samples are unequal (if so), and why traces of one
     channel cannot be joined (if so).
     """
-    record_size(path)
+    check_file(path)
     if columns := options.columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:

@@ -20,9 +20,9 @@ from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
 from archfrag.motions.channels import read_channels
 from archfrag.motions.index import index_table, write_index
+from archfrag.motions.motion import unit_factor
 from archfrag.motions.partners import channel_code, instrument, is_vertical
 from archfrag.motions.read import record_name
-from archfrag.motions.units import unit_factor
 
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
 UNITS = ("m/s2", "g")

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from archfrag.errors import InputError
 from archfrag.files import read_text, unquoted, write_csv
 from archfrag.motions.measures import measure_all
-from archfrag.motions.motion import Motion
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
 if TYPE_CHECKING:
     import pandas as pd

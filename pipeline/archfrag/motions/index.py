@@ -14,7 +14,7 @@ import numpy as np
 from archfrag.errors import InputError, RecordError
 from archfrag.files import read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.units import unit_factor
+from archfrag.motions.motion import unit_factor
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns

@@ -17,9 +17,8 @@ from numpy.polynomial import Polynomial
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import Samples, arias_times, integral
-from archfrag.motions.motion import Motion
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.partners import AZIMUTHS, quadrant
-from archfrag.motions.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from obspy import Inventory
@@ -37,7 +36,12 @@ def demean(motion: Motion) -> Motion:
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-    return motion._changed(lambda a: a - _fitted(a, (0, 1))(_unit(a)), "Linear trend removed.")
+
+    def corrected(a: Samples) -> Samples:
+        line, unit = _fitted(a, (0, 1))
+        return a - line(unit)
+
+    return motion._changed(corrected, "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -48,23 +52,19 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     """
 
     def corrected(a: Samples) -> Samples:
-        velocity = _fitted(integral(a, 1.0), range(1, order + 1))
-        return a - (velocity.deriv() / (a.size - 1))(_unit(a))
+        velocity, unit = _fitted(integral(a, 1.0), range(1, order + 1))
+        return a - (velocity.deriv() / (a.size - 1))(unit)
 
     return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
 
 
-def _fitted(values: Samples, powers: Sequence[int]) -> Polynomial:
-    """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
-    exponents = np.array(powers)
-    rows = _unit(values) ** exponents[:, None]
+def _fitted(values: Samples, powers: Sequence[int]) -> tuple[Polynomial, Samples]:
+    """Polynomial of some powers that fits values best, and its argument: the record as 0 to 1."""
+    unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
+    rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return Polynomial(coefficients)
-
-
-def _unit(values: Samples) -> Samples:
-    return np.arange(values.size) / (values.size - 1)
+    return Polynomial(coefficients), unit
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
@@ -127,10 +127,8 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
     if first < 0 or last <= first:
-        raise InputError(
-            f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; the record lasts "
-            f"{motion.duration:g} s and at least two samples must remain"
-        )
+        left = f"the record lasts {motion.duration:g} s and at least two samples must remain"
+        raise InputError(f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; {left}")
     done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
     return motion._changed(lambda a: a[first : last + 1].copy(), done)
 
@@ -160,10 +158,8 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
     if motion.transverse is not None:
         reached |= np.abs(motion.transverse) >= threshold
     if not reached.any():
-        raise InputError(
-            f"{motion.id or 'motion'}: no sample reaches the threshold {threshold:g} m/s2 "
-            f"({threshold / STANDARD_GRAVITY:.4g} g) that it is to be trimmed by"
-        )
+        needed = f"the threshold {threshold:g} m/s2 ({threshold / STANDARD_GRAVITY:.4g} g)"
+        raise InputError(f"{motion.id or 'motion'}: no sample reaches {needed} of the trim")
     first, last = motion.dt * np.flatnonzero(reached)[[0, -1]]
     return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
@@ -181,10 +177,9 @@ def resample(motion: Motion, dt: float) -> Motion:
     parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
     up, down = parts.numerator, parts.denominator
     if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
-        raise InputError(
-            f"{motion.id or 'motion'}: cannot be resampled from {motion.dt:g} s to {dt:g} s; the "
-            f"ratio must be one of integers up to {_MOST_PARTS}"
-        )
+        wrong = f"cannot be resampled from {motion.dt:g} s to {dt:g} s"
+        allowed = f"the ratio must be one of integers up to {_MOST_PARTS}"
+        raise InputError(f"{motion.id or 'motion'}: {wrong}; {allowed}")
     if up == down:
         return motion
     widest = max(up, down)
@@ -216,19 +211,15 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
             given = motion.metadata.get(key)
             value = azimuth_of_code(code) if given in (None, "") else float(given)
             if value is None:
-                raise RecordError(
-                    f"{name}: the azimuth of component {code!r} is not known, so that it cannot "
-                    "be rotated to one; rotate by an angle from it"
-                )
+                unknown = f"the azimuth of component {code!r} is not known"
+                raise RecordError(f"{name}: {unknown}; rotate by an angle from it")
             own[place] = value
     turned = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < _LEAST_SINE:
-        raise RecordError(
-            f"{name}: components {codes[0]} and {codes[1]} have azimuths {own[0]:g} and "
-            f"{own[1]:g} degrees, too close to each other to be rotated"
-        )
+        near = f"have azimuths {own[0]:g} and {own[1]:g} degrees, too close to each other"
+        raise RecordError(f"{name}: components {' and '.join(codes)} {near} to be rotated")
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
@@ -267,10 +258,9 @@ def remove_response(
     """Divide the spectrum of each component by its instrument's response (obspy).
 
     `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
-    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. Below its largest value
-    the response counts as `water_level` [dB] lower, and no more. `band` (f1, f2, f3, f4) [Hz] is
-    what to keep: cosine tapers from f1 to f2 and from f3 to f4. RecordError if there is no
-    StationXML, or it does not describe a channel of the record.
+    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. The response counts as at
+    most `water_level` [dB] below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep:
+    cosine tapers from f1 to f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     from obspy import Trace, UTCDateTime
 
@@ -287,8 +277,9 @@ def remove_response(
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
         known = known or find_inventory(Path(record), trace, inventory)
         if known is None:
-            lacks = "has no StationXML by which to remove its response; give `inventory`"
-            raise RecordError(f"{record}: {lacks}")
+            raise RecordError(
+                f"{record}: has no StationXML by which to remove its response; give `inventory`"
+            )
         try:
             response = known.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value

@@ -91,43 +91,38 @@ def read_motion(
     (1.9613, 0.01)
     """
     options = Reading(unit, inventory, accept, columns)
-    return _read_one(Path(path), options, component, vertical)
+    motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
+    if vertical is not None:
+        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+    return motion
 
 
 def _read_one(
-    source: Path, options: Reading, component: str | None, vertical: str | Path | None = None,
-    of_several: str | None = None,
+    source: Path, options: Reading, component: str | None, listed: str | None = None,
+    own_vertical: bool = True,
 ) -> Motion:  # fmt: skip
-    """See `read_motion`; `of_several` names the component in a file with several horizontals."""
+    """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, options)
-    if of_several and sum(not is_vertical(channel) for channel in channels) > 1:
-        component = of_several
-    remedy = "" if component else "give `component` (--component on the command line)"
-    horizontals, verticals = by_direction(channels, source, remedy)
+    remedy = "give `component` (--component on the command line)"
+    horizontals, verticals = by_direction(channels, source, "" if component or listed else remedy)
+    if len(horizontals) > 1:
+        component = component or listed
     chosen, line = _choose(horizontals, source, component)
     motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
     motion = motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
-    if vertical is not None:
-        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
-    return _with_own_vertical(motion, chosen, verticals, source, entry)
+    return _with_own_vertical(motion, chosen, verticals if own_vertical else (), source, entry)
 
 
 def read_motions(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-    name: str | None = None,
+    path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
 
-    Parameters and errors are those of `read_motion`; ids begin with `name` if that is given,
-    with the file's name if not.
+    Options and errors are those of `read_motion`; ids begin with `name` if that is given, with
+    the file's name if not.
     """
     source = Path(path)
-    channels, entry = read_channels(source, Reading(unit, inventory, accept, columns))
+    channels, entry = read_channels(source, Reading(unit, **options))
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     horizontals, verticals = by_direction(channels, source, remedy)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
@@ -140,20 +135,13 @@ def read_motions(
     return motions
 
 
-def read_vertical(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-) -> Motion:
+def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
     """Read the vertical component of a file as the horizontal component of a motion.
 
-    Parameters and errors are those of `read_motion`.
+    Options and errors are those of `read_motion`.
     """
     source = Path(path)
-    channels, _ = read_channels(source, Reading(unit, inventory, accept, columns))
+    channels, _ = read_channels(source, Reading(unit, **options))
     verticals = [channel for channel in channels if is_vertical(channel)]
     if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
         verticals = channels
@@ -169,16 +157,10 @@ def record_name(path: Path) -> str:
 
 
 def load_motion(entry: IndexEntry) -> Motion:
-    """Read the record of a row, once its sha256, unit and time step are found as stated.
-
-    Raises
-    ------
-    RecordError
-        If the file is missing, has changed since it was listed, or has another time step.
-    """
+    """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
     options = Reading(entry.unit or None, None, entry.accept, entry.columns)
-    motion = _read_one(entry.path, options, None, of_several=entry.metadata.get("component"))
+    motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
@@ -199,14 +181,14 @@ def _choose(
             for channel, name in zip(horizontals, match):
                 if name.upper() == component.upper():
                     return channel, ()
-        has = f"there is no horizontal component {component!r}; there is {names}"
-        raise RecordError(f"{path}: {has}")
+        none = f"there is no horizontal component {component!r}; there is {names}"
+        raise RecordError(f"{path}: {none}")
+    line = ""
     if len(horizontals) > 1:
-        return horizontals[0], (f"Horizontal {codes[0]} taken, the first of {names}.",)
-    if not is_horizontal(horizontals[0]):
-        only = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
-        return horizontals[0], (only,)
-    return horizontals[0], ()
+        line = f"Horizontal {codes[0]} taken, the first of {names}."
+    elif not is_horizontal(horizontals[0]):
+        line = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
+    return horizontals[0], (line,) if line else ()
 
 
 def _with_own_vertical(
@@ -225,7 +207,6 @@ def _with_own_vertical(
 
 
 def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> Motion:
-    """The motion of one channel; RecordError if it is not plausible and not accepted."""
     stats, record = channel.stats, channel.stats.record
     accepted = record.accepted + accept_or_refuse(path, record.accept, implausible(channel))
     metadata: dict[str, Any] = {

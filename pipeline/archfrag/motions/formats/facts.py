@@ -12,8 +12,8 @@ from obspy import Stream, Trace, UTCDateTime
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
+from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, unit_factor
 from archfrag.motions.partners import AZIMUTHS, quadrant
-from archfrag.motions.units import METRES_PER_SECOND_SQUARED, unit_factor
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"

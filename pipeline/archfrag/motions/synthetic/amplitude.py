@@ -43,7 +43,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY
 
 Row = NDArray[np.float64]
 SHEAR_VELOCITY, DENSITY = 3.5, 2.75  # [km/s], [g/cm3]

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
+from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import response_spectrum
 from archfrag.motions.synthetic import amplitude as fourier
 from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
 
@@ -32,7 +32,6 @@ MODEL = (
     "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
     "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
 )
-TIME_STEP = 0.01
 CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
@@ -51,17 +50,13 @@ class Seeds(NamedTuple):
 
 
 class Options(NamedTuple):
-    """How a motion is made: time step [s], site, whether amplitudes vary, vertical, pulse.
+    """How a motion is made."""
 
-    `vs30` is from 450 to 1000 m/s: the range of V/H and of linear soil. Without `vary` only
-    phases do; `pulse` is the horizontal velocity pulse of a near fault.
-    """
-
-    dt: float = TIME_STEP
-    vs30: float = VS30
-    vary: bool = True
+    dt: float = 0.01  # [s]
+    vs30: float = VS30  # [m/s], 450 to 1000: the range of V/H and of linear soil
+    vary: bool = True  # amplitudes; if not, only phases vary
     vertical: bool = False
-    pulse: bool = False
+    pulse: bool = False  # the horizontal velocity pulse of a near fault
 
 
 def make_motion(
@@ -79,7 +74,14 @@ def make_motion(
     """
     options = options or Options()
     seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
-    _check(magnitude, distance, seeds, options)
+    for name, value, low, high in (
+        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
+        ("vs30 [m/s]", options.vs30, 450.0, 1000.0), ("time step [s]", options.dt, 1e-6, 0.02),
+        *(("seed", each, 0, 2**63 - 1) for each in seeds),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            allowed = f"{low:g} to {high:g}, the range of the model"
+            raise InputError(f"{name} = {value} is outside {allowed}")
     dt = options.dt
     length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
@@ -109,28 +111,12 @@ def make_motion(
     if options.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
         stream = _generator("pulse", seeds.record)
-        horizontal, facts["pulse_period_s"] = _with_pulse(
-            horizontal, after_peak, magnitude, stream
-        )
+        made = _with_pulse(horizontal, after_peak, magnitude, stream)
+        horizontal, facts["pulse_period_s"] = made
     vertical = _finished(shaken("vertical_noise", terms[1]), dt) if options.vertical else None
     log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
     name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
     return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
-
-
-def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
-    for name, value, low, high in (
-        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
-        ("vs30 [m/s]", options.vs30, 450.0, 1000.0),
-    ):  # fmt: skip
-        if not low <= value <= high:
-            allowed = f"{low:g} to {high:g}, the range of the model"
-            raise InputError(f"{name} = {value} is outside {allowed}")
-    if not 0.0 < options.dt <= 0.02:
-        raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
-    for seed in seeds:
-        if not 0 <= seed < 2**63:
-            raise InputError(f"seed {seed} must be from 0 to 2^63 - 1")
 
 
 def _generator(stream: str, seed: int) -> np.random.Generator:
@@ -215,6 +201,6 @@ def _with_pulse(
     slope -= envelope * np.sin(angle + phase)
     pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
     dt, at = time[1] - time[0], _PEAK_PERIOD * period
-    without, alone = (response_spectrum(row, dt, at)[0] for row in (samples, pulse))
+    without, alone = (spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse))
     gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
     return samples + gain * without / alone * pulse, period

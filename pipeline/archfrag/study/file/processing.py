@@ -180,7 +180,7 @@ def _trimmed(
     times: Sequence[float] | None, margin: float,
 ) -> "Motion":  # fmt: skip
     from archfrag.motions import process
-    from archfrag.motions.units import STANDARD_GRAVITY
+    from archfrag.motions.motion import STANDARD_GRAVITY
 
     if arias is not None:
         return process.trim_by_arias(motion, *arias, margin)

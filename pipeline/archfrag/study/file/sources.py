@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from archfrag.errors import RecordError, StudyError
 from archfrag.files import opened
-from archfrag.motions.calibrate import LARGEST_INVENTORY, record_size
+from archfrag.motions.calibrate import LARGEST_INVENTORY, check_file
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file.messages import meant
@@ -66,7 +66,7 @@ def find_sources(study: Study) -> list[Source]:
                 other = "another unit, inventory, columns or accept"
                 raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
     for source in (*indexed, *given.values()):
-        record_size(source.path)
+        check_file(source.path)
         if source.inventory is not None:
             _check_inventory(source.inventory)
     found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
