@@ -192,6 +192,8 @@ def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | N
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     from obspy import read_inventory
 
+    from archfrag.motions.formats import reason_of
+
     if not (given is None or isinstance(given, (str, Path))):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
@@ -205,11 +207,6 @@ def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | N
         return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
         raise RecordError(f"{file}: cannot be read as StationXML ({reason_of(error)})") from None
-
-
-def reason_of(error: Exception) -> str:
-    """The first line of somebody else's error."""
-    return [*str(error).splitlines(), type(error).__name__][0]
 
 
 def _sensitivity(trace: "Trace", path: Path, inventory: "Inventory") -> float:

@@ -264,7 +264,8 @@ def remove_response(
     """
     from obspy import Trace, UTCDateTime
 
-    from archfrag.motions.calibrate import find_inventory, reason_of
+    from archfrag.motions.calibrate import find_inventory
+    from archfrag.motions.formats import reason_of
 
     known, changed = None, {}
     names = ("trace", "vertical_trace", "trace_transverse")

@@ -57,10 +57,9 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
         return traces
     with opened(path) as file:
         head = file.read(512)
-    kind = next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), None)
-    if kind or head[257:262] == b"ustar":
-        name = kind or "tar"
-        raise RecordError(f"{path}: this is an archive ({name}), which is never unpacked here")
+    kind = next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), "")
+    if kind := kind or ("tar" if head[257:262] == b"ustar" else ""):
+        raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
     raise RecordError(
         f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
         "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
@@ -92,20 +91,20 @@ def read_as(path: str, name: str) -> list[Trace]:
         warnings.simplefilter("always")
         try:
             traces = list(plug_in(name, "read", "readFormat")(path))
+            if not traces:
+                raise ValueError("no trace could be read from it")
         except RecordError:
             raise
         except MemoryError:
             much = f"reading it as {name} takes more memory than allowed"
             raise RecordError(f"{path}: {much}") from None
         except Exception as error:
-            lines = str(error).strip().splitlines()
-            raise _damaged(path, lines[0] if lines else type(error).__name__) from None
+            what = "the file is damaged, truncated or not what it seems"
+            raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
     messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
     for message in messages:
         if "MSEED" in message.category.__name__:
             raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
-    if not traces:
-        raise _damaged(path, "no trace could be read from it")
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
     shown = list(dict.fromkeys(texts))
     for trace in traces:
@@ -121,8 +120,9 @@ def read_as(path: str, name: str) -> list[Trace]:
     return traces
 
 
-def _damaged(path: str, reason: str) -> RecordError:
-    return RecordError(f"{path}: the file is damaged, truncated or not what it seems ({reason})")
+def reason_of(error: Exception) -> str:
+    """The first line of somebody else's error."""
+    return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 
 def read_apart(path: str) -> list[Trace]:
@@ -140,10 +140,8 @@ def read_apart(path: str) -> list[Trace]:
     try:
         found = ours.recv()
     except EOFError:  # it ended before
-        found = RecordError(
-            f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
-            "computing; the file is damaged or not what it seems"
-        )
+        ended = f"reading it ended in a crash or took more than {COMPUTING_TIME} s of computing"
+        found = RecordError(f"{path}: {ended}; the file is damaged or not what it seems")
     finally:
         ours.close()
         process.join(timeout=5.0)
@@ -153,8 +151,8 @@ def read_apart(path: str) -> list[Trace]:
     return found
 
 
-def _limit() -> None:
-    """Limit what this process may take, and let signals end it."""
+def _answer(pipe: Connection, path: str) -> None:
+    """Send the traces of a file, or why there are none, within limits and ended by signals."""
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
@@ -165,11 +163,6 @@ def _limit() -> None:
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
-
-
-def _answer(pipe: Connection, path: str) -> None:
-    """Send the traces of a file, or why there are none."""
-    _limit()
     name = recognise(path, IN_C)
     try:
         traces = [] if name is None else read_as(path, name)

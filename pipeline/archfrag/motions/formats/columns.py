@@ -1,5 +1,6 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
+import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,8 @@ MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _FIRST = 10_000  # rows in which times are looked for
 _BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
-_RISES = (
-    "what would be accelerations rises evenly, as times do; name the columns of time and "
-    "acceleration"
-)
-_WORDS = {
-    "time": "time=COLUMN", "acceleration": "acceleration=COLUMN", "vertical": "vertical=COLUMN",
-    "dt": "dt=SECONDS", "skip": "skip=LINES",
-}  # fmt: skip
+_RISES = "what would be accelerations rises evenly, as times do; name the columns of both"
+_ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
 @dataclass(frozen=True)
@@ -42,11 +37,6 @@ class Columns:
         Column of the times, evenly spaced, or the time step of a file without times.
     skip : int
         Lines before the first row.
-
-    Examples
-    --------
-    >>> Columns(time=1, acceleration=2)
-    Columns(acceleration=2, time=1, dt=None, vertical=None, skip=0)
     """
 
     acceleration: int | None = None
@@ -88,11 +78,9 @@ def parse_columns(text: str) -> Columns:
             number = (float if key == "dt" else int)(value)
         except ValueError:
             key = ""
-        if key not in _WORDS or key in given:
-            raise InputError(
-                f"columns {text!r}: {word!r} {'occurs twice' if key in given else 'is not known'};"
-                f" allowed are {', '.join(_WORDS.values())}"
-            )
+        if key not in Columns.__annotations__ or key in given:
+            wrong = f"{word!r} {'occurs twice' if key in given else 'is not known'}"
+            raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}")
         given[key] = number
     try:
         return Columns(**given)
@@ -121,7 +109,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
             "announced": samples.size, "held": samples.size, "component": code,
             "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
         }  # fmt: skip
-        traces.append(trace_of(samples, float(step or 0.0), record))
+        traces.append(trace_of(samples, step, name, record))
         traces[-1].stats._format = "COLUMNS"
     return traces
 
@@ -138,10 +126,9 @@ def _make_plain(text: Text, skip: int) -> None:
         if text.lines[place]:
             comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
-        raise RecordError(
-            f"{text.name}, line {comma}: numbers with commas and none with a decimal point; write "
-            "decimal points, and commas between numbers only"
-        )
+        commas = "numbers with commas and none with a decimal point"
+        remedy = "write decimal points, and commas between numbers only"
+        raise RecordError(f"{text.name}, line {comma}: {commas}; {remedy}")
 
 
 def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
@@ -149,19 +136,16 @@ def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
     filled = [row.translate(_FORTRAN) for row in text.lines if row]
     if not filled:
         return np.empty((0, len(chosen)))
-    try:
+    with contextlib.suppress(ValueError):
         values = np.loadtxt(filled, usecols=chosen, ndmin=2, comments=None)  # type: ignore[call-overload]
         if np.isfinite(values).all():
             return values
-    except ValueError:
-        pass
     for place, row in enumerate(text.lines):
         words, where = row.split(), text.place(place)
         if words and len(words) <= max(chosen):
-            raise RecordError(
-                f"{where}: has {len(words)} column(s), column {max(chosen) + 1} is asked for; "
-                "lines of text before the numbers are passed over by `skip`"
-            )
+            few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
+            remedy = "lines of text before the numbers are passed over by `skip`"
+            raise RecordError(f"{where}: {few}; {remedy}")
         for word in (words[c] for c in chosen if words):
             if len(split(word, where)) != 1:
                 raise RecordError(f"{where}: {word!r} is not a number")
@@ -179,14 +163,13 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
     late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
     where = text.place([place for place, row in enumerate(text.lines) if row][late])
     before, after = (f"{time:.9g} s" for time in times[late - 1 : late + 1])
-    if backwards:
-        order = f"time {after} in column {columns.time} does not come after {before}"
-        raise RecordError(f"{where}: {order}")
-    raise RecordError(
-        f"{where}: times in column {columns.time} are not evenly spaced; {before} to {after} is "
-        f"{steps[late - 1]:.6g} s, the mean step {mean:.6g} s; if times are only rounded, give dt "
-        "instead of their column"
-    )
+    wrong = f"time {after} in column {columns.time} does not come after {before}"
+    if not backwards:
+        uneven = f"times in column {columns.time} are not evenly spaced"
+        step = f"{before} to {after} is {steps[late - 1]:.6g} s, the mean step {mean:.6g} s"
+        remedy = "if times are only rounded, give dt instead of their column"
+        wrong = f"{uneven}; {step}; {remedy}"
+    raise RecordError(f"{where}: {wrong}")
 
 
 def _times_in_front(rows: list[str]) -> bool:

@@ -76,13 +76,7 @@ class Text:
         values: list[float] = []
         for number, line in enumerate(lines, start=first):
             for word in _words(line, width):
-                try:
-                    values += split(word, self.place(number))
-                except RecordError as error:
-                    if number - first + 1 < len(lines):
-                        raise
-                    cut_off = "the file seems to be cut off there"
-                    raise RecordError(f"{error}; {cut_off}") from None
+                values += split(word, self.place(number))
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
@@ -187,10 +181,8 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     steps, length = np.diff(times), times[-1] - times[0]
     if steps.min() < 0.0 or not length > 0.0:
         bad = int(np.argmax(steps < 0.0)) + 1 if steps.min() < 0.0 else 0
-        raise RecordError(
-            f"{name}: the times of the samples must increase; {times[bad]:g} s at sample {bad} "
-            "does not"
-        )
+        wrong = f"{times[bad]:g} s at sample {bad} does not"
+        raise RecordError(f"{name}: the times of the samples must increase; {wrong}")
     mean = float(length) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
@@ -202,10 +194,8 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
     count = length / step
     if not count < _STRETCH * times.size:
-        raise RecordError(
-            f"{name}: the times of the samples are too uneven: {times.size} samples in "
-            f"{length:g} s with a median step of {median:g} s"
-        )
+        held = f"{times.size} samples in {length:g} s with a median step of {median:g} s"
+        raise RecordError(f"{name}: the times of the samples are too uneven: {held}")
     grid = times[0] + step * np.arange(int(count * (1.0 + 1e-12)) + 1)
     done = (
         f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "

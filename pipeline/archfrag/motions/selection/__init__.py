@@ -1,16 +1,34 @@
-"""Selection of records from a flatfile, to a target spectrum and its scatter.
+"""Records selected from a flatfile so that their spectra are distributed as a target's.
 
 Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 """
 
-from archfrag.motions.selection.select import Selection, select_records
+import os
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import InputError, RecordError
+from archfrag.files import write_csv
 from archfrag.motions.selection.target import (
     MODELS,
     PERIODS,
+    SAME,
+    Array,
     Rupture,
     Target,
+    column_of,
     conditional_spectrum,
     correlation,
+    name_of,
+    numbers,
     predict,
     read_target,
     spectrum_target,
@@ -20,3 +38,302 @@ __all__ = [
     "MODELS", "PERIODS", "Rupture", "Selection", "Target", "conditional_spectrum",
     "correlation", "predict", "read_target", "select_records", "spectrum_target",
 ]  # fmt: skip
+LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
+TRIALS = 20  # simulated sets
+STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
+MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
+_WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
+# Columns of an index of records by those of a flatfile.
+_INDEX = {
+    "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
+    "distance_km": "distance_km", "vs30_mps": "Vs30_mps", "component": "component",
+    "dt_s": "dt_s", "unit": "unit", "station": "station", "accept": "accept",
+    "columns": "columns",
+}  # fmt: skip
+Rows = NDArray[np.int64]
+Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Selected records with the factors that bring them to the target.
+
+    `table` has rows of the flatfile in the order of their ids, with the factor in column
+    ``scale``; `ln_sa` (count, n_period) is ln Sa [g] of the records times their factors at the
+    target's periods; `candidates` is how many records could have been selected.
+    """
+
+    table: pd.DataFrame
+    target: Target
+    ln_sa: Array
+    seed: int
+    candidates: int
+
+    @property
+    def median(self) -> Array:
+        """exp of the mean of ln Sa of the records, shape (n_period,) [g]."""
+        return np.exp(self.ln_sa.mean(axis=0))
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviation of ln Sa of the records (n - 1), shape (n_period,)."""
+        if len(self.ln_sa) < 2:
+            return np.full(self.target.periods.size, np.nan)
+        return self.ln_sa.std(axis=0, ddof=1)
+
+    @property
+    def errors(self) -> tuple[Array, Array]:
+        """Median and sd over those of the target, less 1; nan if the target's sd is 0."""
+        sd = np.where(self.target.sd > 0.0, self.target.sd, np.nan)
+        return self.median / self.target.median - 1.0, self.sd / sd - 1.0
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What users of the selection should know."""
+        found, given = list(self.target.notes), self.target.conditioning
+        count = len(self.table)
+        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= SAME).all():
+            small = "which makes their scatter at periods near it too small"
+            remedy = "measure them at that period"
+            found.append(f"Sa({given:g}) of the records is interpolated, {small}; {remedy}")
+        scale = self.table.set_index("record")["scale"].astype(float)
+        large = scale.where(scale >= 1.0, 1.0 / scale)
+        if (many := (large > LARGE_SCALE).sum()) > 0:
+            beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
+            most = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
+            found.append(f"{many} of {count} records are scaled by {beyond}, {most}")
+        events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
+        most = events[events.str.strip() != ""].value_counts()
+        if most.max() > max(0.25 * count, 1):
+            of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
+            found.append(f"{of_one}; `per_event` limits them")
+        return tuple(found)
+
+    def facts(self) -> dict[str, Any]:
+        """What a command prints as JSON: records, factors, target and differences from it."""
+        mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
+        target = self.target
+        return {
+            "records": self.table["record"].astype(str).tolist(),
+            "scale": self.table["scale"].tolist(), "seed": self.seed,
+            "candidates": self.candidates, "conditioning_s": target.conditioning,
+            "period_s": target.periods.tolist(), "target_median_g": target.median.tolist(),
+            "target_sd": target.sd.tolist(), "median_error": mean, "sd_error": sd,
+            "cautions": list(self.cautions),
+        }  # fmt: skip
+
+    def write(self, path: str | Path, folder: str | Path = ".") -> None:
+        """Write the records as an index that a study reads (``motions: index: PATH``).
+
+        A study does not apply the column ``scale``, the factor for the target: it scales each
+        record to its own levels, by the same factor if a level is Sa(T*) of a conditional
+        spectrum. `folder` is what the column ``file`` of the flatfile is relative to. RecordError
+        if there is no such column, OutputError if the file cannot be written.
+        """
+        place = Path(os.path.realpath(path))
+        column_of(self.table, "file")
+        rows = pd.DataFrame({
+            new: self.table[old] for old, new in _INDEX.items() if old in self.table
+        })  # fmt: skip
+        files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
+        rows["file"] = [os.path.relpath(file, place.parent) for file in files]
+        if "unit" not in rows:
+            rows["unit"] = ""
+        rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
+        kind = "spectrum" if self.target.sd.any() else "mean spectrum"
+        if (given := self.target.given) is not None:
+            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
+        rows["selection"] = f"seed {self.seed}, {kind}"
+        write_csv(place, [rows])
+
+
+def select_records(
+    table: pd.DataFrame, target: Target, count: int, seed: int, *, max_scale: float = 4.0,
+    per_event: int | None = None,
+) -> Selection:  # fmt: skip
+    """Select records whose scaled spectra are distributed as the target's.
+
+    Spectra are drawn from the target, the nearest record is matched to each, and then one
+    record after the other is replaced by whichever brings mean and standard deviation of the
+    set nearest to the target's: Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3),
+    797-815; Baker and Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two
+    components of one recording (same event and station) are selected.
+
+    `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
+    and ``event`` and ``station`` as far as known. With a conditioning period every record is
+    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum, or to
+    a target that is a mean only; no factor is above `max_scale` or below its inverse. At most
+    `per_event` records are of one event. The same table, whatever the order of its rows, and the
+    same seed give the same set. RecordError if the flatfile lacks a column or period, or fewer
+    records than asked for may be selected, InputError for another argument.
+    """
+    for name, value, least in (
+        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
+        ("per_event", 1 if per_event is None else per_event, 1),
+    ):  # fmt: skip
+        if not value >= least:
+            raise InputError(f"{name} = {value} must be at least {least}")
+    limit = float(np.log(max_scale))
+    records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
+
+    def scaled(spectrum: Array) -> Array:
+        return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
+
+    found = []
+    for spectra in _simulated(target, count, np.random.default_rng(seed)):
+        chosen = np.empty(0, dtype=np.int64)
+        for spectrum in spectra:
+            apart = ((scaled(spectrum) - spectrum) ** 2).sum(axis=1)
+            apart[_excluded(groups, chosen)] = np.inf
+            chosen = np.append(chosen, int(apart.argmin()))
+        _improve(chosen, spectra, scaled, target, groups)
+        factors = np.array([_factors(ln_sa[[record]], target, spectrum, limit)[0]
+                            for record, spectrum in zip(chosen, spectra)])  # fmt: skip
+        held = ln_sa[chosen] + factors[:, None]
+        sd = held.std(axis=0, ddof=1) if count > 1 else target.sd
+        found.append((float(_deviation(target, held.mean(axis=0), sd)), chosen, factors, held))
+    _, chosen, factors, held = min(found, key=lambda each: each[0])
+    order = np.argsort(chosen)
+    selected = records.iloc[chosen[order]].reset_index(drop=True)
+    selected["scale"] = np.exp(factors[order])
+    return Selection(selected, target, held[order], seed, len(records))
+
+
+def _deviation(target: Target, mean: Array, sd: Array) -> Array:
+    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
+    weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
+    errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
+    return errors[0].sum(-1) + weight * errors[1].sum(-1)
+
+
+def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
+    """Sets of ln Sa drawn from the target, the nearest to it, (``STARTS``, count, n_period)."""
+    values, vectors = np.linalg.eigh(target.covariance)
+    # Published correlations are not quite positive definite. The symmetric root does not hang on
+    # the signs of eigenvectors, which differ between machines.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    drawn = target.ln_mean + rng.standard_normal((TRIALS, count, values.size)) @ root
+    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
+    return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
+
+
+def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
+    """ln of the factor to Sa given, or by least squares to a spectrum (n_period,), (n_record,)."""
+    if target.given is not None:
+        return target.ln_mean[target.given] - ln_sa[:, target.given]
+    return np.clip((spectrum - ln_sa).mean(axis=1), -limit, limit)
+
+
+def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
+    """Records that may not join those chosen, shape (n_record,)."""
+    taken = np.zeros(len(groups[0][0]), dtype=bool)
+    for group, most in groups:
+        taken |= np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
+    return taken
+
+
+def _improve(
+    chosen: Rows, spectra: Array, scaled: Callable[[Array], Array], target: Target, groups: Groups
+) -> None:
+    """The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing."""
+    count = len(chosen)
+    held = np.array([scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)])
+    held -= target.ln_mean
+    for _ in range(MOST_PASSES if count > 1 else 0):
+        before = chosen.copy()
+        for place, spectrum in enumerate(spectra):
+            candidates = scaled(spectrum) - target.ln_mean
+            others = np.delete(held, place, axis=0)
+            mean = (others.sum(axis=0) + candidates) / count
+            squares = (others**2).sum(axis=0) + candidates**2
+            sd = np.sqrt(np.clip(squares - count * mean**2, 0.0, None) / (count - 1))
+            error = _deviation(target, mean + target.ln_mean, sd)
+            error[_excluded(groups, np.delete(chosen, place))] = np.inf
+            best = int(error.argmin())
+            if error[best] < error[chosen[place]]:
+                chosen[place], held[place] = best, candidates[best]
+        if (chosen == before).all():
+            break
+
+
+def _candidates(
+    table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
+) -> tuple[pd.DataFrame, Array, Groups]:
+    """Records that may be selected, their ln Sa, and which of them may be together."""
+    ids = column_of(table, "record").astype(str)
+    if table.empty:
+        raise RecordError(f"{name_of(table)}: has no record")
+    if ids.duplicated().any():
+        twice = ids[ids.duplicated()].iloc[0]
+        raise RecordError(f"{name_of(table)}: record {twice!r} is there twice")
+    records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
+    ln_sa = _spectra(records, target.periods)
+    usable = np.isfinite(ln_sa).all(axis=1)
+    story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
+    if target.given is not None:
+        limit = float(np.log(max_scale))
+        # Rounding must not put a record that needs no factor beyond a limit of 1.
+        usable &= np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
+        story += f", {usable.sum()} of them a factor from 1/{max_scale:g} to {max_scale:g}"
+    records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
+    recording = _groups(records, ["event", "station"])
+    groups, most = [(recording, 1)], len(set(recording))
+    story += f"; {most} are different recordings"
+    if per_event is not None:
+        column_of(records, "event")
+        event = _groups(records, ["event"])
+        groups.append((event, per_event))
+        of_event = Counter(dict(set(zip(recording, event))).values())
+        most = sum(min(number, per_event) for number in of_event.values())
+        story += f", {most} with at most {per_event} of one event"
+    if most < count:
+        few = f"{count} records were asked for, but only {most} may be selected"
+        raise RecordError(f"{name_of(table)}: {few}; {story}")
+    return records, ln_sa, groups
+
+
+def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
+    """A number for each row, the same where all these columns agree; one alone if any is empty."""
+    known = table.reindex(columns=columns).astype("string").fillna("")
+    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
+    same = known.groupby(columns, sort=False).ngroup()
+    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
+
+
+def _columns(table: pd.DataFrame) -> tuple[Array, list[str]]:
+    """Rising periods [s] and the names of their columns of Sa."""
+    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    found = sorted((float(match[1]), match[0]) for match in matches if match)
+    return np.array([period for period, _ in found]), [name for _, name in found]
+
+
+def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
+    """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
+
+    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan if a
+    value is missing or not positive (-999 in NGA flatfiles).
+    """
+    have, names = _columns(table)
+    if not names:
+        raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
+    asked = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    outside = asked[(asked < have[0] * (1.0 - 1e-6)) | (asked > have[-1] * (1.0 + 1e-6))]
+    if outside.size:
+        given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
+        raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
+    place = np.interp(np.log(asked), np.log(have), np.arange(have.size))
+    near, after = np.rint(place).astype(int), np.ceil(place).astype(int)
+    before = np.maximum(after - 1, 0)
+    same = np.abs(np.log(have[near] / asked)) < SAME
+    apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
+    if apart.any():
+        first = int(apart.argmax())
+        gap = f"has no Sa between {have[before[first]]:g} and {have[after[first]]:g} s"
+        needed = f"too far apart to interpolate the target's {asked[first]:g} s"
+        raise RecordError(f"{name_of(table)}: {gap}, {needed}")
+    ln_sa = np.column_stack([numbers(table, name) for name in names])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
+    part = place - before
+    between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
+    return np.where(same, ln_sa[:, near], between)

@@ -20,8 +20,10 @@ MODELS = {
     "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
     "ASB14": "AkkarSandikkayaBommer2014",
 }  # fmt: skip
-SHORTEST, LONGEST = 0.01, 10.0  # periods for which correlations were fitted [s]
 MECHANISMS = ("SS", "RS", "NS")
+PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
+LARGEST_TARGET = 10_000_000  # [bytes]
+SAME = 1e-6  # relative difference of periods that are the same
 _WORDS = {
     "mag": ("magnitude", ""), "dist_rup": ("distance", " km"), "v_s30": ("Vs30", " m/s"),
     "dist_jb": ("Joyner-Boore distance", " km"), "dip": ("dip", " degrees"),
@@ -51,7 +53,7 @@ class Rupture:
             allowed = f"must be one of {', '.join(MECHANISMS)}"
             raise InputError(f"mechanism {self.mechanism!r} of a rupture {allowed}")
         for name in ("magnitude", "distance_km", "vs30_mps"):
-            check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
+            _check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
 
     def parameters(self) -> dict[str, Any]:
         """What pygmm calls the facts of a rupture."""
@@ -123,11 +125,11 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
     fitted = "for which the correlations of Baker and Jayaram (2008) were fitted"
     for periods in both:
-        _check_within(np.atleast_1d(periods).ravel(), SHORTEST, LONGEST, fitted)
+        _check_within(np.atleast_1d(periods).ravel(), 0.01, 10.0, fitted)
     return np.asarray(calc_correls(*both), dtype=np.float64)
 
 
-def check_positive(value: float, name: str) -> None:
+def _check_positive(value: float, name: str) -> None:
     if not (np.isfinite(value) and value > 0.0):
         raise InputError(f"{name} must be a number above 0")
 
@@ -136,11 +138,6 @@ def _check_within(periods: Array, low: float, high: float, what: str) -> None:
     outside = periods[~((periods >= low) & (periods <= high))]
     if outside.size:
         raise InputError(f"period {outside[0]:g} s is outside {low:g} to {high:g} s {what}")
-
-
-PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
-LARGEST_TARGET = 10_000_000  # [bytes]
-SAME = 1e-6  # relative difference of periods that are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,17 +191,9 @@ def conditional_spectrum(
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
     of them. InputError if a number is not positive, a period occurs twice, or is outside the
     range of the model or of the correlation.
-
-    Examples
-    --------
-    >>> from archfrag.motions.selection import Rupture, conditional_spectrum
-    >>> crustal = Rupture(magnitude=7.0, distance_km=15.0, vs30_mps=500.0)
-    >>> target = conditional_spectrum(crustal, 0.4, 1.0, [0.2, 0.5, 1.0, 2.0])
-    >>> target.median.round(2), target.sd.round(2)
-    (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
     """
-    check_positive(level, f"level = {level} g of Sa({conditioning} s)")
-    check_positive(conditioning, f"conditioning period {conditioning} s")
+    _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
+    _check_positive(conditioning, f"conditioning period {conditioning} s")
     grid = _rising(periods, "periods")
     near = np.abs(np.log(grid / conditioning)) < SAME
     grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
@@ -232,9 +221,9 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    columns = {"median Sa": median, "sd": np.zeros(given.shape) if sd is None else sd}
-    rows = [np.asarray(column, dtype=np.float64) for column in columns.values()]
-    for name, row in zip(columns, rows):
+    scatter = np.zeros(given.shape) if sd is None else np.asarray(sd, dtype=np.float64)
+    rows = np.asarray(median, dtype=np.float64), scatter
+    for name, row in zip(("median Sa", "sd"), rows):
         if row.shape != given.shape or not np.isfinite(row).all():
             needed = f"must be finite numbers, one for each of {given.size} periods"
             raise InputError(f"{source}: {name} {row.tolist()} {needed}")
@@ -268,8 +257,6 @@ def read_target(path: str | Path) -> Target:
         rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    if rows.empty:
-        raise InputError(f"{path}: the target has no rows")
     rows.attrs["source"] = path
     sd = numbers(rows, "sd") if "sd" in rows else None
     return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
@@ -277,12 +264,10 @@ def read_target(path: str | Path) -> Target:
 
 def numbers(table: pd.DataFrame, column: str) -> Array:
     """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
-    values = column_of(table, column)
-    converted = pd.to_numeric(values, errors="coerce")
-    wrong = values[converted.isna() & values.notna() & (values.astype(str).str.strip() != "")]
-    if len(wrong):
-        raise RecordError(f"{name_of(table)}: {column} = {wrong.iloc[0]!r} is not a number")
-    return converted.to_numpy(dtype=np.float64)
+    try:
+        return pd.to_numeric(column_of(table, column)).to_numpy(dtype=np.float64)
+    except ValueError as error:
+        raise RecordError(f"{name_of(table)}: {column}: {error}") from None
 
 
 def column_of(table: pd.DataFrame, column: str) -> pd.Series:
