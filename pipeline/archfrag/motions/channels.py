@@ -1,12 +1,10 @@
 """The channels of a record file: read, judged, in m/s2, and sorted by direction.
 
 A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``announced`` and
-``held`` numbers of samples, a ``log`` of what was done, ``faults`` (contradictions) and
-``warnings`` (for which it is refused unless accepted); ``unit_in_file`` is empty if no unit is
-known, and then the samples are those of the file.
+``held`` numbers of samples, a ``log``, ``faults`` (contradictions) and ``warnings`` (for which it
+is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
 """
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,6 @@ import numpy as np
 from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
 from archfrag.motions.calibrate import (
     Reading,
     Warned,
@@ -55,11 +52,7 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
 def _examine(
     path: Path, options: Reading, entry: IndexEntry | None
 ) -> tuple[list[Trace], tuple[str, ...], str]:
-    """Read a file whatever is wrong with it; RecordError only if it cannot be read at all.
-
-    Returns its channels, that their numbers of samples are unequal (if so), and why traces of one
-    channel cannot be joined (if so).
-    """
+    """Channels of a file whatever is wrong with it, its faults, and why it cannot be joined."""
     check_file(path)
     if columns := options.columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
@@ -75,7 +68,9 @@ def _examine(
     for trace in traces:
         warnings[trace.id] = (*warnings.get(trace.id, ()), *_warnings(trace))
         record = trace.stats.record
-        if record.held < record.announced and trace is traces[-1] and _breaks_off(trace, path):
+        last = trace is traces[-1] and trace.stats._format in TEXT
+        # If a text ends within its last line, digits may be missing.
+        if last and record.held < record.announced and not path.read_bytes()[-1:].isspace():
             trace.data = trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             warnings[trace.id] = (*warnings[trace.id], ("samples", left))
@@ -111,13 +106,6 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     if bad.size:
         many = f"{bad.size} sample(s) that are not finite"
         yield None, f"channel {trace.id} has {many}, the first at index {bad[0]}"
-
-
-def _breaks_off(trace: Trace, path: Path) -> bool:
-    """Whether a text ends within its last line, so that digits may be missing."""
-    with opened(path) as file:
-        file.seek(-1, os.SEEK_END)
-        return trace.stats._format in TEXT and not file.read(1).isspace()
 
 
 def _joined(traces: list[Trace]) -> tuple[list[Trace], str]:
@@ -160,20 +148,11 @@ def inspect_record(
 ) -> dict[str, Any]:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
-    Returns
-    -------
-    dict
-        ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` of the file, and
-        ``channels``, for each: ``code`` of the component, ``station``, ``start`` of the first
-        sample (UTC, empty if unknown), ``dt`` [s], ``announced`` and held samples (``count``),
-        ``unit`` in the file (empty if nothing states it), ``level`` (``raw``, ``processed`` or
-        empty), ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``, a
-        Motion; the last two are None if the unit is unknown.
-
-    Raises
-    ------
-    RecordError
-        If the file is missing, in no format that is read, or damaged.
+    Has ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` and, for each of its
+    ``channels``, ``code`` of the component, ``station``, ``start`` (UTC), ``dt`` [s], samples
+    ``announced`` and held (``count``), ``unit`` in the file, ``level`` (``raw``, ``processed``),
+    ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``. What is unknown is
+    empty or None. RecordError if the file is missing, in no format that is read, or damaged.
     """
     options = Reading(unit, inventory, (), columns)
     traces, unequal, gap = _examine(Path(path), options, find_entry(path))

@@ -26,9 +26,7 @@ from archfrag.motions.read import record_name
 
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
 UNITS = ("m/s2", "g")
-_AT2_COLUMNS = 5
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
-_LONGEST_LINE = 1000
 
 
 def convert_record(
@@ -38,10 +36,9 @@ def convert_record(
     """Write the channels of a record file in another format, and return the files written.
 
     `form` is ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
-    acceleration), `unit` ``m/s2`` or ``g``. The folder is made if needed. The source is never
-    replaced, other files of the same name are. InputError for another form or unit or if the
-    source would be replaced, RecordError if the record cannot be used, OutputError if a file
-    cannot be written; it is not there then.
+    acceleration), `unit` ``m/s2`` or ``g``. The source is never replaced, other files of the same
+    name are. InputError for another form or unit or if the source would be replaced, RecordError
+    if the record cannot be used, OutputError if a file cannot be written.
     """
     for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
         if value not in allowed:
@@ -50,7 +47,8 @@ def convert_record(
     channels, _ = read_channels(file, options or Reading())
     for channel in channels:
         accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
-    place = make_folder(Path(folder))
+    place, digest = make_folder(Path(folder)), sha256_of(file)
+    made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
@@ -67,7 +65,7 @@ def convert_record(
             if form == "mseed":
                 _write_miniseed(part, group, unit)
             else:
-                lines = (_at2 if form == "at2" else _columns)(group[0], unit, file)
+                lines = (_at2 if form == "at2" else _columns)(group[0], unit, made)
                 part.write_text("\n".join(lines) + "\n", encoding="ascii")
         written.append(target)
         if all(map(is_vertical, group)):
@@ -79,7 +77,7 @@ def convert_record(
             **{key: first.record[key] for key in _HEADER if key in first.record},
             "dt_s": float(first.delta), "unit": unit,
             "channels": " ".join(map(channel_code, group)),
-            "source": file.name, "source_sha256": sha256_of(file),
+            "source": file.name, "source_sha256": digest,
             "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
         }  # fmt: skip
     write_index(place, rows.values())
@@ -119,28 +117,27 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
     return codes
 
 
-def _at2(channel: Trace, unit: str, source: Path) -> list[str]:
+def _at2(channel: Trace, unit: str, made: str) -> list[str]:
     facts, values = _facts(channel), channel.data / unit_factor(unit, "")
     date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
     header = [
-        f"{_made(source)}; {' '.join(channel.stats.record.log)}",
+        f"{made}; {' '.join(channel.stats.record.log)}",
         ", ".join(names),
         f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
         f"NPTS= {values.size:6d}, DT= {float(channel.stats.delta)!r} SEC",
     ]
-    starts = range(0, values.size, _AT2_COLUMNS)
-    rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
+    rows = ("".join(f"{v:15.7E}" for v in values[i : i + 5]) for i in range(0, values.size, 5))
     return [*map(_line, header), *rows]
 
 
-def _columns(channel: Trace, unit: str, source: Path) -> list[str]:
+def _columns(channel: Trace, unit: str, made: str) -> list[str]:
     facts, values = _facts(channel), channel.data / unit_factor(unit, "")
     dt = float(channel.stats.delta)
     header = [
         f"two columns: time [s], acceleration [{unit}]",
-        _made(source),
+        made,
         *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
         f"component: {channel_code(channel)}; dt = {dt!r} s; {values.size} samples",
         *(f"step: {step}" for step in channel.stats.record.log),
@@ -158,15 +155,10 @@ def _facts(channel: Trace) -> dict[str, str]:
     return {key: str(value) for key, value in found.items()}
 
 
-def _made(source: Path) -> str:
-    digest = sha256_of(source)[:16]
-    return f"archfrag {version('archfrag')} from {source.name}, sha256 {digest}"
-
-
 def _line(text: str) -> str:
     """One line of ASCII."""
     plain = " ".join(text.split()).encode("ascii", "backslashreplace").decode()
-    return plain if len(plain) <= _LONGEST_LINE else plain[: _LONGEST_LINE - 3] + "..."
+    return plain if len(plain) <= 1000 else plain[:997] + "..."
 
 
 def _plain(code: str) -> str:

@@ -33,22 +33,17 @@ _KINDS = (
 
 
 class Request(NamedTuple):
-    """What to ask `stations_from` for each event, by its identifier at `events_from`.
-
-    Stations within `radius` [km] of the epicentre, the nearest first and `most` in number; of
-    each the first kind of `channels` that it has, from `before` to `after` [s] about the origin
-    time. `timeout` [s] is for one wait.
-    """
+    """What to ask `stations_from` for each event, by its identifier at `events_from`."""
 
     events: tuple[str, ...]
     stations_from: str
     events_from: str = "USGS"
-    radius: float = 100.0
-    channels: tuple[str, ...] = ("HN", "EN", "BN")
-    before: float = 30.0
+    radius: float = 100.0  # of stations about the epicentre [km]
+    channels: tuple[str, ...] = ("HN", "EN", "BN")  # kinds; of each station the first it has
+    before: float = 30.0  # the origin time [s]
     after: float = 180.0
-    most: int = 100
-    timeout: float = 60.0
+    most: int = 100  # stations, the nearest first
+    timeout: float = 60.0  # for one wait [s]
 
 
 class Failure(Exception):
@@ -77,7 +72,9 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
                 name = f"{event} {site['station']}:"
                 same = {key: site[key] for key in ("event", "station", "window_s")}
                 row = next((r for r in rows.values() if same.items() <= r.items()), None)
-                if row is not None and _is_complete(root / row["file"], row):
+                file = root / row["file"] if row else place
+                there = file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+                if row and there and sha256_of(file) == row["sha256"]:
                     yield "kept", row["id"]
                     continue
                 try:
@@ -94,11 +91,6 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
         except Failure as failure:
             rest = "; this service is left alone" if failed else ""
             yield failure.args[0], f"{name} {failure.args[1]}{rest}"
-
-
-def _is_complete(path: Path, row: dict[str, Any]) -> bool:
-    there = path.is_file() and path.with_name(f"{row['station']}.xml").is_file()
-    return there and sha256_of(path) == row["sha256"]
 
 
 def _ask(method: Callable[..., Any], **query: Any) -> Any:

@@ -25,7 +25,6 @@ COLUMNS = (
     "terms", "seed", "event_seed", "site_seed", "model",
 )  # fmt: skip
 LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
-_BEYOND: Any = None  # key of cells without a column
 _NEEDED = ("id", "file", "unit")
 _NUMBERS = {
     **dict.fromkeys(("Mw", "distance_km", "Vs30_mps", "dt_s"), float),
@@ -41,19 +40,13 @@ def goes_with_records(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One row of an index.
-
-    `path` is the record; `unit` is empty if the file or its StationXML states it; `sha256` is
-    that of the file, or its first digits; `metadata` are the other columns (``Mw``,
-    ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None, seeds as int or None, others as
-    text); `accept` and `columns` are as in `archfrag.motions.read.read_motion`.
-    """
+    """One row of an index; `accept` and `columns` are as in `archfrag.read_motion`."""
 
     id: str
     path: Path
-    unit: str
-    sha256: str
-    metadata: dict[str, Any]
+    unit: str  # empty if the file or its StationXML states it
+    sha256: str  # of the file, or its first digits
+    metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
     accept: tuple[str, ...] = ()
     columns: "Columns | None" = None
 
@@ -62,12 +55,9 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     """Read an ``index.csv``, or the one in a folder.
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
-    with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    state what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
-    called ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
-
-    RecordError if the file, a needed column or a value is missing, two rows have the same id, or a
-    number, unit or word is not one.
+    with several horizontals ``component`` names the one that is meant. Columns ``accept`` and
+    ``columns`` are options of reading, blanks between their words. RecordError if the file, a
+    needed column or a value is missing, an id occurs twice, or a number or word is not one.
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source
@@ -87,11 +77,11 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     """Names of the columns and rows of a table in CSV."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
-    reader = csv.DictReader(io.StringIO(text, newline=""), restkey=_BEYOND, restval="")
+    reader = csv.DictReader(io.StringIO(text, newline=""), restkey="\0", restval="")
     names, rows = reader.fieldnames or (), []
     try:
         for line, row in enumerate(reader, start=2):
-            if any(map(str.strip, row.pop(_BEYOND, ()))):
+            if any(map(str.strip, row.pop("\0", ()))):
                 more = f"has more cells than the {len(names)} columns of the first line"
                 raise RecordError(f"{source}, line {line}: {more}")
             rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
@@ -106,22 +96,19 @@ def _entry(values: dict[str, str], source: Path, place: str) -> IndexEntry:
             raise RecordError(f"{place}: {column} is empty")
     name = values["id"]
     if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-        raise RecordError(
-            f"{place}: id {name[:40]!r} must have at most {LONGEST_ID} characters, no / and no "
-            "line breaks or control characters"
-        )
+        allowed = f"at most {LONGEST_ID} characters, no / and no line breaks or control characters"
+        raise RecordError(f"{place}: id {name[:40]!r} must have {allowed}")
     if values["unit"]:
         unit_factor(values["unit"], place)
     metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
     for column, kind in _NUMBERS.items():
-        text = values.get(column)
-        try:
-            number = kind(text) if text else None
-        except ValueError:
-            raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
-        if not np.isfinite(number or 0.0):
-            raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
-        metadata |= {} if text is None else {column: number}
+        if (text := metadata.get(column)) is not None:
+            try:
+                metadata[column] = kind(text) if text else None
+            except ValueError:
+                raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+            if not np.isfinite(metadata[column] or 0.0):
+                raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
     columns = None
     if values.get("columns"):
         from archfrag.motions.formats.columns import parse_columns  # imports obspy
@@ -159,10 +146,7 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
-    """Rows of the index of a folder as they stand in it, by their id; none if there is no index.
-
-    RecordError if there is one that cannot be used.
-    """
+    """Rows of the index of a folder by their id, as text; none if there is no index."""
     path = Path(folder) / INDEX_NAME
     if not path.exists():
         return {}
@@ -190,7 +174,5 @@ def check_sha256(entry: IndexEntry) -> None:
         lost = f"listed in the index but cannot be read ({error.strerror})"
         raise RecordError(f"{entry.path}: {lost}") from None
     if not digest.startswith(entry.sha256.lower()):
-        raise RecordError(
-            f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
-            "file has changed since it was listed"
-        )
+        differ = f"sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…"
+        raise RecordError(f"{entry.path}: {differ}; the file has changed since it was listed")

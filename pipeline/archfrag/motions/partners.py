@@ -32,11 +32,8 @@ _CODE = re.compile(
 )
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
-_VERTICALS = [
-    sign + code
-    for sign in ("", "-", "+")
-    for code in ("u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")
-]
+_VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
+    "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
 _COMMON = ("event", "date", "station")
 _Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
@@ -57,14 +54,13 @@ def instrument(trace: "Trace") -> str:
 
 def is_vertical(trace: "Trace") -> bool:
     """Whether a channel is vertical, by its header or its code."""
-    stated = trace.stats.record.get("vertical")
-    return VERTICAL.fullmatch(channel_code(trace)) is not None if stated is None else bool(stated)
+    return bool(trace.stats.record.get("vertical", VERTICAL.fullmatch(channel_code(trace))))
 
 
 def is_horizontal(trace: "Trace") -> bool:
     """Whether a channel is known to be horizontal, by its header or its code."""
-    stated = trace.stats.record.get("vertical")
-    return HORIZONTAL.fullmatch(channel_code(trace)) is not None if stated is None else not stated
+    by_code = HORIZONTAL.fullmatch(channel_code(trace)) is None
+    return not trace.stats.record.get("vertical", by_code)
 
 
 def quadrant(text: str) -> float | None:
@@ -84,17 +80,10 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     is no third such name: numbered files are no components. Their vertical has the same name
     with ``UP``, ``Z`` or the like instead of the direction.
 
-    Returns the name of the other horizontal component by that of each (they are mutual), and the
-    name of the vertical one by that of each horizontal one.
+    Returns the name of the other horizontal component by that of each, and that of the vertical.
 
-    Examples
-    --------
-    >>> from archfrag.motions.partners import partners
-    >>> pairs, verticals = partners(["ELC180.AT2", "ELC270.AT2", "ELC-UP.AT2"])
-    >>> pairs["ELC180.AT2"], verticals["ELC180.AT2"]
-    ('ELC270.AT2', 'ELC-UP.AT2')
-    >>> partners(["quake1.txt", "quake2.txt"])
-    ({}, {})
+    >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
+    {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
     """
     frames: dict[tuple[str, str], list[_Direction]] = {}
     for name in sorted(names):
@@ -159,8 +148,8 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 def with_vertical(motion: Motion, vertical: Motion) -> Motion:
     """Join a motion with its vertical component, cut to the time of both.
 
-    `vertical` holds it as its horizontal component. RecordError if headers state different
-    stations or events, time steps differ, or they have no time in common.
+    RecordError if headers state different stations or events, time steps differ, or they have no
+    time in common.
     """
     labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
     if vertical.metadata.get("file") != motion.metadata.get("file"):
@@ -176,7 +165,6 @@ def with_transverse(motion: Motion, other: Motion) -> Motion:
 
 
 def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
-    """A motion with another component, and what was found and accepted in reading that."""
     own, its = motion.metadata, other.metadata
     its_name, code = its.get("file") or other.id, its.get("component", "")
     name = f"{motion.id} and {its_name} ({code})"
