@@ -44,11 +44,9 @@ STARTS = 5  # the nearest of them to the target: each is matched and improved, t
 MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
 _WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
 # Columns of an index of records by those of a flatfile.
-_INDEX = {
-    "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
-    "distance_km": "distance_km", "vs30_mps": "Vs30_mps", "component": "component",
-    "dt_s": "dt_s", "unit": "unit", "station": "station", "accept": "accept",
-    "columns": "columns",
+_INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
+          "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
+    name: name for name in ("component", "dt_s", "unit", "station", "accept", "columns")
 }  # fmt: skip
 Rows = NDArray[np.int64]
 Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
@@ -56,18 +54,13 @@ Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how m
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Selected records with the factors that bring them to the target.
+    """Selected records with the factors that bring them to the target."""
 
-    `table` has rows of the flatfile in the order of their ids, with the factor in column
-    ``scale``; `ln_sa` (count, n_period) is ln Sa [g] of the records times their factors at the
-    target's periods; `candidates` is how many records could have been selected.
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # rows of the flatfile by id, with the factors as column scale
     target: Target
-    ln_sa: Array
+    ln_sa: Array  # of the records times their factors, (count, n_period) [ln g]
     seed: int
-    candidates: int
+    candidates: int  # records that could have been selected
 
     @property
     def median(self) -> Array:
@@ -132,13 +125,11 @@ class Selection:
         """
         place = Path(os.path.realpath(path))
         column_of(self.table, "file")
-        rows = pd.DataFrame({
-            new: self.table[old] for old, new in _INDEX.items() if old in self.table
-        })  # fmt: skip
+        known = [name for name in _INDEX if name in self.table]
+        rows = self.table[known].rename(columns=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
-        if "unit" not in rows:
-            rows["unit"] = ""
+        rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         kind = "spectrum" if self.target.sd.any() else "mean spectrum"
         if (given := self.target.given) is not None:
@@ -161,11 +152,10 @@ def select_records(
 
     `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
     and ``event`` and ``station`` as far as known. With a conditioning period every record is
-    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum, or to
-    a target that is a mean only; no factor is above `max_scale` or below its inverse. At most
-    `per_event` records are of one event. The same table, whatever the order of its rows, and the
-    same seed give the same set. RecordError if the flatfile lacks a column or period, or fewer
-    records than asked for may be selected, InputError for another argument.
+    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum; no
+    factor is above `max_scale` or below its inverse. The same table, whatever the order of its
+    rows, and the same seed give the same set. RecordError if the flatfile lacks a column or
+    period, or fewer records than asked for may be selected, InputError for another argument.
     """
     for name, value, least in (
         ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),

@@ -35,18 +35,16 @@ _WORDS = {
 class Rupture:
     """An earthquake and a site, as ground-motion models for active shallow crust want them.
 
-    Moment magnitude, closest distance to the rupture [km], Vs30 of the site [m/s], mechanism
-    (``SS`` strike-slip, ``RS`` reverse, ``NS`` normal), dip of the fault [degrees] and a region
-    that the model knows (``italy``, ``japan``). The site is on the footwall's side; the top of
-    the rupture is its closest point, as deep as Chiou and Youngs (2014) expect.
+    The site is on the footwall's side; the top of the rupture is its closest point, as deep as
+    Chiou and Youngs (2014) expect.
     """
 
-    magnitude: float
-    distance_km: float
+    magnitude: float  # moment magnitude
+    distance_km: float  # closest distance to the rupture
     vs30_mps: float
-    mechanism: str = "SS"
-    dip: float = 90.0
-    region: str | None = None
+    mechanism: str = "SS"  # strike-slip, or RS (reverse), NS (normal)
+    dip: float = 90.0  # [degrees]
+    region: str | None = None  # that the model knows (italy, japan)
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
@@ -75,12 +73,11 @@ def predict(
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
-    `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014)
-    or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12). Those of NGA-West2
-    (the first five) give RotD50, ASB14 the geometric mean of two components; a single component
-    varies somewhat more than either. Damping is 5 %; periods are in s. Notes name what of the
-    rupture is beyond what the model is recommended for. InputError if the model is unknown or
-    does not know the mechanism or region, or a period is outside the model's.
+    `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
+    these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
+    the geometric mean of two components); a single component varies somewhat more. Damping is
+    5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
+    unknown or does not know the mechanism or region, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
@@ -130,7 +127,7 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def _check_positive(value: float, name: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
+    if not 0.0 < value < np.inf:
         raise InputError(f"{name} must be a number above 0")
 
 
@@ -142,18 +139,13 @@ def _check_within(periods: Array, low: float, high: float, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Distribution of ln Sa [ln g] at rising `periods` [s] that records are selected to.
+    """Distribution of ln Sa [ln g] that records are selected to."""
 
-    `ln_mean` (n_period,) and `covariance` (n_period, n_period), which is zero for a spectrum that
-    is a mean only. `conditioning` is the period [s] at which Sa is given, so that every record is
-    scaled to it; `notes` is what users of the target should know.
-    """
-
-    periods: Array
+    periods: Array  # rising, (n_period,) [s]
     ln_mean: Array
-    covariance: Array
-    conditioning: float | None = None
-    notes: tuple[str, ...] = ()
+    covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
+    conditioning: float | None = None  # period [s] at which Sa is given, to scale every record to
+    notes: tuple[str, ...] = ()  # what users of the target should know
 
     @property
     def median(self) -> Array:
@@ -189,7 +181,7 @@ def conditional_spectrum(
     27(3), 797-815.
 
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
-    of them. InputError if a number is not positive, a period occurs twice, or is outside the
+    of them. InputError if a number is not positive, or a period occurs twice or is outside the
     range of the model or of the correlation.
     """
     _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
@@ -213,11 +205,10 @@ def spectrum_target(
 ) -> Target:
     """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    `median` is exp of the mean of ln Sa, `sd` its standard deviation. Where that is 0 at one
-    period, this is the conditioning period. Without it, or with zeros only, the target is a mean:
-    records are sought that lie close to it. Correlations are those of Baker and Jayaram (2008).
-    InputError, beginning with `source`, for numbers that are missing, not positive or not finite,
-    a period that occurs twice, or an sd of 0 at several periods but not at all.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
+    period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
+    to which records are to be close. InputError, beginning with `source`, for numbers that are
+    missing or not positive, a period twice, or an sd of 0 at several periods but not at all.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")

@@ -45,25 +45,19 @@ class Recipe(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """A suite that is asked for.
-
-    Magnitudes are taken one after the other by the events, or drawn between two ends; distances
-    [km] by the records, or drawn uniformly in logarithm. Record n of all is at site n modulo
-    `sites`, or at one of its own, with `vs30` [m/s]; `pulses` is the probability of each record
-    to have a pulse; `seed` is from 0 to 10^9.
-    """
+    """A suite that is asked for."""
 
     events: int
     records_per_event: int
-    magnitude: Sequence[float]
-    distance: Sequence[float]
+    magnitude: Sequence[float]  # taken in turn by the events, or two ends of what is drawn
+    distance: Sequence[float]  # [km], by the records; drawn uniformly in logarithm
     drawn_magnitude: bool = False
     drawn_distance: bool = False
-    seed: int = 1
-    sites: int | None = None
-    vs30: float = VS30
+    seed: int = 1  # 0 to 10^9
+    sites: int | None = None  # record n is at site n modulo this, or at one of its own
+    vs30: float = VS30  # [m/s]
     vertical: bool = False
-    pulses: float = 0.0
+    pulses: float = 0.0  # probability of each record to have a pulse
 
 
 def plan_motions(plan: Plan) -> list[Recipe]:

@@ -13,28 +13,21 @@ strike-slip faults.
 
 References
 ----------
-.. [1] Boore (2003), Simulation of ground motion using the stochastic method, Pure and Applied
-   Geophysics 160, 635-676.
-.. [2] Stafford, Boore, Youngs and Bommer (2022), Host-region parameters for an adjustable model
-   for crustal earthquakes ..., Earthquake Spectra 38(2), 917-949, optimised functional form.
-.. [3] Boore and Thompson (2014), Path durations for use in the stochastic-method simulation of
-   ground motions, BSSA 104(5), 2541-2552, table 1: active regions.
-.. [4] Al Atik and Abrahamson (2021), A methodology for the development of 1D reference VS
-   profiles compatible with ground-motion prediction equations, BSSA 111(4), 1765-1783.
-.. [5] Bayless and Abrahamson (2019), Summary of the BA18 ground-motion model for Fourier amplitude
-   spectra, BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the nonlinear term is left out.
+.. [1] Boore (2003), Pure and Applied Geophysics 160, 635-676: the stochastic method.
+.. [2] Stafford, Boore, Youngs and Bommer (2022), Earthquake Spectra 38(2), 917-949, optimised
+   functional form.
+.. [3] Boore and Thompson (2014), BSSA 104(5), 2541-2552, table 1: path durations, active regions.
+.. [4] Al Atik and Abrahamson (2021), BSSA 111(4), 1765-1783: amplification of reference profiles.
+.. [5] Bayless and Abrahamson (2019), BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the
+   nonlinear term is left out.
 .. [6] Made by multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and
    repeating (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al
    Atik et al. 2014, BSSA 104(1), 336-346), for the geometric mean of Chiou and Youngs (2014) and
    Abrahamson, Silva and Kamai (2014) and a vertical strike-slip fault; constant beyond the table.
-.. [7] Bayless and Abrahamson (2018), An empirical model for Fourier amplitude spectra using the
-   NGA-West2 database, PEER report 2018/07, and its electronic supplement.
-.. [8] Bayless and Abrahamson (2019), An empirical model for the interfrequency correlation of
-   epsilon for Fourier amplitude spectra, BSSA 109(3), 1058-1070.
-.. [9] Stafford (2017), Interfrequency correlations among Fourier spectral ordinates and
-   implications for stochastic ground-motion simulation, BSSA 107(6), 2774-2791.
-.. [10] Gulerce and Abrahamson (2011), Site-specific design spectra for vertical ground motion,
-   Earthquake Spectra 27(4), 1023-1047.
+.. [7] Bayless and Abrahamson (2018), PEER report 2018/07, and its electronic supplement.
+.. [8] Bayless and Abrahamson (2019), BSSA 109(3), 1058-1070: correlation between frequencies.
+.. [9] Stafford (2017), BSSA 107(6), 2774-2791.
+.. [10] Gulerce and Abrahamson (2011), Earthquake Spectra 27(4), 1023-1047.
 """
 
 from functools import lru_cache
@@ -49,7 +42,6 @@ Row = NDArray[np.float64]
 SHEAR_VELOCITY, DENSITY = 3.5, 2.75  # [km/s], [g/cm3]
 RADIATION_PATTERN, FREE_SURFACE, PARTITION = 0.55, 2.0, 1.0 / np.sqrt(2.0)
 KAPPA = 0.039  # [s]
-_STRESS = (4.599, 0.4624)  # ln bar; slope below M 5
 _SATURATION = (-0.8712, 0.4451, 1.1513, 5.0948, 7.2725)
 _DECAY = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
 _QUALITY = (205.4, 0.6884, 0.1354, 5.1278)  # Q0; exponent n = a + b tanh(M - c)
@@ -79,13 +71,9 @@ _MAGNITUDES, _DISTANCES = (np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitud
 
 def corner_frequency(magnitude: float) -> float:
     """Corner [Hz] by Brune (1970): 4.9058e6 beta (stress / M0)^(1/3) in km/s, bar, dyne cm."""
-    stress = np.exp(_STRESS[0] + _STRESS[1] * min(magnitude - 5.0, 0.0))
-    return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / _seismic_moment(magnitude)))
-
-
-def _seismic_moment(magnitude: float) -> float:
-    """Seismic moment [dyne cm]: Hanks and Kanamori (1979)."""
-    return 10.0 ** (1.5 * (magnitude + 10.7))
+    stress = np.exp(4.599 + 0.4624 * min(magnitude - 5.0, 0.0))  # [bar]
+    moment = 10.0 ** (1.5 * (magnitude + 10.7))  # Hanks and Kanamori (1979)
+    return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / moment))
 
 
 def low_cut(magnitude: float) -> float:
@@ -114,7 +102,8 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
     constant = RADIATION_PATTERN * FREE_SURFACE * PARTITION * 1e-22
     constant /= 4.0 * np.pi * DENSITY * SHEAR_VELOCITY**3
-    source = constant * _seismic_moment(magnitude) / (1.0 + (f / corner_frequency(magnitude)) ** 2)
+    moment = 10.0 ** (1.5 * (magnitude + 10.7))
+    source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
 
     near, far, transition = _DECAY
     reach = point_source_distance(magnitude, distance)
@@ -192,15 +181,12 @@ def correlation(frequency: ArrayLike) -> Row:
     return values
 
 
-@lru_cache(maxsize=1)
-def _factor() -> Row:
-    return np.asarray(np.linalg.cholesky(correlation(FREQUENCIES)), dtype=np.float64)
+_ROOT = np.linalg.cholesky(correlation(FREQUENCIES))
 
 
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
     """One term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
-    normal = generator.standard_normal(FREQUENCIES.size)
-    return COEFFICIENTS[TERMS[kind]] * (_factor() @ normal)
+    return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
 
 
 def _power_fractions(amplitude: Row, period: Row) -> Row:
@@ -232,7 +218,7 @@ def median_correction(amplitude: Row) -> Row:
 def _drawn_powers() -> Row:
     """Squared factors of many drawn variations at ``GRID``, shape (150, 300)."""
     generator = np.random.Generator(np.random.PCG64(0))
-    normal = _factor() @ generator.standard_normal((FREQUENCIES.size, 150))
+    normal = _ROOT @ generator.standard_normal((FREQUENCIES.size, 150))
     total = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
     normal *= total[:, None]
     rows = np.array([np.interp(np.log(GRID), np.log(FREQUENCIES), row) for row in normal.T])
@@ -261,8 +247,8 @@ def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: flo
 def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """ln of the factor on horizontal amplitudes that gives spectra the model's V/H, (61,).
 
-    Peak over root mean square and duration being those of the horizontal, the ratio of spectra is
-    the root of that of mean squares; the factor at 1 / T is found by repetition.
+    The ratio of spectra is the root of that of mean squares; the factor at 1 / T is found by
+    repetition.
     """
     rock = amplitude * site_factor(GRID, _ROCK) / site_factor(GRID, vs30)
     rock_pga = _expected_peak(rock, magnitude, distance) / STANDARD_GRAVITY

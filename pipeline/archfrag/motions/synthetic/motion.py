@@ -7,13 +7,11 @@ seeds alone. It may have the velocity pulse of a near fault.
 
 References
 ----------
-.. [1] Shahi and Baker (2011), An empirically calibrated framework for including the effects of
-   near-fault directivity in probabilistic seismic hazard analysis, BSSA 101(2), 742-755: the
-   period of a pulse, and the amplification of Sa over the same motion without it. The period's
-   coefficients are those of PEER report 2013/15 of the same authors, too; the amplification's are
-   from memory and without a second source: check them before use.
-.. [2] Mavroeidis and Papageorgiou (2003), A mathematical representation of near-fault ground
-   motions, BSSA 93(3), 1099-1131: the form of a pulse.
+.. [1] Shahi and Baker (2011), BSSA 101(2), 742-755: the period of a pulse, and the amplification
+   of Sa over the same motion without it. The period's coefficients are those of PEER report
+   2013/15 of the same authors, too; the amplification's are from memory and without a second
+   source: check them before use.
+.. [2] Mavroeidis and Papageorgiou (2003), BSSA 93(3), 1099-1131: the form of a pulse.
 """
 
 from functools import lru_cache
@@ -155,10 +153,9 @@ def _terms(magnitude: float, distance: float, seeds: Seeds, options: Options) ->
 
 
 def _finished(samples: Row, dt: float) -> Row:
-    """The samples with velocity and place zero at the end, rounded, between zeros.
+    """The samples less a tapered line, so that velocity and place end at zero; then rounded.
 
-    A tapered line is subtracted so that the trapezoid rule ends there. The ends of rows are zero,
-    so that plain sums are trapezoid sums.
+    The ends of rows are zero, so that plain sums are trapezoid sums.
     """
     taper = _taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
