@@ -133,7 +133,6 @@ def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
     from archfrag.motions.selection import select_records
 
     table = read_flatfile(flatfile)
-    table.attrs["source"] = str(flatfile)
     target = _target(options, sorted(table_spectra(table)))
     return select_records(
         table, target, options["count"], options["seed"],

@@ -180,7 +180,20 @@ def _of_counts(trace: "Trace", path: Path, given: "Given") -> tuple[float, str] 
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "the file's scale factor"
     if (inventory := find_inventory(path, trace, given)) is not None:
-        value = _sensitivity(trace, path, inventory)
+        channel = f"{path}: channel {trace.id}"
+        try:
+            response = inventory.get_response(trace.id, trace.stats.starttime)
+            overall = response.instrument_sensitivity
+        except Exception:
+            none = f"the StationXML has no response for channel {trace.id}"
+            raise RecordError(f"{path}: {none} at {trace.stats.starttime}") from None
+        unit = (overall.input_units or "").upper() if overall else ""
+        if unit not in _ACCELERATION_UNITS:
+            measured = f"measures {unit or 'an unknown unit'} by its StationXML"
+            raise RecordError(f"{channel} {measured}; an accelerometer (M/S**2) is needed")
+        value = overall.value
+        if not (value and np.isfinite(value)):
+            raise RecordError(f"{channel} has the sensitivity {value}")
         return 1.0 / value, f"the sensitivity {value:.6g} counts/(m/s2) of its StationXML"
     if per_count := trace.stats.record.get("g_per_count"):
         text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
@@ -207,22 +220,6 @@ def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | N
         return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
         raise RecordError(f"{file}: cannot be read as StationXML ({reason_of(error)})") from None
-
-
-def _sensitivity(trace: "Trace", path: Path, inventory: "Inventory") -> float:
-    try:
-        overall = inventory.get_response(trace.id, trace.stats.starttime).instrument_sensitivity
-    except Exception:
-        place = f"channel {trace.id} at {trace.stats.starttime}"
-        raise RecordError(f"{path}: the StationXML has no response for {place}") from None
-    unit = (overall.input_units or "").upper() if overall else ""
-    if unit not in _ACCELERATION_UNITS:
-        measured = f"measures {unit or 'an unknown unit'} by its StationXML"
-        needed = "an accelerometer (M/S**2) is needed"
-        raise RecordError(f"{path}: channel {trace.id} {measured}; {needed}")
-    if not (overall.value and np.isfinite(overall.value)):
-        raise RecordError(f"{path}: the sensitivity of channel {trace.id} is {overall.value}")
-    return float(overall.value)
 
 
 def _points_down(trace: "Trace", path: Path, given: "Given") -> bool:

@@ -102,19 +102,18 @@ def _peak(values: Samples) -> float:
 
 def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
     """CAV of the parts of so many steps in which the acceleration reaches `least`."""
-    record = motion.acceleration
-    parts = (record[start : start + count + 1] for start in range(0, record.size - 1, count))
-    return float(sum(_absolute(p, motion.dt).sum() for p in parts if _peak(p) >= least))
-
-
-def _absolute(part: Samples, dt: float) -> Samples:
-    """Integral of |a| over each step of a part, a linear in it."""
-    before, after = np.abs(part[:-1]), np.abs(part[1:])
-    together = before + after
-    crossing = part[:-1] * part[1:] < 0.0
-    squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
-                        where=crossing)  # fmt: skip
-    return 0.5 * dt * np.where(crossing, squares, together)
+    record, total = motion.acceleration, []
+    for start in range(0, record.size - 1, count):
+        part = record[start : start + count + 1]
+        if _peak(part) >= least:
+            before, after = np.abs(part[:-1]), np.abs(part[1:])
+            together = before + after
+            # Integral of |a| over each step, a linear in it.
+            crossing = part[:-1] * part[1:] < 0.0
+            squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
+                                where=crossing)  # fmt: skip
+            total.append((0.5 * motion.dt * np.where(crossing, squares, together)).sum())
+    return float(sum(total))
 
 
 _KINDS = {

@@ -8,13 +8,14 @@ reads is read in a fork of this process, which a damaged file may end.
 
 import contextlib
 import importlib
-import multiprocessing
 import os
 import resource
 import signal
 import warnings
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -38,10 +38,6 @@ COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
 
 _BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
-_ARCHIVES = {
-    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
-    b"\x28\xb5\x2f\xfd": "Zstandard", b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "RAR",
-}  # fmt: skip
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -55,15 +51,10 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
         return read_as(path, form)
     if traces := read_apart(path):
         return traces
-    with opened(path) as file:
-        head = file.read(512)
-    kind = next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), "")
-    if kind := kind or ("tar" if head[257:262] == b"ustar" else ""):
-        raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
     raise RecordError(
-        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
-        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
-        "records by a pattern such as *.AT2"
+        f"{path}: the format is not recognised; unpack an archive, which is never unpacked here; "
+        "for columns of text give `columns` (--columns time=1,acceleration=2 on the command "
+        "line); if it is not a record, move it, or name the records by a pattern such as *.AT2"
     )
 
 
@@ -132,27 +123,17 @@ def read_apart(path: str) -> list[Trace]:
     """
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
-    context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, path), daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        found = ours.recv()
-    except EOFError:  # it ended before
-        ended = f"reading it ended in a crash or took more than {COMPUTING_TIME} s of computing"
-        found = RecordError(f"{path}: {ended}; the file is damaged or not what it seems")
-    finally:
-        ours.close()
-        process.join(timeout=5.0)
-        process.kill()
-    if isinstance(found, RecordError):
-        raise found
-    return found
+    with ProcessPoolExecutor(1, get_context("fork"), _limit) as pool:
+        try:
+            return pool.submit(_read_in_c, path).result()
+        except BrokenProcessPool:
+            ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
+            what = "the file is damaged or not what it seems"
+            raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
 
 
-def _answer(pipe: Connection, path: str) -> None:
-    """Send the traces of a file, or why there are none, within limits and ended by signals."""
+def _limit() -> None:
+    """Limit what this process may take, and let signals end it."""
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
@@ -163,14 +144,15 @@ def _answer(pipe: Connection, path: str) -> None:
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
+
+
+def _read_in_c(path: str) -> list[Trace]:
     name = recognise(path, IN_C)
+    traces = [] if name is None else read_as(path, name)
     try:
-        traces = [] if name is None else read_as(path, name)
         for trace in traces:
             trace.data = trace.data.astype(float)
-        pipe.send(traces)
-    except RecordError as error:
-        pipe.send(error)
     except (TypeError, ValueError):
         wrong = f"the {name} file holds something other than numbers"
-        pipe.send(RecordError(f"{path}: {wrong}"))
+        raise RecordError(f"{path}: {wrong}") from None
+    return traces

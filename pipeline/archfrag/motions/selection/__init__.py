@@ -24,10 +24,8 @@ from archfrag.motions.selection.target import (
     Array,
     Rupture,
     Target,
-    column_of,
     conditional_spectrum,
     correlation,
-    name_of,
     numbers,
     predict,
     read_target,
@@ -124,7 +122,8 @@ class Selection:
         if there is no such column, OutputError if the file cannot be written.
         """
         place = Path(os.path.realpath(path))
-        column_of(self.table, "file")
+        if "file" not in self.table:
+            raise RecordError("the flatfile: column 'file' is missing")
         known = [name for name in _INDEX if name in self.table]
         rows = self.table[known].rename(columns=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
@@ -163,6 +162,9 @@ def select_records(
     ):  # fmt: skip
         if not value >= least:
             raise InputError(f"{name} = {value} must be at least {least}")
+    for column in ("record",) if per_event is None else ("record", "event"):
+        if column not in table:
+            raise RecordError(f"the flatfile: column {column!r} is missing")
     limit = float(np.log(max_scale))
     records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
 
@@ -250,12 +252,10 @@ def _candidates(
     table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
     """Records that may be selected, their ln Sa, and which of them may be together."""
-    ids = column_of(table, "record").astype(str)
-    if table.empty:
-        raise RecordError(f"{name_of(table)}: has no record")
+    ids = table["record"].astype(str)
     if ids.duplicated().any():
         twice = ids[ids.duplicated()].iloc[0]
-        raise RecordError(f"{name_of(table)}: record {twice!r} is there twice")
+        raise RecordError(f"the flatfile: record {twice!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
     ln_sa = _spectra(records, target.periods)
     usable = np.isfinite(ln_sa).all(axis=1)
@@ -270,7 +270,6 @@ def _candidates(
     groups, most = [(recording, 1)], len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
-        column_of(records, "event")
         event = _groups(records, ["event"])
         groups.append((event, per_event))
         of_event = Counter(dict(set(zip(recording, event))).values())
@@ -278,7 +277,7 @@ def _candidates(
         story += f", {most} with at most {per_event} of one event"
     if most < count:
         few = f"{count} records were asked for, but only {most} may be selected"
-        raise RecordError(f"{name_of(table)}: {few}; {story}")
+        raise RecordError(f"the flatfile: {few}; {story}")
     return records, ln_sa, groups
 
 
@@ -305,12 +304,12 @@ def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
     """
     have, names = _columns(table)
     if not names:
-        raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
+        raise RecordError("the flatfile: has no column of Sa, such as T0.100S in g")
     asked = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     outside = asked[(asked < have[0] * (1.0 - 1e-6)) | (asked > have[-1] * (1.0 + 1e-6))]
     if outside.size:
         given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
-        raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
+        raise RecordError(f"the flatfile: {given}, the target asks for {outside[0]:g} s")
     place = np.interp(np.log(asked), np.log(have), np.arange(have.size))
     near, after = np.rint(place).astype(int), np.ceil(place).astype(int)
     before = np.maximum(after - 1, 0)
@@ -320,7 +319,7 @@ def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
         first = int(apart.argmax())
         gap = f"has no Sa between {have[before[first]]:g} and {have[after[first]]:g} s"
         needed = f"too far apart to interpolate the target's {asked[first]:g} s"
-        raise RecordError(f"{name_of(table)}: {gap}, {needed}")
+        raise RecordError(f"the flatfile: {gap}, {needed}")
     ln_sa = np.column_stack([numbers(table, name) for name in names])
     with np.errstate(invalid="ignore", divide="ignore"):
         ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))

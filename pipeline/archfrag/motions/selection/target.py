@@ -248,29 +248,18 @@ def read_target(path: str | Path) -> Target:
         rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    rows.attrs["source"] = path
-    sd = numbers(rows, "sd") if "sd" in rows else None
-    return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
+    columns = [column for column in ("period_s", "Sa_g", "sd") if column in rows or column != "sd"]
+    return spectrum_target(*(numbers(rows, c, str(path)) for c in columns), source=str(path))
 
 
-def numbers(table: pd.DataFrame, column: str) -> Array:
+def numbers(table: pd.DataFrame, column: str, source: str = "the flatfile") -> Array:
     """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
     try:
-        return pd.to_numeric(column_of(table, column)).to_numpy(dtype=np.float64)
+        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+    except KeyError:
+        raise RecordError(f"{source}: column {column!r} is missing") from None
     except ValueError as error:
-        raise RecordError(f"{name_of(table)}: {column}: {error}") from None
-
-
-def column_of(table: pd.DataFrame, column: str) -> pd.Series:
-    """A column; RecordError if it is missing."""
-    if column not in table.columns:
-        raise RecordError(f"{name_of(table)}: column {column!r} is missing")
-    return table[column]
-
-
-def name_of(table: pd.DataFrame) -> str:
-    """What messages call a table: its ``attrs["source"]`` where it has one."""
-    return str(table.attrs.get("source", "the flatfile"))
+        raise RecordError(f"{source}: {column}: {error}") from None
 
 
 def _rising(periods: ArrayLike, name: str) -> Array:
