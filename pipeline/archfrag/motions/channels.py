@@ -75,7 +75,15 @@ def _examine(
             left = "the last sample is left out, since the file ends within its line"
             warnings[trace.id] = (*warnings[trace.id], ("samples", left))
     impossible = any(word is None for found in warnings.values() for word, _ in found)
-    channels, gap = (traces, "") if impossible else _joined(traces)
+    channels, gap = traces, ""
+    if not impossible:
+        stream = Stream(list(traces))
+        if len({trace.id for trace in stream}) < len(stream):
+            stream.merge(method=-1)
+        for *codes, start, _, length, _ in stream.get_gaps()[:1]:
+            kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+            gap = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
+        channels = traces if gap else list(stream)
     for channel in channels:
         if len(channels) < len(traces):
             channel.stats.record.update(dict.fromkeys(("announced", "held"), channel.stats.npts))
@@ -106,18 +114,6 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     if bad.size:
         many = f"{bad.size} sample(s) that are not finite"
         yield None, f"channel {trace.id} has {many}, the first at index {bad[0]}"
-
-
-def _joined(traces: list[Trace]) -> tuple[list[Trace], str]:
-    """Traces of one channel as one; why not if there are holes."""
-    stream = Stream(list(traces))
-    if len({trace.id for trace in stream}) < len(stream):
-        stream.merge(method=-1)
-    for *codes, start, _, length, _ in stream.get_gaps():
-        kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
-        where = f"channel {'.'.join(codes)}"
-        return traces, f"{where} has {kind}; a record must be without gaps"
-    return list(stream), ""
 
 
 def by_direction(

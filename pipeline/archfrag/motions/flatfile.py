@@ -53,24 +53,21 @@ def measure_records(
         differ = "must differ in their first three decimals, which name the columns"
         raise InputError(f"periods {list(periods)} {differ}")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    table = pd.DataFrame([_row(motion, spectrum) for motion in motions])
+    rotated = [(f"{kind}_{column}", f"{kind}({name})", unit) for kind in ("RotD50", "RotD100")
+               for column, name, unit in (*_PEAKS[:2], *spectrum)]  # fmt: skip
+    rows = []
+    for motion in motions:
+        listed = [*_PEAKS, *spectrum, *_INTEGRALS]
+        listed += [] if motion.transverse is None else rotated
+        values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
+        row: dict[str, Any] = {"record": motion.id}
+        for column, (_, *keys) in _FACTS.items():
+            known = (about[key] for key in keys if about.get(key) not in (None, ""))
+            row[column] = next(known, None)
+        row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
+        rows.append(row | {column: values[name] / unit for column, name, unit in listed})
+    table = pd.DataFrame(rows)
     return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
-
-
-def _row(motion: Motion, spectrum: Sequence[tuple[str, str, float]]) -> dict[str, Any]:
-    listed = [*_PEAKS, *spectrum, *_INTEGRALS]
-    if motion.transverse is not None:
-        listed += [
-            (f"{kind}_{column}", f"{kind}({name})", unit)
-            for kind in ("RotD50", "RotD100")
-            for column, name, unit in (*_PEAKS[:2], *spectrum)
-        ]
-    values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
-    row: dict[str, Any] = {"record": motion.id}
-    for column, (_, *keys) in _FACTS.items():
-        row[column] = next((about[key] for key in keys if about.get(key) not in (None, "")), None)
-    row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-    return row | {column: values[name] / unit for column, name, unit in listed}
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:

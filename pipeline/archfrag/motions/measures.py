@@ -151,9 +151,6 @@ def parse_measure(name: str) -> Measure:
     ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``;
     InputError for any other name, or a period that is not a positive number.
 
-    Examples
-    --------
-    >>> from archfrag.motions.measures import parse_measure
     >>> parse_measure("SaAvg(0.2, 1.0)")
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
@@ -204,14 +201,6 @@ def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
 
     InputError for an unknown name, or one that needs the other horizontal component if the motion
     has only one.
-
-    Examples
-    --------
-    >>> import numpy as np, archfrag as af
-    >>> from archfrag.motions.measures import measure_all
-    >>> motion = af.Motion(np.sin(np.arange(0.0, 4.0 * np.pi, 0.01)), dt=0.01)
-    >>> {name: round(value, 2) for name, value in measure_all(motion, ["PGA", "CAV"]).items()}
-    {'PGA': 1.0, 'CAV': 8.0}
     """
     requested = {name: parse_measure(name) for name in names}
     at = {

@@ -44,8 +44,7 @@ class Motion:
     id : str
         Name of the record, used in tables and messages.
     metadata : mapping
-        What is known of the record: event, station, magnitude, file; JSON types only if the
-        motion is to be stored.
+        What is known of the record: event, station, magnitude, file.
     log : tuple of str
         A line for each thing done to the samples since they left the file.
     transverse : array_like, shape (n_sample,) [m/s2], optional
@@ -54,8 +53,7 @@ class Motion:
     Raises
     ------
     RecordError
-        If a sample is not finite, the samples are not one row of at least two, `dt` is not
-        positive, or another component has another length.
+        If `dt` or samples are not such numbers.
 
     Examples
     --------

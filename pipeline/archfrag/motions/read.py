@@ -49,11 +49,10 @@ def read_motion(
         (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
         archive or a pickle. Of counts and uncorrected volumes the mean is removed.
     unit : str, optional
-        Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
-        that do not state it themselves; it is never guessed.
+        Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read.
-        Without it the first horizontal of the file is taken, and the log names it.
+        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read, if
+        not the first of the file.
     vertical : path, optional
         File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
@@ -61,8 +60,7 @@ def read_motion(
     accept : sequence of str
         What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
-        announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
-        that lists the file may state it in a column ``accept``.
+        announces), ``header`` (states a peak that is off by more than a tenth).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -70,8 +68,7 @@ def read_motion(
     -------
     Motion
         In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        states (see ``HEADER``), what was ``accepted``, and the ``faults``: contradictions in the
-        file.
+        states, what was ``accepted``, and the ``faults``: contradictions in the file.
 
     Raises
     ------

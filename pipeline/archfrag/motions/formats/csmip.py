@@ -26,6 +26,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     END_OF_DATA,
+    WORDS,
     Source,
     Text,
     begins_with,
@@ -121,7 +122,7 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
     section = "".join(text.head(at, at + 1))
     if not _SECTION.match(section):
         raise text.needs(at, "the line with the number of points and their units")
-    end, where = text.end_of_numbers(at + 1), text.place(at)
+    end, where = text.first(at + 1, WORDS.search), text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
         return None, end, header
     announced = facts.checked_count(facts.search(_SECTION, section), where)
@@ -261,7 +262,7 @@ def _section(text: Text, section: int) -> _Data:
     if step is None:
         raise RecordError(f"{where}: no time step is stated in {line.strip()!r}")
     unit, scale = _unit_of(line)
-    end = text.end_of_numbers(section + 1)
+    end = text.first(section + 1, WORDS.search)
     samples = text.numbers(section + 1, end, announced, format_width(line) or 10)
     stated = {"announced": announced, "held": samples.size, "unit": unit, "log": ()}
     return samples * scale, step, stated, end
@@ -275,7 +276,7 @@ def _pairs(text: Text, place: int, lines: list[str], rows: int) -> _Data:
     count, first = facts.search(_COUNT_LINE, lines[index]), place + len(lines) + rows
     announced = facts.checked_count(count, text.place(place + index))
     unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
-    end = text.end_of_numbers(first)
+    end = text.first(first, WORDS.search)
     values = text.numbers(first, end, 2 * announced, 7)
     stated = {"announced": announced, "held": values.size // 2, "unit": unit}
     values[1::2] *= scale

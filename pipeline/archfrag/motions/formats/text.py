@@ -27,7 +27,7 @@ _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 _EVEN = 0.05  # part of a step by which times may be off if only their rounding is seen
 _STRETCH = 20  # samples on the grid for each that the file holds, at most
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
-_WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
+WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
 
 class Text:
@@ -82,10 +82,6 @@ class Text:
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """The first line from `index` on that passes a test; the number of lines if none does."""
         return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
-
-    def end_of_numbers(self, index: int) -> int:
-        """The first line from `index` on that holds words."""
-        return self.first(index, _WORDS.search)
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
 from archfrag.motions.selection.target import (
     MODELS,
     PERIODS,
-    SAME,
     Array,
     Rupture,
     Target,
@@ -40,7 +39,7 @@ LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
 TRIALS = 20  # simulated sets
 STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
 MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
-_WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
+SAME_COLUMN = 2e-3  # relative difference of a period and that in the name of its column
 # Columns of an index of records by those of a flatfile.
 _INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
           "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
@@ -81,12 +80,7 @@ class Selection:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
-        found, given = list(self.target.notes), self.target.conditioning
-        count = len(self.table)
-        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= SAME).all():
-            small = "which makes their scatter at periods near it too small"
-            remedy = "measure them at that period"
-            found.append(f"Sa({given:g}) of the records is interpolated, {small}; {remedy}")
+        found, count = list(self.target.notes), len(self.table)
         scale = self.table.set_index("record")["scale"].astype(float)
         large = scale.where(scale >= 1.0, 1.0 / scale)
         if (many := (large > LARGE_SCALE).sum()) > 0:
@@ -289,40 +283,17 @@ def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
 
 
-def _columns(table: pd.DataFrame) -> tuple[Array, list[str]]:
-    """Rising periods [s] and the names of their columns of Sa."""
+def _spectra(table: pd.DataFrame, periods: Array) -> Array:
+    """ln Sa [g] of records, (n_record, n_period); nan if it is missing or not positive (-999)."""
     matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    found = sorted((float(match[1]), match[0]) for match in matches if match)
-    return np.array([period for period, _ in found]), [name for _, name in found]
-
-
-def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
-    """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
-
-    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan if a
-    value is missing or not positive (-999 in NGA flatfiles).
-    """
-    have, names = _columns(table)
-    if not names:
-        raise RecordError("the flatfile: has no column of Sa, such as T0.100S in g")
-    asked = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    outside = asked[(asked < have[0] * (1.0 - 1e-6)) | (asked > have[-1] * (1.0 + 1e-6))]
-    if outside.size:
-        given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
-        raise RecordError(f"the flatfile: {given}, the target asks for {outside[0]:g} s")
-    place = np.interp(np.log(asked), np.log(have), np.arange(have.size))
-    near, after = np.rint(place).astype(int), np.ceil(place).astype(int)
-    before = np.maximum(after - 1, 0)
-    same = np.abs(np.log(have[near] / asked)) < SAME
-    apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
-    if apart.any():
-        first = int(apart.argmax())
-        gap = f"has no Sa between {have[before[first]]:g} and {have[after[first]]:g} s"
-        needed = f"too far apart to interpolate the target's {asked[first]:g} s"
-        raise RecordError(f"the flatfile: {gap}, {needed}")
-    ln_sa = np.column_stack([numbers(table, name) for name in names])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
-    part = place - before
-    between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
-    return np.where(same, ln_sa[:, near], between)
+    have = {float(match[1]): match[0] for match in matches if match}
+    names = []
+    for period in periods:
+        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
+        if abs(near - period) > SAME_COLUMN * period:
+            needed = f"has no column T{period:.3f}S, Sa in g at a period of the target"
+            raise RecordError(f"the flatfile: {needed}; measure the records at that period")
+        names.append(have[near])
+    sa = np.column_stack([numbers(table, name) for name in names])
+    with np.errstate(invalid="ignore"):
+        return np.log(np.where(sa > 0.0, sa, np.nan))
