@@ -15,8 +15,8 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import VS30, Options, make_motion
+from archfrag.motions.target import Rupture, predict
 
 FOLDER = Path(__file__).parent
 PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)

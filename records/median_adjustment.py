@@ -12,9 +12,9 @@ import numpy as np
 
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY
-from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import Options, amplitude, make_motion
 from archfrag.motions.synthetic.amplitude import VS30
+from archfrag.motions.target import Rupture, predict
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)
 DISTANCES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # nearer, the top of small ruptures is not

@@ -8,16 +8,16 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import (
+from archfrag.motions.selection import select_records
+from archfrag.motions.target import (
     MODELS,
     Rupture,
     conditional_spectrum,
     correlation,
     predict,
     read_target,
-    select_records,
     spectrum_target,
-)  # fmt: skip
+)
 
 from .helpers import at2_text, refused
 

@@ -12,7 +12,6 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import pga, spectral_acceleration, velocity
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions
 from archfrag.motions.synthetic import amplitude as source
 from archfrag.motions.synthetic.amplitude import (
@@ -24,6 +23,7 @@ from archfrag.motions.synthetic.amplitude import (
     draw_term,
 )
 from archfrag.motions.synthetic.motion import _amplitude, _generator, amplification
+from archfrag.motions.target import Rupture, predict
 
 from .helpers import SHIPPED
 

@@ -10,14 +10,9 @@ import pytest
 from scipy.signal import StateSpace, lsim
 
 import archfrag as af
-from archfrag.motions.measures import measure, pga, spectral_acceleration
+from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.read import read_motion
-from archfrag.motions.selection import (
-    Rupture,
-    conditional_spectrum,
-    correlation,
-    target,
-)
+from archfrag.motions.target import Rupture, conditional_spectrum, correlation
 
 G = 9.80665
 RECORDS = Path(__file__).resolve().parents[3] / "shared" / "records"

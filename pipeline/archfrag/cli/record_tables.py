@@ -21,7 +21,8 @@ from archfrag.study.provenance import available_cores, finite
 if TYPE_CHECKING:
     import pandas as pd
 
-    from archfrag.motions.selection import Selection, Target
+    from archfrag.motions.selection import Selection
+    from archfrag.motions.target import Target
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"
 _MANY = 32  # files from which processes divide the work
@@ -142,29 +143,29 @@ def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
 
 def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
     """Target at periods that the records were measured at, since between them scatter is lost."""
-    from archfrag.motions import selection
+    from archfrag.motions import target
 
     scenario = ("magnitude", "distance", "vs30", "period")
     given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
         if given:
             raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
-        return selection.read_target(options["target"])
+        return target.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in given]
     levels = [name for name in ("sa", "epsilon") if name in given]
     if missing or len(levels) != 1:
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
         raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
-    rupture = selection.Rupture(options["magnitude"], options["distance"], options["vs30"])
+    rupture = target.Rupture(options["magnitude"], options["distance"], options["vs30"])
     level, period, model = options["sa"], options["period"], options["model"]
     if level is None:
-        ln_median, sd, _ = selection.predict(rupture, model, [period])
+        ln_median, sd, _ = target.predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
     near = {
         min(measured, key=lambda have: abs(math.log(have / t)), default=t)
-        for t in selection.PERIODS
+        for t in target.PERIODS
     }
-    return selection.conditional_spectrum(rupture, level, period, sorted(near), model)
+    return target.conditional_spectrum(rupture, level, period, sorted(near), model)
 
 
 def selection_text(selection: "Selection", out: Path) -> str:

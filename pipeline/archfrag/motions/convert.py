@@ -65,8 +65,7 @@ def convert_record(
             if form == "mseed":
                 _write_miniseed(part, group, unit)
             else:
-                lines = (_at2 if form == "at2" else _columns)(group[0], unit, made)
-                part.write_text("\n".join(lines) + "\n", encoding="ascii")
+                part.write_text(_text(group[0], form, unit, made), encoding="ascii")
         written.append(target)
         if all(map(is_vertical, group)):
             continue
@@ -117,42 +116,40 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
     return codes
 
 
-def _at2(channel: Trace, unit: str, made: str) -> list[str]:
-    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
-    date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
-    words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
-    names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
-    header = [
-        f"{made}; {' '.join(channel.stats.record.log)}",
-        ", ".join(names),
-        f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
-        f"NPTS= {values.size:6d}, DT= {float(channel.stats.delta)!r} SEC",
-    ]
-    rows = ("".join(f"{v:15.7E}" for v in values[i : i + 5]) for i in range(0, values.size, 5))
-    return [*map(_line, header), *rows]
-
-
-def _columns(channel: Trace, unit: str, made: str) -> list[str]:
-    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
-    dt = float(channel.stats.delta)
+def _text(channel: Trace, form: str, unit: str, made: str) -> str:
+    """A channel as AT2 or as columns of time and acceleration."""
+    facts, record = _facts(channel), channel.stats.record
+    values, dt = channel.data / unit_factor(unit, ""), float(channel.stats.delta)
+    if form == "at2":
+        date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
+        words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
+        names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
+        header = [
+            f"{made}; {' '.join(record.log)}",
+            ", ".join(names),
+            f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
+            f"NPTS= {values.size:6d}, DT= {dt!r} SEC",
+        ]
+        starts = range(0, values.size, 5)
+        rows = ["".join(f"{v:15.7E}" for v in values[i : i + 5]) for i in starts]
+        return "\n".join([*map(_line, header), *rows, ""])
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         made,
         *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
         f"component: {channel_code(channel)}; dt = {dt!r} s; {values.size} samples",
-        *(f"step: {step}" for step in channel.stats.record.log),
+        *(f"step: {step}" for step in record.log),
     ]
-    time = np.arange(values.size) * dt
-    rows = (f"{t:.10g} {v!r}" for t, v in zip(time.tolist(), values.tolist(), strict=True))
-    return [*(f"# {_line(text)}" for text in header), *rows]
+    times = (np.arange(values.size) * dt).tolist()
+    rows = [f"{t:.10g} {v!r}" for t, v in zip(times, values.tolist(), strict=True)]
+    return "\n".join([*(f"# {_line(text)}" for text in header), *rows, ""])
 
 
 def _facts(channel: Trace) -> dict[str, str]:
     stats, record = channel.stats, channel.stats.record
     date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
-    found = {"event": record.get("event", ""), "date": date,
-             "station": record.get("station") or stats.station}  # fmt: skip
-    return {key: str(value) for key, value in found.items()}
+    station = record.get("station") or stats.station
+    return {"event": str(record.get("event", "")), "date": str(date), "station": str(station)}
 
 
 def _line(text: str) -> str:

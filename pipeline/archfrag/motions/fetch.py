@@ -1,7 +1,7 @@
 """Records of earthquakes from data centres: miniSEED, StationXML and an index in one folder.
 
-For each event a folder with ``event.xml`` (QuakeML), one miniSEED file for each station, in
-counts, and its responses as ``NET.STA.xml`` beside it. obspy's FDSN client does the asking.
+Each event has a folder with ``event.xml`` (QuakeML), one miniSEED file for each station, in
+counts, and its responses as ``NET.STA.xml`` beside it.
 """
 
 import re
@@ -24,11 +24,9 @@ MOST_FAILURES = 3  # one after the other, after which a service is left alone
 PASSING = ("service",)  # kinds of failure after which another attempt may help
 Site = dict[str, Any]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}")
-_KINDS = (
-    (fdsn.FDSNNoDataException, "no data"),
-    ((fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
-      fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException), "unusable"),
-    ((fdsn.FDSNException, HTTPException, OSError), "service"),
+_REFUSED = (
+    fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
+    fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException,
 )  # fmt: skip
 
 
@@ -97,7 +95,9 @@ def _ask(method: Callable[..., Any], **query: Any) -> Any:
     try:
         return method(**query)
     except Exception as error:
-        kind = next((kind for kinds, kind in _KINDS if isinstance(error, kinds)), "unusable")
+        passing = isinstance(error, (fdsn.FDSNException, HTTPException, OSError))
+        kind = "service" if passing and not isinstance(error, _REFUSED) else "unusable"
+        kind = "no data" if isinstance(error, fdsn.FDSNNoDataException) else kind
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         service = method.__self__.base_url  # type: ignore[attr-defined]
         raise Failure(kind, f"{service}: {reason}") from None

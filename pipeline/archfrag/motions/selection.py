@@ -17,24 +17,8 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.selection.target import (
-    MODELS,
-    PERIODS,
-    Array,
-    Rupture,
-    Target,
-    conditional_spectrum,
-    correlation,
-    numbers,
-    predict,
-    read_target,
-    spectrum_target,
-)
+from archfrag.motions.target import Array, Target, numbers
 
-__all__ = [
-    "MODELS", "PERIODS", "Rupture", "Selection", "Target", "conditional_spectrum",
-    "correlation", "predict", "read_target", "select_records", "spectrum_target",
-]  # fmt: skip
 LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
 TRIALS = 20  # simulated sets
 STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
