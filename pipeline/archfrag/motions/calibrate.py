@@ -58,8 +58,7 @@ def check_file(path: Path) -> None:
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
     """The words of an `accept`, commas or blanks between, in the order of ``ACCEPTABLE``."""
-    listed = [words] if isinstance(words, str) else words
-    given = [word for text in listed for word in text.replace(",", " ").split()]
+    given = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
     for word in given:
         if word not in ACCEPTABLE:
             raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
@@ -126,9 +125,8 @@ def calibrate(
 def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | None") -> _Scaled:
     """Samples in m/s2, their unit in the file, and what was done to them.
 
-    The unit comes from the first source that states one: the file's header; the index that lists
-    the file; the K-NET scale factor (which obspy leaves in ``stats.calib`` as m/s2 a count, not
-    applied); the instrument's sensitivity in StationXML, given or beside the file; the
+    The first source that states a unit counts: the file's header; the index that lists the file;
+    the K-NET scale factor (which obspy leaves in ``stats.calib``, not applied); StationXML; the
     sensitivities in a COSMOS header; the user. Records of counts and uncorrected volumes are
     demeaned: their offset is the instrument's and can exceed the motion.
     """
@@ -138,17 +136,17 @@ def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | N
     known, source = record.get("unit"), f"{trace.stats._format} header"
     if known in (None, "", "counts"):
         known, source = (entry.unit if entry else ""), "index"
-    counts: tuple[float, str] | None = None
-    if known:
-        stated = f"the {source} states {known!r}"
-        needless = unit and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source)
-    else:
-        counts = _of_counts(trace, path, options.inventory)
-        needless = unit and counts and not (unit == "m/s2" and trace.stats._format == "KNET")
-        stated = f"the file holds counts and there is {counts[1]}" if counts else ""
-    if needless:
-        raise RecordError(f"{path}: unit {unit!r} was asked for but {stated}; leave `unit` out")
+    counts = None if known else _of_counts(trace, path, options.inventory)
     if known or counts:
+        if known:
+            stated = f"the {source} states {known!r}"
+            same = unit and METRES_PER_SECOND_SQUARED[unit] == unit_factor(known, source)
+        else:
+            stated = f"the file holds counts and there is {counts and counts[1]}"
+            same = unit == "m/s2" and trace.stats._format == "KNET"
+        if unit and not same:
+            asked = f"unit {unit!r} was asked for but {stated}"
+            raise RecordError(f"{path}: {asked}; leave `unit` out")
         unit = known or "counts"
     if unit is None:
         raise RecordError(

@@ -59,11 +59,10 @@ def _examine(
     else:
         # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
         traces = read_traces(str(path), "AT2" if path.suffix.lower() == ".at2" else None)
-    unequal: tuple[str, ...] = ()
-    if len({trace.stats.record.held for trace in traces}) > 1:
-        listed = (f"{channel_code(trace)} {trace.stats.record.held}" for trace in traces)
-        numbers = f"unequal numbers of samples ({', '.join(listed)})"
-        unequal = (f"the channels of the file have {numbers}",)
+    listed = ", ".join(f"{channel_code(trace)} {trace.stats.record.held}" for trace in traces)
+    differ = len({trace.stats.record.held for trace in traces}) > 1
+    fault = f"the channels of the file have unequal numbers of samples ({listed})"
+    unequal = (fault,) if differ else ()
     warnings: dict[str, tuple[Warned, ...]] = {}
     for trace in traces:
         warnings[trace.id] = (*warnings.get(trace.id, ()), *_warnings(trace))
@@ -95,8 +94,6 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     """What cannot be a record, or contradicts its header."""
     delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
     announced, held = record.announced, record.held
-    if held == 0:
-        yield None, f"channel {trace.id} holds no samples"
     if not (np.isfinite(delta) and delta > 0.0):
         yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
     if announced != held:
@@ -106,8 +103,8 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     else:
         for warning in record.get("warnings", ()):
             yield "header", f"channel {code}: {warning}"
-    if 0 < len(trace.data) < 2 or 0 < held < 2:
-        yield None, f"channel {trace.id} holds {held} sample(s); 2 or more are needed"
+    if (count := min(held, len(trace.data))) < 2:
+        yield None, f"channel {trace.id} holds {count} sample(s); 2 or more are needed"
     if np.ma.isMaskedArray(trace.data):
         yield None, f"channel {trace.id} has gaps; a record must be without gaps"
     bad = np.flatnonzero(~np.isfinite(trace.data))

@@ -75,15 +75,13 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
     count = max(1, int(fraction * motion.acceleration.size))
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
 
-    def tapered(a: Samples) -> Samples:
-        a = a.copy()
-        if side != "right":
-            a[:count] *= rise
-        if side != "left":
-            a[-count:] *= rise[::-1]
-        return a
-
-    return motion._changed(tapered, f"Tapered by a cosine over {fraction:g} of it, {side} ends.")
+    factor = np.ones(motion.acceleration.size)
+    if side != "right":
+        factor[:count] *= rise
+    if side != "left":
+        factor[-count:] *= rise[::-1]
+    done = f"Tapered by a cosine over {fraction:g} of it, {side} ends."
+    return motion._changed(lambda a: a * factor, done)
 
 
 def bandpass(
@@ -113,10 +111,9 @@ def bandpass(
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
     edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
 
-    def filtered(a: Samples) -> Samples:
-        return sosfilt(sections, a) if causal else sosfiltfilt(sections, a, padlen=edge)
-
-    return motion._changed(filtered, done)
+    if causal:
+        return motion._changed(lambda a: sosfilt(sections, a), done)
+    return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
@@ -193,11 +190,9 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
     The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
-    which the components' own azimuths must be known (``azimuth`` and ``azimuth_transverse`` of
-    the metadata), or by an `angle` [degrees] from the first component towards the other one,
-    which is then taken to be perpendicular. RecordError if there is one component only, an
-    azimuth is not known, or both are nearly parallel; InputError unless one of `azimuth` and
-    `angle` is given.
+    which the components' own azimuths must be known, or by an `angle` [degrees] from the first
+    component towards the other one, which is then taken to be perpendicular. RecordError if there
+    is one component only, an azimuth is not known, or both are nearly parallel.
     """
     name = motion.id or "motion"
     if (azimuth is None) == (angle is None):

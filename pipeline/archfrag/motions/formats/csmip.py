@@ -43,7 +43,7 @@ _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lin
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
 _COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
-_COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
+_COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _NULL = -999.0
 _REALS = {"magnitude": (lambda value: value or None, 12, 14), "epicentral_km": (float, 16)}
 
@@ -98,11 +98,7 @@ is_cosmos = begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values 
 
 
 def read_cosmos(source: Source, **_: Any) -> Stream:
-    """Read the accelerations of a COSMOS file in its unit, in/s2 as cm/s2.
-
-    Counts (``unit`` is "counts") come with ``g_per_count`` where the header has the
-    sensitivities of recorder and sensor.
-    """
+    """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
     return _stream(source, _cosmos_channel)
 
 
@@ -127,15 +123,12 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
         return None, end, header
     announced = facts.checked_count(facts.search(_SECTION, section), where)
     samples = text.numbers(at + 1, end, announced, format_width(section))
-    unit, scale = _COSMOS_UNITS.get(int(integers[2]), ("", 1.0))
+    unit = _COSMOS_UNITS.get(int(integers[2]), "")
     lines += [""] * 9
     record, codes = _cosmos_record(lines, int(integers[53]), comments)
     record = facts.read_fields(_REALS, real.get) | record
     record |= {"level": _COSMOS_LEVELS.get(int(integers[0]), ""), "unit": unit,
                "announced": announced, "held": samples.size}  # fmt: skip
-    if scale != 1.0:
-        samples = samples * scale
-        record["log"] = ("Unit in/s2 converted into cm/s2.",)
     if unit == "counts":
         # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
         least, sensitivity, gain = (max(real.get(index, 0.0), 0.0) for index in (21, 41, 46))
@@ -143,7 +136,7 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
             record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
     step = real[61] / 1000.0 if 61 in real else real.get(33)
-    peak = f"{real[63]:.4E}" if 63 in real and scale == 1.0 else ""
+    peak = f"{real[63]:.4E}" if 63 in real else ""
     start = facts.utc_time(lines[7])
     trace = facts.trace_of(samples, step, where, record, peak=peak, codes=codes, start=start)
     step, length = trace.stats.delta, real.get(62)

@@ -16,7 +16,6 @@ Source = str | Path | BinaryIO
 
 _CHUNK = 4000  # lines converted at a time: words need ten times the memory of numbers
 _WIDEST = 200  # characters of a line of a header; patterns take long over much longer ones
-_SHOWN = 40  # characters of a word in a message
 _FORTRAN = str.maketrans("Dd", "EE")
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
@@ -25,23 +24,17 @@ _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
 _FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE)
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 _EVEN = 0.05  # part of a step by which times may be off if only their rounding is seen
-_STRETCH = 20  # samples on the grid for each that the file holds, at most
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
 
 class Text:
-    """Lines of a file, whatever ends them; RecordError if there is no file or nothing in it."""
+    """Lines of a file, whatever ends them."""
 
     def __init__(self, source: Source) -> None:
         is_path = isinstance(source, (str, Path))
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
-        try:
-            self.lines = _lines(_read_bytes(source))
-        except FileNotFoundError:
-            raise RecordError(f"{self.name}: there is no such file") from None
-        if not any(line.strip(" \t\x1a") for line in self.lines):
-            raise RecordError(f"{self.name}: the file is empty")
+        self.lines = _lines(_read_bytes(source))
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -56,8 +49,8 @@ class Text:
 
     def needs(self, index: int, what: str) -> RecordError:
         """The error for a line that is something else than needed."""
-        line = self.lines[index].strip()[:60] if index < len(self) else None
-        shown = "the end of the file" if line is None else repr(line)
+        end = index >= len(self)
+        shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
 
     def numbers(
@@ -156,7 +149,7 @@ def _words(line: str, width: int | None) -> list[str]:
 def split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
-    shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")
+    shown = repr(word if len(word) <= 40 else word[:40] + "...")
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
     if len(pieces) > 1 and not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
         pieces = [""]
@@ -188,11 +181,10 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
-    count = length / step
-    if not count < _STRETCH * times.size:
+    if not length / step < 20 * times.size:
         held = f"{times.size} samples in {length:g} s with a median step of {median:g} s"
         raise RecordError(f"{name}: the times of the samples are too uneven: {held}")
-    grid = times[0] + step * np.arange(int(count * (1.0 + 1e-12)) + 1)
+    grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
     done = (
         f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
         f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
