@@ -58,14 +58,12 @@ class Measure(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    """A row of the table: a measure of the motion itself, or of Sa at some periods."""
+    """A row of the table of measures."""
 
     unit: str
     exponent: int  # power of a factor on the motion with which it grows; 0 for no power
-    of_motion: Callable[[Motion], float] | None = None
-    at: Callable[..., Iterable[float]] | None = None  # periods of Sa by those in its name
-    of_spectrum: Callable[[Samples], float] = lambda sa: float(sa[0])
-    named: int = 0  # periods in its name
+    value: Callable[..., float]  # of a motion and the periods in the name
+    named: int = 0  # periods in the name
 
 
 def integral(samples: Samples, dt: float) -> Samples:
@@ -116,6 +114,10 @@ def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
     return float(sum(total))
 
 
+def _geometric_mean(values: Samples) -> float:
+    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
+
+
 _KINDS = {
     "PGA": _Kind("m/s2", 1, lambda m: _peak(m.acceleration)),
     "PGV": _Kind("m/s", 1, lambda m: _peak(integral(m.acceleration, m.dt))),
@@ -123,25 +125,16 @@ _KINDS = {
     "Arias": _Kind("m/s", 2, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
     "CAV": _Kind("m/s", 1, _cav),
     "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, STANDARD_LEVEL)),
-    "D5_95": _Kind(
-        "s", 0,
-        lambda m: float(np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]),
-    ),
-    "HI": _Kind(
-        "m", 1, at=_HOUSNER.tolist,
-        of_spectrum=lambda sa: float(np.trapezoid(sa * _HOUSNER / (2.0 * np.pi), _HOUSNER)),
-    ),
-    "Sa": _Kind("m/s2", 1, at=lambda period: (period,), named=1),
-    "AvgSA": _Kind(
-        "m/s2", 1, at=lambda low, high: np.geomspace(low, high, AVERAGED_PERIODS).tolist(),
-        of_spectrum=lambda sa: float(np.exp(np.log(sa).mean())) if sa.all() else 0.0, named=2,
-    ),
+    "D5_95": _Kind("s", 0, lambda m: float(np.diff(
+        arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0])),
+    "HI": _Kind("m", 1, lambda m: float(np.trapezoid(
+        spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
+    "Sa": _Kind("m/s2", 1, lambda m, period: float(spectral_acceleration(m, period)[0]), 1),
+    "AvgSA": _Kind("m/s2", 1, lambda m, *ends: _geometric_mean(
+        spectral_acceleration(m, np.geomspace(*ends, AVERAGED_PERIODS))), 2),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
-_ALLOWED = (
-    f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2) with periods in seconds, and RotD50() or "
-    "RotD100() of PGA, PGV or Sa(T)"
-)
+_ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), and RotD50() or RotD100() of PGA, PGV, Sa(T)"
 
 
 def parse_measure(name: str) -> Measure:
@@ -192,34 +185,20 @@ def scaling_exponent(name: str) -> int:
 
 
 def measure(motion: Motion, name: str) -> float:
-    """Value of the named intensity measure in its SI unit (see `parse_measure`)."""
-    return measure_all(motion, (name,))[name]
-
-
-def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
-    """Values of several intensity measures by name, in SI units; one pass for all spectra.
+    """Value of the named intensity measure in its SI unit (see `parse_measure`).
 
     InputError for an unknown name, or one that needs the other horizontal component if the motion
     has only one.
     """
-    requested = {name: parse_measure(name) for name in names}
-    at = {
-        name: tuple(_KINDS[found.kind].at(*found.periods))  # type: ignore[misc]
-        for name, found in requested.items()
-        if not found.rotated and _KINDS[found.kind].at
-    }
-    periods = sorted({period for each in at.values() for period in each})
-    spectrum = dict(zip(periods, spectral_acceleration(motion, periods) if periods else ()))
-    values = {}
-    for name, found in requested.items():
-        kind = _KINDS[found.kind]
-        if found.rotated:
-            values[name] = _rotated(motion, found)
-        elif kind.of_motion:
-            values[name] = kind.of_motion(motion)
-        else:
-            values[name] = kind.of_spectrum(np.array([spectrum[t] for t in at[name]]))
-    return values
+    found = parse_measure(name)
+    if found.rotated:
+        return _rotated(motion, found)
+    return _KINDS[found.kind].value(motion, *found.periods)
+
+
+def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
+    """Values of several intensity measures by name, in SI units."""
+    return {name: measure(motion, name) for name in names}
 
 
 def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0.05) -> Samples:

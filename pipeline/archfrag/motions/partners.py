@@ -34,7 +34,6 @@ _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
-_COMMON = ("event", "date", "station")
 _Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
@@ -121,9 +120,8 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
     folders: dict[Path, list[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, []).append(path.name)
-    return {
-        folder / name for folder, names in folders.items() for name in partners(names)[1].values()
-    }
+    verticals = ((folder, partners(names)[1]) for folder, names in folders.items())
+    return {folder / name for folder, found in verticals for name in found.values()}
 
 
 def folder_names(folder: Path) -> list[str]:
@@ -169,7 +167,7 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     its_name, code = its.get("file") or other.id, its.get("component", "")
     name = f"{motion.id} and {its_name} ({code})"
     one_file = own.get("file") == its.get("file")
-    for fact in () if one_file else _COMMON:
+    for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
             differ = f"{fact} is {one!r} of the one and {two!r} of the other"
@@ -190,10 +188,8 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     log = (*motion.log, *steps)
     if count < max(sizes):
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
-    arrays = {
-        part: samples if samples is None else samples[first : first + count]
-        for part, samples in motion.components.items()
-    }
+    arrays = {part: None if samples is None else samples[first : first + count]
+              for part, samples in motion.components.items()}  # fmt: skip
     arrays[key] = other.acceleration[its_first : its_first + count]
     metadata = {**own, **labels}
     for found in ("faults", "accepted"):
