@@ -6,14 +6,13 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError, StudyError
 from archfrag.motions.formats.columns import Columns
-from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion
 from archfrag.study.file.records import read_sources
 from archfrag.study.file.schema import load_study
 from archfrag.study.file.sources import find_sources
 from tests.study.small import TEXT, small_study
 
-from .helpers import refused, wave
+from .helpers import pga, refused, wave
 
 G = 9.80665
 TIMED, STEPPED = Columns(time=1, acceleration=2), Columns(dt=0.02)

@@ -13,10 +13,9 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import OWN, plug_in, recognise
 from archfrag.motions.formats.keyed import read_knet
 from archfrag.motions.formats.text import Text, on_even_steps
-from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
-from .helpers import FOURTH_LINES, at2_text, refused, wave
+from .helpers import FOURTH_LINES, at2_text, pga, refused, wave
 from .samples import (
     KIKNET,
     MADE_UP,

@@ -12,7 +12,6 @@ from archfrag.motions.measures import (
     spectral_acceleration,
 )
 from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import response_spectrum
 
 from .helpers import refused, wave
 
@@ -76,17 +75,17 @@ def test_spectrum_of_a_record_that_ends_in_motion(count):
     record[0] = 0.0
     periods = np.geomspace(0.02, 10.0, 24 if count < 1000 else 4)
     expected = [largest_response(record, 0.01, period) for period in periods]
-    assert response_spectrum(record, 0.01, periods) == pytest.approx(expected, rel=1e-3)
+    assert spectral_acceleration(Motion(record, 0.01), periods) == pytest.approx(expected, rel=1e-3)
     extended = np.append(record, np.zeros(40))
-    same = pytest.approx(response_spectrum(extended, 0.01, periods), rel=1e-9)
-    assert response_spectrum(record, 0.01, periods) == same
+    same = pytest.approx(spectral_acceleration(Motion(extended, 0.01), periods), rel=1e-9)
+    assert spectral_acceleration(Motion(record, 0.01), periods) == same
 
 
 @pytest.mark.parametrize("period", [0.05, 0.4, 2.0])
 def test_rotated_spectrum_is_that_of_each_direction(period):
     one, other = noise(seed=1), noise(seed=2)
     motion = Motion(one, 0.01, transverse=other)
-    each = [response_spectrum(np.cos(a) * one + np.sin(a) * other, 0.01, period)[0]
+    each = [spectral_acceleration(Motion(np.cos(a) * one + np.sin(a) * other, 0.01), period)[0]
             for a in np.deg2rad(np.arange(180))]  # fmt: skip
     assert measure(motion, f"RotD50(Sa({period}))") == pytest.approx(np.median(each), rel=1e-8)
     assert measure(motion, f"RotD100(Sa({period}))") == pytest.approx(np.max(each), rel=1e-8)

@@ -14,10 +14,9 @@ from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import ACCEPTABLE
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import pga
 from archfrag.motions.read import load_motion, read_motion, read_motions
 
-from .helpers import SHIPPED, at2_text, refused, wave
+from .helpers import SHIPPED, at2_text, pga, refused, wave
 from .samples import knet_text
 
 G = 9.80665

@@ -214,7 +214,7 @@ class TestMake:
             2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        made = [make_motion(*recipe[1:]) for recipe in plan_motions(wanted)]
+        made = [make_motion(recipe) for recipe in plan_motions(wanted)]
         for entry, motion in zip(load_index(tmp_path / "a"), made, strict=True):
             read = load_motion(entry)
             assert np.array_equal(read.acceleration, motion.acceleration)

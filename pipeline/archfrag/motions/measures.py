@@ -134,7 +134,7 @@ _KINDS = {
         spectral_acceleration(m, np.geomspace(*ends, AVERAGED_PERIODS))), 2),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
-_ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), and RotD50() or RotD100() of PGA, PGV, Sa(T)"
+_ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
 
 
 def parse_measure(name: str) -> Measure:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,10 +10,10 @@ from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.synthetic.amplitude import VS30
-from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
+from archfrag.motions.synthetic.motion import Recipe, make_motion
 
-__all__ = ["VS30", "Options", "Plan", "Recipe", "Seeds", "make_motion", "make_suite",
-           "plan_motions", "shipped_recipes"]  # fmt: skip
+__all__ = ["VS30", "Plan", "Recipe", "make_motion", "make_suite", "plan_motions",
+           "shipped_recipes"]  # fmt: skip
 
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
@@ -31,16 +30,6 @@ TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 # Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
 SPACING = 10**6
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
-
-
-class Recipe(NamedTuple):
-    """All that a motion follows from."""
-
-    id: str
-    magnitude: float
-    distance: float  # to the rupture [km]
-    seeds: Seeds
-    options: Options
 
 
 @dataclass(frozen=True)
@@ -80,10 +69,10 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     for number, (distance, pulse) in enumerate(zip(distances.tolist(), pulses.tolist())):
         event, record = divmod(number, plan.records_per_event)
         site = number if plan.sites is None else number % plan.sites
-        seeds = Seeds(first + number, first + event, first + site)
-        options = Options(vs30=plan.vs30, vertical=plan.vertical, pulse=pulse)
-        name, magnitude = f"e{event + 1}-r{record + 1}", float(magnitudes[event])
-        recipes.append(Recipe(name, magnitude, float(distance), seeds, options))
+        recipes.append(Recipe(
+            float(magnitudes[event]), distance, first + number, first + event, first + site,
+            vs30=plan.vs30, vertical=plan.vertical, pulse=pulse, id=f"e{event + 1}-r{record + 1}",
+        ))  # fmt: skip
     return recipes
 
 
@@ -95,14 +84,13 @@ def shipped_recipes() -> list[Recipe]:
             seed = FIRST_SEED + len(recipes)
             event = FIRST_SEED + group * EVENTS + place % EVENTS
             name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
-            recipes.append(Recipe(name, magnitude, distance, Seeds(seed, event, seed), Options()))
+            recipes.append(Recipe(magnitude, distance, seed, event, id=name))
     return recipes
 
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
     """Write motions, or those that are shipped: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
 
-    The folder is made if needed; files of the same names are replaced at once, the index last.
     Returns the record files in the order of the index; OutputError if one cannot be written.
     """
     from obspy import Stream, Trace, UTCDateTime
@@ -110,9 +98,9 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
     folder, rows = Path(out_dir), []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
-    pulses = any(recipe.options.pulse for recipe in recipes)
+    pulses = any(recipe.pulse for recipe in recipes)
     for number, recipe in enumerate(recipes, start=1):
-        motion = make_motion(*recipe[1:])
+        motion = make_motion(recipe)
         path, stream = folder / FOLDER / f"{recipe.id}.mseed", Stream()
         header = {"network": "XX", "station": f"S{number % 10000:04d}", "delta": motion.dt,
                   "starttime": UTCDateTime(2000, 1, 1)}  # fmt: skip
@@ -125,6 +113,6 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         rows.append(known | {
             "id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": sha256_of(path),
             "component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS,
-        } | ({"pulse": recipe.options.pulse} if pulses else {}))  # fmt: skip
+        } | ({"pulse": recipe.pulse} if pulses else {}))  # fmt: skip
     write_index(folder, rows)
     return [folder / row["file"] for row in rows]
