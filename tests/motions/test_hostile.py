@@ -46,9 +46,7 @@ class Payload:
 
 def payload(marker):
     """What obspy takes for one of its pickles, by its first hundred bytes."""
-    content = pickle.dumps(("obspy.core.stream", Payload(marker)))
-    assert content.index(b"obspy.core.stream") < 80
-    return content
+    return pickle.dumps(("obspy.core.stream", Payload(marker)))
 
 
 def tarred(content):
@@ -109,8 +107,7 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
     assert set(tmp_path.iterdir()) == before
     assert (result.exit_code, result.stdout, result.output.count("\n")) == (2, "", 1)
     assert result.output.startswith(f"archfrag: error: {path}")
-    if name.endswith(("gz", "tar", "bz2")):
-        assert "which is never unpacked" in result.output
+    assert not name.endswith(("gz", "tar", "bz2")) or "never unpacked" in result.output
 
 
 def test_a_study_is_not_taken_down(tmp_path):
@@ -125,13 +122,13 @@ def test_a_study_is_not_taken_down(tmp_path):
 
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/zero"):
-        with pytest.raises(RecordError, match="this is not a regular file"):
-            read_motion(path)
     circle = tmp_path / "circle.AT2"
     circle.symlink_to(circle)
-    with pytest.raises(RecordError, match="there is no such file"):
-        read_motion(circle)
+    for path, reason in ((tmp_path / "pipe", "it is not a regular file"),
+                         ("/dev/zero", "it is not a regular file"),
+                         (circle, "Too many levels of symbolic links")):  # fmt: skip
+        with pytest.raises(RecordError, match=f"cannot be read: {reason}"):
+            read_motion(path)
 
 
 def put(path, content):

@@ -75,7 +75,7 @@ class TestFlatfile:
     @pytest.mark.parametrize(
         ("text", "reason"),
         [("a,b\n1,2\n", "has no column 'record'"), ("", "cannot be read as a flatfile in CSV"),
-         ("record,magnitude\nx,big\n", "Unable to parse string")],
+         ("record,magnitude\nx,big\n", "could not convert string")],
     )  # fmt: skip
     def test_no_flatfile(self, tmp_path, text, reason):
         (tmp_path / "flat.csv").write_text(text)

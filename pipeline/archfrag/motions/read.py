@@ -103,7 +103,7 @@ def _read_one(
     remedy = "give `component` (--component on the command line)"
     horizontals, verticals = by_direction(channels, source, "" if component or listed else remedy)
     if len(horizontals) > 1:
-        component = component or listed
+        component = component or listed or None
     chosen, line = _choose(horizontals, source, component)
     motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
     motion = motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
