@@ -6,7 +6,6 @@ from scipy.signal import cont2discrete, lfilter
 
 from archfrag.motions.measures import (
     measure,
-    measure_all,
     parse_measure,
     scale_factor,
     spectral_acceleration,
@@ -69,16 +68,16 @@ def largest_response(record, dt, period):
     return np.abs(lfilter(numerator.ravel(), denominator, fine)).max()
 
 
-@pytest.mark.parametrize("count", [*range(160, 176), 32768])
+@pytest.mark.parametrize("count", [160, 163, 171, 32768])
 def test_spectrum_of_a_record_that_ends_in_motion(count):
     record = np.random.default_rng(count).standard_normal(count)
     record[0] = 0.0
     periods = np.geomspace(0.02, 10.0, 24 if count < 1000 else 4)
+    found, extended = (spectral_acceleration(Motion(samples, 0.01), periods)
+                       for samples in (record, np.append(record, np.zeros(40))))  # fmt: skip
     expected = [largest_response(record, 0.01, period) for period in periods]
-    assert spectral_acceleration(Motion(record, 0.01), periods) == pytest.approx(expected, rel=1e-3)
-    extended = np.append(record, np.zeros(40))
-    same = pytest.approx(spectral_acceleration(Motion(extended, 0.01), periods), rel=1e-9)
-    assert spectral_acceleration(Motion(record, 0.01), periods) == same
+    assert found == pytest.approx(expected, rel=1e-3)
+    assert found == pytest.approx(extended, rel=1e-9)
 
 
 @pytest.mark.parametrize("period", [0.05, 0.4, 2.0])
@@ -91,14 +90,9 @@ def test_rotated_spectrum_is_that_of_each_direction(period):
     assert measure(motion, f"RotD100(Sa({period}))") == pytest.approx(np.max(each), rel=1e-8)
 
 
-def test_several_measures_at_once_are_those_one_by_one_in_either_spelling():
-    motion = Motion(noise(), 0.01)
-    names = ["PGA", "HI", "Sa(0.3)", "AvgSA(0.2,1.0)", "D5_95"]
-    together = measure_all(motion, [*names, "SaAvg(0.2,1.0)", "SA(0.3)"])
-    assert list(together)[:5] == names
-    assert list(together.values())[:5] == [measure(motion, name) for name in names]
-    assert together["AvgSA(0.2,1.0)"] == together["SaAvg(0.2,1.0)"]
-    assert together["SA(0.3)"] == together["Sa(0.3)"]
+def test_either_spelling():
+    for one, other in (("AvgSA(0.2,1.0)", "SaAvg(0.2, 1.0)"), ("Sa(0.3)", "SA(0.3)")):
+        assert measure(WAVE, one) == measure(WAVE, other) > 0.0
 
 
 POWERS = {"PGA": 1, "PGV": 1, "Arias": 2, "Sa(0.3)": 1, "AvgSA(0.2,1.0)": 1, "D5_95": 0}

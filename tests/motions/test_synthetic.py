@@ -243,13 +243,11 @@ class TestPlan:
         assert [r.distance for r in recipes] == [10.0, 30.0] * 3
 
     def test_drawn_values_lie_between_their_ends_and_follow_the_seed(self):
-        def drawn(seed):
-            plan = Plan(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25)
-            return plan_motions(plan)
-
-        recipes = drawn(1)
-        assert recipes == drawn(1)
-        assert recipes != drawn(2)
+        recipes, again, others = (
+            plan_motions(Plan(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25))
+            for seed in (1, 1, 2)
+        )
+        assert recipes == again != others
         magnitudes, distances = ([getattr(r, name) for r in recipes]
                                  for name in ("magnitude", "distance"))  # fmt: skip
         assert 5.5 < min(magnitudes) < max(magnitudes) < 7.5
