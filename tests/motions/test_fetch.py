@@ -1,6 +1,5 @@
 """Records from a data centre: what comes, what does not, and what is left of it on the disk."""
 
-
 import numpy as np
 import pytest
 

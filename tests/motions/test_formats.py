@@ -246,7 +246,6 @@ class TestFaults:
             (geonet_text({"N00E": SAMPLES, "N90E": SAMPLES[:-3]}), "(N00E 400, N90E 397)"),
             (dmg_v1(total=6), "the header counts 6 channels, the file holds 3"),
             (cosmos(total=6), "the header counts 6 channels, the file holds 3"),
-            (cosmos(r62=77.0), "length of 77 s"),
             (smc(EAST + 0.3), "the offset of the samples, 294.2, is larger than their motion"),
         ],
     )  # fmt: skip

@@ -37,7 +37,7 @@ class TestModels:
 
     def test_beyond_what_is_recommended_is_noted(self):
         found = predict(Rupture(6.5, 20.0, 1600.0), "CY14", [1.0])
-        assert found[2] == ("CY14 is recommended for Vs30 up to 1500 m/s, not 1600 m/s",)
+        assert found[2] == ("CY14 is recommended for Vs30 180 to 1500 m/s, not 1600 m/s",)
 
 
 class TestTargets:

@@ -149,28 +149,26 @@ def inspect_record(
     """
     options = Reading(unit, inventory, (), columns)
     traces, unequal, gap = _examine(Path(path), options, find_entry(path))
-    record = traces[0].stats.record
+    channels, about = [], traces[0].stats.record
+    for trace in traces:
+        stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
+        unit = record.unit_in_file
+        names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
+        faults = [*(text for _, text in record.warnings), *record.faults]
+        faults += [text for _, text in implausible(trace)] if unit else []
+        channels.append({
+            "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
+            "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
+            "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
+            "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
+            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+            "duration": (record.held - 1) * dt,
+            "PGA": float(abs(trace.data).max()) if unit else None,
+            "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
+        })  # fmt: skip
     return {
         "file": str(path), "format": traces[0].stats._format,
-        **{key: str(record.get(key, "")) for key in ("event", "date")},
-        "magnitude": record.get("magnitude"), "channels": list(map(_inspected, traces)),
-        "faults": [*record.messages, *unequal, *filter(None, (gap,))],
-    }  # fmt: skip
-
-
-def _inspected(trace: Trace) -> dict[str, Any]:
-    stats, record = trace.stats, trace.stats.record
-    unit, dt = record.unit_in_file, float(stats.delta)
-    names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-    faults = [*(text for _, text in record.warnings), *record.faults]
-    faults += [text for _, text in implausible(trace)] if unit else []
-    return {
-        "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
-        "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-        "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
-        "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
-        "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
-        "duration": (record.held - 1) * dt,
-        "PGA": float(abs(trace.data).max()) if unit else None,
-        "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
+        **{key: str(about.get(key, "")) for key in ("event", "date")},
+        "magnitude": about.get("magnitude"), "channels": channels,
+        "faults": [*about.messages, *unequal, *filter(None, (gap,))],
     }  # fmt: skip

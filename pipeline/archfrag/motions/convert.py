@@ -72,7 +72,7 @@ def convert_record(
         first = group[0].stats
         rows[target.stem] = {
             "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-            "event": _facts(group[0])["event"],
+            "event": str(first.record.get("event", "")),
             **{key: first.record[key] for key in _HEADER if key in first.record},
             "dt_s": float(first.delta), "unit": unit,
             "channels": " ".join(map(channel_code, group)),
@@ -118,12 +118,14 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
 
 def _text(channel: Trace, form: str, unit: str, made: str) -> str:
     """A channel as AT2 or as columns of time and acceleration."""
-    facts, record = _facts(channel), channel.stats.record
-    values, dt = channel.data / unit_factor(unit, ""), float(channel.stats.delta)
+    stats, record, code = channel.stats, channel.stats.record, channel_code(channel)
+    values, dt = channel.data / unit_factor(unit, ""), float(stats.delta)
+    event, station = str(record.get("event", "")), str(record.get("station") or stats.station)
+    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
     if form == "at2":
-        date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
-        words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
-        names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
+        date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", str(date), count=1)
+        words = [event or "unknown event", date, station or "unknown station", code]
+        names = [word.replace(",", " ") for word in words if word]
         header = [
             f"{made}; {' '.join(record.log)}",
             ", ".join(names),
@@ -136,20 +138,14 @@ def _text(channel: Trace, form: str, unit: str, made: str) -> str:
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         made,
-        *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
-        f"component: {channel_code(channel)}; dt = {dt!r} s; {values.size} samples",
+        *(f"{name}: {fact}" for name, fact in (("event", event), ("date", date),
+                                               ("station", station)) if fact),
+        f"component: {code}; dt = {dt!r} s; {values.size} samples",
         *(f"step: {step}" for step in record.log),
-    ]
+    ]  # fmt: skip
     times = (np.arange(values.size) * dt).tolist()
     rows = [f"{t:.10g} {v!r}" for t, v in zip(times, values.tolist(), strict=True)]
     return "\n".join([*(f"# {_line(text)}" for text in header), *rows, ""])
-
-
-def _facts(channel: Trace) -> dict[str, str]:
-    stats, record = channel.stats, channel.stats.record
-    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
-    station = record.get("station") or stats.station
-    return {"event": str(record.get("event", "")), "date": str(date), "station": str(station)}
 
 
 def _line(text: str) -> str:

@@ -61,16 +61,44 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source
-    columns, rows = _table(source)
-    missing = [column for column in _NEEDED if column not in columns]
-    if missing:
-        raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
+    names, rows = _table(source)
+    for column in _NEEDED:
+        if column not in names:
+            raise RecordError(f"{source}: column {column!r} is missing from the index")
     entries: dict[str, IndexEntry] = {}
-    for line, row in enumerate(rows, start=2):
-        entry = _entry(row, source, f"{source}, line {line}")
-        if entry.id in entries:
-            raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
-        entries[entry.id] = entry
+    for line, values in enumerate(rows, start=2):
+        place = f"{source}, line {line}"
+        for column in ("id", "file"):
+            if not values[column]:
+                raise RecordError(f"{place}: {column} is empty")
+        name = values["id"]
+        if name in entries:
+            raise RecordError(f"{place}: id {name!r} occurs twice")
+        if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+            allowed = f"at most {LONGEST_ID} printable characters and no /"
+            raise RecordError(f"{place}: id {name[:40]!r} must have {allowed}")
+        if values["unit"]:
+            unit_factor(values["unit"], place)
+        metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+        for column, kind in _NUMBERS.items():
+            if (text := metadata.get(column)) is not None:
+                try:
+                    metadata[column] = kind(text) if text else None
+                except ValueError:
+                    raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+                if not np.isfinite(metadata[column] or 0.0):
+                    raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
+        columns = None
+        if values.get("columns"):
+            from archfrag.motions.formats.columns import parse_columns  # imports obspy
+
+            try:
+                columns = parse_columns(values["columns"])
+            except InputError as error:
+                raise RecordError(f"{place}: {error}") from None
+        accept = accepted_words(values.get("accept", ""), place)
+        path, digest = source.parent / values["file"], values.get("sha256", "")
+        entries[name] = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
     return list(entries.values())
 
 
@@ -88,38 +116,6 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     except csv.Error as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
     return names, rows
-
-
-def _entry(values: dict[str, str], source: Path, place: str) -> IndexEntry:
-    for column in ("id", "file"):
-        if not values[column]:
-            raise RecordError(f"{place}: {column} is empty")
-    name = values["id"]
-    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-        allowed = f"at most {LONGEST_ID} characters, no / and no line breaks or control characters"
-        raise RecordError(f"{place}: id {name[:40]!r} must have {allowed}")
-    if values["unit"]:
-        unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
-    for column, kind in _NUMBERS.items():
-        if (text := metadata.get(column)) is not None:
-            try:
-                metadata[column] = kind(text) if text else None
-            except ValueError:
-                raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
-            if not np.isfinite(metadata[column] or 0.0):
-                raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
-    columns = None
-    if values.get("columns"):
-        from archfrag.motions.formats.columns import parse_columns  # imports obspy
-
-        try:
-            columns = parse_columns(values["columns"])
-        except InputError as error:
-            raise RecordError(f"{place}: {error}") from None
-    accept = accepted_words(values.get("accept", ""), place)
-    path, digest = source.parent / values["file"], values.get("sha256", "")
-    return IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:

@@ -44,7 +44,6 @@ _PART = 2**16  # samples at a time
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
-_GONE = {"FIV3": "Sa(T) or AvgSA(T1,T2)", "ASI": "AvgSA(0.1,0.5)", "D5_75": "D5_95"}
 _PERCENTILES = {"RotD50": 50.0, "RotD100": 100.0}
 
 
@@ -130,8 +129,8 @@ _KINDS = {
     "HI": _Kind("m", 1, lambda m: float(np.trapezoid(
         spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
     "Sa": _Kind("m/s2", 1, lambda m, period: float(spectral_acceleration(m, period)[0]), 1),
-    "AvgSA": _Kind("m/s2", 1, lambda m, *ends: _geometric_mean(
-        spectral_acceleration(m, np.geomspace(*ends, AVERAGED_PERIODS))), 2),
+    "AvgSA": _Kind("m/s2", 1, lambda m, low, high: _geometric_mean(
+        spectral_acceleration(m, np.geomspace(low, high, AVERAGED_PERIODS))), 2),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
 _ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
@@ -155,11 +154,9 @@ def parse_measure(name: str) -> Measure:
         return inner._replace(rotated=rotated[1])
     word, _, inside = text.partition("(")
     kind = _SPELLINGS.get(word, word)
-    if gone := _GONE.get(kind):
-        raise InputError(f"intensity measure {name!r} is no longer there; use {gone}")
     count = _KINDS[kind].named if kind in _KINDS else 0
     if kind not in _KINDS or bool(count) != text.endswith(")"):
-        meant = [key for key in _PLAIN if get_close_matches(text.upper(), [key.upper()])]
+        meant = get_close_matches(text.upper(), _PLAIN, 1)
         hint = f" (did you mean {meant[0]}?)" if meant else ""
         raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
     try:
@@ -190,10 +187,19 @@ def measure(motion: Motion, name: str) -> float:
     InputError for an unknown name, or one that needs the other horizontal component if the motion
     has only one.
     """
-    found = parse_measure(name)
-    if found.rotated:
-        return _rotated(motion, found)
-    return _KINDS[found.kind].value(motion, *found.periods)
+    found, one, other = parse_measure(name), motion.acceleration, motion.transverse
+    if not found.rotated:
+        return _KINDS[found.kind].value(motion, *found.periods)
+    if other is None:
+        needed = f"{found.rotated} needs two horizontal components, and there is one"
+        raise InputError(f"{motion.id or 'motion'}: {needed}")
+    if found.kind == "Sa":
+        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, 0.05, _ANGLES)[0]
+    else:
+        if found.kind == "PGV":
+            one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
+        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
+    return float(np.percentile(peaks, _PERCENTILES[found.rotated]))
 
 
 def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
@@ -234,20 +240,6 @@ def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> 
         none = f"{measure_name} of the record is 0, so no factor can bring it to {level:g}"
         raise RecordError(f"{motion.id or 'motion'}: {none}")
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
-
-
-def _rotated(motion: Motion, found: Measure) -> float:
-    if motion.transverse is None:
-        needed = f"{found.rotated} needs two horizontal components, and there is one"
-        raise InputError(f"{motion.id or 'motion'}: {needed}")
-    one, other = motion.acceleration, motion.transverse
-    if found.kind == "Sa":
-        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, 0.05, _ANGLES)[0]
-    else:
-        if found.kind == "PGV":
-            one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
-        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
-    return float(np.percentile(peaks, _PERCENTILES[found.rotated]))
 
 
 def _spectrum(

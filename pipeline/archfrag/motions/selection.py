@@ -69,8 +69,8 @@ class Selection:
         large = scale.where(scale >= 1.0, 1.0 / scale)
         if (many := (large > LARGE_SCALE).sum()) > 0:
             beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
-            most = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
-            found.append(f"{many} of {count} records are scaled by {beyond}, {most}")
+            end = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
+            found.append(f"{many} of {count} records are scaled by {beyond}, {end}")
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):

@@ -2,7 +2,6 @@
 
 import io
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,10 +82,19 @@ def predict(
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
     pygmm = from_extra("pygmm", "select")
     kind, asked = getattr(pygmm, MODELS[model]), np.atleast_1d(np.asarray(periods, dtype=float))
-    facts = rupture.parameters()
-    notes = tuple(_beyond(kind, facts, model))
-    known = {parameter.name for parameter in kind.PARAMS}
-    scenario = pygmm.Scenario(**{k: v for k, v in facts.items() if k in known})
+    facts, known, notes = rupture.parameters(), {}, []
+    for parameter in (each for each in kind.PARAMS if each.name in facts):
+        known[parameter.name] = value = facts[parameter.name]
+        word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
+        options = getattr(parameter, "options", None)
+        if options and value not in options:
+            have = ", ".join(options)
+            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {have}")
+        low, high = (getattr(parameter, end, None) for end in ("min", "max"))
+        if (low is not None and value < low) or (high is not None and value > high):
+            limits = f"{low or 0} to {high or 'any'}{unit}"
+            notes.append(f"{model} is recommended for {word} {limits}, not {value:g}{unit}")
+    scenario = pygmm.Scenario(**known)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in whose place are the notes
         prediction = kind(scenario)
@@ -94,22 +102,8 @@ def predict(
     # A period of the table's end may differ from the one typed by rounding.
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
-    return prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside), notes
-
-
-def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
-    for parameter in (each for each in kind.PARAMS if each.name in facts):
-        value = facts[parameter.name]
-        word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
-        options = getattr(parameter, "options", None)
-        if options and value not in options:
-            known = ", ".join(options)
-            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {known}")
-        for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
-            limit = getattr(parameter, name, None)
-            if limit is not None and sign * value < sign * limit:
-                recommended = f"recommended for {word} {side} {limit:g}{unit}"
-                yield f"{model} is {recommended}, not {value:g}{unit}"
+    ln_median, sd = prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside)
+    return ln_median, sd, tuple(notes)
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> Array:
@@ -248,8 +242,10 @@ def read_target(path: str | Path) -> Target:
         rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    columns = [column for column in ("period_s", "Sa_g", "sd") if column in rows or column != "sd"]
-    return spectrum_target(*(numbers(rows, c, str(path)) for c in columns), source=str(path))
+    source = str(path)
+    sd = numbers(rows, "sd", source) if "sd" in rows else None
+    periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
+    return spectrum_target(periods, median, sd, source)
 
 
 def numbers(table: pd.DataFrame, column: str, source: str = "the flatfile") -> Array:

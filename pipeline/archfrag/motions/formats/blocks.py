@@ -87,7 +87,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
         record |= {"component": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
         record |= {"azimuth": float(azimuth), "vertical": False}
-    day, start = _time(*integers[1:3], 0, 0, 0), _time(*integers[1:6])
+    day, start = _time(integers[1], integers[2], 0, 0, 0), _time(*integers[1:6])
     event = re.sub(r"^[\s\d]+", "", head[3]).strip()
     record |= facts.read_fields(_REALS, known.get)
     record |= facts.known(event=event, date=str(day.date) if day else "", station=station)
