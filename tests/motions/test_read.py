@@ -174,7 +174,7 @@ NAN = np.where(RAMP == 17, np.nan, wave())
 @pytest.mark.parametrize(
     ("make", "options", "parts"),
     [
-        (lambda f: f / "missing.AT2", {}, ["No such file"]),
+        (lambda f: f / "missing.AT2", {}, ["no such file"]),
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
         (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
         (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated miniSEED"]),

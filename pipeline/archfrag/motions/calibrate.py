@@ -49,6 +49,8 @@ def check_file(path: Path) -> None:
         shown = os.fsencode(path).decode("utf-8", "backslashreplace")
         remedy = "rename it, the id of a record is made of its name"
         raise RecordError(f"{shown}: the name of the file is not in UTF-8; {remedy}") from None
+    except FileNotFoundError:
+        raise RecordError(f"{path}: there is no such file") from None
     except OSError as error:
         raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
     if not 0 < size <= LARGEST_RECORD:

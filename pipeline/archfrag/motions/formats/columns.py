@@ -37,6 +37,9 @@ class Columns:
         Column of the times, evenly spaced, or the time step of a file without times.
     skip : int
         Lines before the first row.
+
+    >>> str(Columns(time=1, acceleration=2))
+    'acceleration=2 time=1'
     """
 
     acceleration: int | None = None
