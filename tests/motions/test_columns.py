@@ -67,7 +67,7 @@ def test_rounded_times_and_columns_that_run_together(tmp_path):
 EVEN = np.arange(401) * 0.01
 BACK = np.where(np.arange(400) == 200, 1.99, EVEN[:400])
 BAD = [
-    (rows(times=np.delete(EVEN, 100)), TIMED, ["line 101", "column 1", "not evenly spaced"]),
+    (rows(times=np.delete(EVEN, 100)), TIMED, ["line 101", "column 1", "evenly spaced"]),
     ("# head\n" + rows(times=BACK), TIMED, ["line 202", "column 1", "after 1.99 s"]),
     (rows(), STEPPED, ["rises evenly"]),
     ("El Centro 1940\n" + rows(), TIMED, ["line 1", "'El' is not a number"]),

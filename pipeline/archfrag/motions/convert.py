@@ -1,8 +1,7 @@
 """Records from any format that is read to miniSEED, AT2 or two columns of text.
 
-A folder gets the files and an ``index.csv`` with their unit, their source with its SHA-256 and
-the steps between. Text holds all digits of the samples, miniSEED 64-bit numbers and AT2 the eight
-digits of its columns.
+Text holds all digits of the samples, miniSEED 64-bit numbers and AT2 eight digits. An
+``index.csv`` beside the files has their unit, their source with its SHA-256 and the steps.
 """
 
 import os

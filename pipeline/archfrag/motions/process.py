@@ -1,8 +1,7 @@
 """What may be done to a motion before it is used; each step writes a line in its log.
 
-A step does the same to all components of a motion and does not change the motion that it is
-given. What its settings may be is in `archfrag.study.file.processing`; what depends on the motion,
-too, is checked here.
+A step does the same to all components. What its settings may be is checked in
+`archfrag.study.file.processing`; what depends on the motion, too, is checked here.
 """
 
 import itertools
@@ -138,8 +137,7 @@ def trim_by_arias(
     The fraction 0 is the start of the record and 1 its end, silence included. The intensity is
     that of both horizontal components together if there are two.
     """
-    fractions = (start, end)
-    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, fractions)
+    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
     first = 0.0 if start == 0.0 else max(0.0, first - margin)
     last = motion.duration if end == 1.0 else min(motion.duration, last + margin)
     return cut(motion, first, last)
@@ -148,8 +146,7 @@ def trim_by_arias(
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
     """Keep from the first to the last time that a horizontal component reaches a threshold.
 
-    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it,
-    or fewer than two samples remain.
+    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it.
     """
     reached = np.abs(motion.acceleration) >= threshold
     if motion.transverse is not None:

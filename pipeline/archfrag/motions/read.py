@@ -24,9 +24,7 @@ from archfrag.motions.partners import (
 )
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
-HEADER = (
-    "event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level",
-)  # fmt: skip
+HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
 
 
 def read_motion(
@@ -160,11 +158,9 @@ def load_motion(entry: IndexEntry) -> Motion:
     motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(
-            f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
-        )
-    merged = {**motion.metadata, **known(**entry.metadata)}
-    return motion._replaced(id=entry.id, metadata=merged)
+        differ = f"the index lists dt_s = {step} s, the file has {motion.dt} s"
+        raise RecordError(f"{entry.path}: {differ}")
+    return motion._replaced(id=entry.id, metadata=motion.metadata | known(**entry.metadata))
 
 
 def _choose(
@@ -199,8 +195,7 @@ def _with_own_vertical(
     try:
         return with_vertical(motion, _motion(path, own, motion.id, entry))
     except RecordError as error:
-        text = str(error).removeprefix(f"{path}: ")
-        raise RecordError(f"{path}: {text}") from None
+        raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> Motion:

@@ -160,19 +160,14 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
-    backwards = steps.min() <= 0.0
-    if not backwards and off.max() <= UNEVEN * mean:
+    if steps.min() > 0.0 and off.max() <= UNEVEN * mean:
         return float(f"{mean:.9g}")
-    late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
+    wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
+    late = int(wrong.argmax()) + 1
     where = text.place([place for place, row in enumerate(text.lines) if row][late])
-    before, after = (f"{time:.9g} s" for time in times[late - 1 : late + 1])
-    wrong = f"time {after} in column {columns.time} does not come after {before}"
-    if not backwards:
-        uneven = f"times in column {columns.time} are not evenly spaced"
-        step = f"{before} to {after} is {steps[late - 1]:.6g} s, the mean step {mean:.6g} s"
-        remedy = "if times are only rounded, give dt instead of their column"
-        wrong = f"{uneven}; {step}; {remedy}"
-    raise RecordError(f"{where}: {wrong}")
+    found = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
+    remedy = "if times are only rounded, give dt instead of their column"
+    raise RecordError(f"{where}: times must be evenly spaced, {found}; {remedy}")
 
 
 def _times_in_front(rows: list[str]) -> bool:

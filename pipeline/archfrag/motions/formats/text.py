@@ -185,8 +185,7 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
         held = f"{times.size} samples in {length:g} s with a median step of {median:g} s"
         raise RecordError(f"{name}: the times of the samples are too uneven: {held}")
     grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
-    done = (
-        f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
-        f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
-    )
+    unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
+    sizes = f"linear between them ({values.size} to {grid.size} samples)"
+    done = f"{unequal} read at equal steps of {step:g} s, {sizes}."
     return np.interp(grid, times, values), step, done
