@@ -129,11 +129,10 @@ def measure(
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
     from archfrag.cli.record_tables import measure_files, table_spectra
-    from archfrag.files import counted
-    from archfrag.motions.flatfile import write_flatfile
+    from archfrag.files import counted, write_csv
 
     table = measure_files(files, out, periods, reading)
-    write_flatfile(out, table)
+    write_csv(out, [table], float_format="%.6g")
     if figure is not None:
         _draw(figure, "measured_spectra", table_spectra(table))
     rows = json.loads(table.to_json(orient="records", double_precision=15))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError
-from archfrag.files import read_text, unquoted, write_csv
+from archfrag.files import read_text, unquoted
 from archfrag.motions.measures import measure_all
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
@@ -68,11 +68,6 @@ def measure_records(
         rows.append(row | {column: values[name] / unit for column, name, unit in listed})
     table = pd.DataFrame(rows)
     return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
-
-
-def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
-    """Write a table of `measure_records` as CSV, to six digits, complete or not at all."""
-    write_csv(Path(path), [table], float_format="%.6g")
 
 
 def read_flatfile(path: str | Path) -> "pd.DataFrame":

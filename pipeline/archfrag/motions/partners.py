@@ -87,8 +87,11 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     frames: dict[tuple[str, str], list[_Direction]] = {}
     for name in sorted(names):
         for code in _CODE.finditer(name):
-            direction = _direction(("H" if code["sensor"] else "") + code[0].upper())
-            if direction is not None:
+            word = ("H" if code["sensor"] else "") + code[0].upper()
+            azimuth = float(word) if word.isdecimal() else quadrant(word)
+            plain = None if azimuth is None or azimuth > 360.0 else (0, azimuth)
+            kinds = ((kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
+            if direction := next(kinds, plain):
                 frame = name[: code.start()].lower(), name[code.end() :].lower()
                 frames.setdefault(frame, []).append((name, *direction))
     known = {name.lower(): name for name in names}
@@ -104,15 +107,6 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             verticals |= {name: vertical[0] for name, *_ in members if name != vertical[0]}
     single = {one: next(iter(others)) for one, others in pairs.items() if len(others) == 1}
     return {one: other for one, other in single.items() if single.get(other) == one}, verticals
-
-
-def _direction(code: str) -> tuple[int, float] | None:
-    """Kind of a code and its angle to others of the kind [degrees]; None if it is no direction."""
-    for kind, angles in enumerate(_ANGLES):
-        if code in angles:
-            return kind, angles[code]
-    azimuth = float(code) if code.isdecimal() else quadrant(code)
-    return None if azimuth is None or azimuth > 360.0 else (0, azimuth)
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
@@ -135,11 +129,10 @@ def folder_names(folder: Path) -> list[str]:
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """The other horizontal component of an instrument, of those of one file."""
 
-    def family(one: Motion) -> str:
-        return str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
-
     others = [other for other in motions if other is not motion]
-    found = [other for other in others if family(other) == family(motion)] or others
+    family, *families = (str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
+                         for one in (motion, *others))  # fmt: skip
+    found = [other for other, its in zip(others, families) if its == family] or others
     return found[0] if len(found) == 1 else None
 
 

@@ -100,11 +100,22 @@ def _read_one(
     channels, entry = read_channels(source, options)
     remedy = "give `component` (--component on the command line)"
     horizontals, verticals = by_direction(channels, source, "" if component or listed else remedy)
-    if len(horizontals) > 1:
-        component = component or listed or None
-    chosen, line = _choose(horizontals, source, component)
+    several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
+    names = ", ".join(code or "(no code)" for code in codes)
+    component, chosen, line = component or (several and listed) or None, horizontals[0], ""
+    if component is not None:
+        spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
+        places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
+        if not places:
+            none = f"there is no horizontal component {component!r}; there is {names}"
+            raise RecordError(f"{source}: {none}")
+        chosen = horizontals[places[0] % len(horizontals)]
+    elif several:
+        line = f"Horizontal {codes[0]} taken, the first of {names}."
+    elif not is_horizontal(chosen):
+        line = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
     motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
-    motion = motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
+    motion = motion._replaced(log=(motion.log[0], *filter(None, (line,)), *motion.log[1:]))
     return _with_own_vertical(motion, chosen, verticals if own_vertical else (), source, entry)
 
 
@@ -160,28 +171,8 @@ def load_motion(entry: IndexEntry) -> Motion:
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         differ = f"the index lists dt_s = {step} s, the file has {motion.dt} s"
         raise RecordError(f"{entry.path}: {differ}")
-    return motion._replaced(id=entry.id, metadata=motion.metadata | known(**entry.metadata))
-
-
-def _choose(
-    horizontals: Sequence[Trace], path: Path, component: str | None
-) -> tuple[Trace, tuple[str, ...]]:
-    """The horizontal that is asked for, or the first, with a line for its log."""
-    codes = [channel_code(channel) for channel in horizontals]
-    names = ", ".join(code or "(no code)" for code in codes)
-    if component is not None:
-        for match in ([h.id for h in horizontals], codes, [code[-1:] for code in codes]):
-            for channel, name in zip(horizontals, match):
-                if name.upper() == component.upper():
-                    return channel, ()
-        none = f"there is no horizontal component {component!r}; there is {names}"
-        raise RecordError(f"{path}: {none}")
-    line = ""
-    if len(horizontals) > 1:
-        line = f"Horizontal {codes[0]} taken, the first of {names}."
-    elif not is_horizontal(horizontals[0]):
-        line = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
-    return horizontals[0], (line,) if line else ()
+    merged = {**motion.metadata, **known(**entry.metadata)}
+    return motion._replaced(id=entry.id, metadata=merged)
 
 
 def _with_own_vertical(
