@@ -1,5 +1,6 @@
 """What a file, StationXML and the user state of a record: unit, sense, and what is plausible."""
 
+import contextlib
 import io
 import os
 from collections.abc import Iterable, Iterator
@@ -102,9 +103,11 @@ def calibrate(
     record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
     if any(word is None for word, _ in warnings):
         return
-    values = np.asarray(trace.data, dtype=np.float64)
+    values, inventory = np.asarray(trace.data, dtype=np.float64), None
     try:
-        trace.data, record.unit_in_file, log = _scaled(trace, path, options, entry)
+        if record.get("unit") in (None, "", "counts"):
+            inventory = find_inventory(path, trace, options.inventory)
+        trace.data, record.unit_in_file, log = _scaled(trace, path, options.unit, entry, inventory)
         record.log += log
     except RecordError as error:
         record.warnings = (*warnings, (None, str(error).removeprefix(f"{path}: ")))
@@ -119,12 +122,21 @@ def calibrate(
     code = channel_code(trace)
     if record.get("sensor") == "borehole":
         record.log += (f"Channel {code} is in the borehole, not at the surface.",)
-    if is_vertical(trace) and _points_down(trace, path, options.inventory):
+    down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+    if inventory is not None:
+        down = False
+        with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
+            dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
+            down = (dip or 0.0) > 0.0
+    if is_vertical(trace) and down:
         trace.data = -trace.data
         record.log += (f"Sign of {code} changed: it counts downwards.",)
 
 
-def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | None") -> _Scaled:
+def _scaled(
+    trace: "Trace", path: Path, unit: str | None, entry: "IndexEntry | None",
+    inventory: "Inventory | None",
+) -> _Scaled:  # fmt: skip
     """Samples in m/s2, their unit in the file, and what was done to them.
 
     The first source that states a unit counts: the file's header; the index that lists the file;
@@ -132,13 +144,13 @@ def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | N
     sensitivities in a COSMOS header; the user. Records of counts and uncorrected volumes are
     demeaned: their offset is the instrument's and can exceed the motion.
     """
-    unit, record = options.unit, trace.stats.record
+    record = trace.stats.record
     if unit is not None:
         unit_factor(unit, str(path))
     known, source = record.get("unit"), f"{trace.stats._format} header"
     if known in (None, "", "counts"):
         known, source = (entry.unit if entry else ""), "index"
-    counts = None if known else _of_counts(trace, path, options.inventory)
+    counts = None if known else _of_counts(trace, path, inventory)
     if known or counts:
         if known:
             stated = f"the {source} states {known!r}"
@@ -175,11 +187,13 @@ def _scaled(trace: "Trace", path: Path, options: Reading, entry: "IndexEntry | N
     return samples, unit, (done,)
 
 
-def _of_counts(trace: "Trace", path: Path, given: "Given") -> tuple[float, str] | None:
+def _of_counts(
+    trace: "Trace", path: Path, inventory: "Inventory | None"
+) -> tuple[float, str] | None:
     """The factor from counts to m/s2 and its source, None if nothing states one."""
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "the file's scale factor"
-    if (inventory := find_inventory(path, trace, given)) is not None:
+    if inventory is not None:
         channel = f"{path}: channel {trace.id}"
         try:
             response = inventory.get_response(trace.id, trace.stats.starttime)
@@ -220,16 +234,3 @@ def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | N
         return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
         raise RecordError(f"{file}: cannot be read as StationXML ({reason_of(error)})") from None
-
-
-def _points_down(trace: "Trace", path: Path, given: "Given") -> bool:
-    """Whether a vertical channel counts downwards as positive."""
-    stated = trace.stats.record.get("unit", "counts") != "counts"
-    inventory = None if stated else find_inventory(path, trace, given)
-    if inventory is None:
-        return channel_code(trace).upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
-    try:
-        dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
-    except Exception:
-        return False
-    return (dip or 0.0) > 0.0
