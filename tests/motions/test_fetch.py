@@ -85,13 +85,6 @@ class TestGoingOn:
             lose()
             assert fetch(centre, tmp_path)[0] == [NEAR]
 
-    def test_after_a_failure_only_what_lacks_comes(self, centre, tmp_path):
-        centre.faults["dataselect", "BOTH"] = 503
-        assert [kind for kind, _ in fetch(centre, tmp_path)[2]] == ["service"]
-        assert [entry.id for entry in load_index(tmp_path)] == [NEAR, SLOW]
-        centre.faults.clear()
-        assert fetch(centre, tmp_path)[:2] == ([BOTH], [NEAR, SLOW])
-
     def test_another_window_comes_anew(self, centre, tmp_path):
         fetch(centre, tmp_path, most=1)
         assert fetch(centre, tmp_path, most=1, after=10.0)[0] == [NEAR]
