@@ -20,7 +20,6 @@ from archfrag.files import make_folder, sha256_of, sweep, temporary_folder
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
-MOST_FAILURES = 3  # one after the other, after which a service is left alone
 PASSING = ("service",)  # kinds of failure after which another attempt may help
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 Site = dict[str, Any]
@@ -76,7 +75,7 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
                     row = _fetched(archive, site, place)
                 except (ServiceError, InputError) as error:
                     failed = failed + 1 if isinstance(error, ServiceError) else 0
-                    if failed == MOST_FAILURES:
+                    if failed == 3:  # one after the other
                         raise
                     yield _KINDS[type(error)], f"{name} {error}"
                     continue

@@ -34,17 +34,12 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
 Samples = NDArray[np.float64]
-AVERAGED_PERIODS = 10
-STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # of CAVstd [m/s2]
-SAMPLES_PER_PERIOD = 200  # where peaks of oscillators are looked for
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
 _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
-_PART = 2**16  # samples at a time
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
-_PERCENTILES = {"RotD50": 50.0, "RotD100": 100.0}
 
 
 class Measure(NamedTuple):
@@ -97,7 +92,7 @@ def _peak(values: Samples) -> float:
     return float(max(values.max(), -values.min()))
 
 
-def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
+def _cav(motion: Motion, count: int = 2**16, least: float = 0.0) -> float:
     """CAV of the parts of so many steps in which the acceleration reaches `least`."""
     record, total = motion.acceleration, []
     for start in range(0, record.size - 1, count):
@@ -123,14 +118,14 @@ _KINDS = {
     "PGD": _Kind("m", 1, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
     "Arias": _Kind("m/s", 2, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
     "CAV": _Kind("m/s", 1, _cav),
-    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, STANDARD_LEVEL)),
+    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY)),
     "D5_95": _Kind("s", 0, lambda m: float(np.diff(
         arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0])),
     "HI": _Kind("m", 1, lambda m: float(np.trapezoid(
         spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
     "Sa": _Kind("m/s2", 1, lambda m, period: float(spectral_acceleration(m, period)[0]), 1),
     "AvgSA": _Kind("m/s2", 1, lambda m, low, high: _geometric_mean(
-        spectral_acceleration(m, np.geomspace(low, high, AVERAGED_PERIODS))), 2),
+        spectral_acceleration(m, np.geomspace(low, high, 10))), 2),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
 _ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
@@ -199,7 +194,7 @@ def measure(motion: Motion, name: str) -> float:
         if found.kind == "PGV":
             one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
         peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
-    return float(np.percentile(peaks, _PERCENTILES[found.rotated]))
+    return float(np.percentile(peaks, float(found.rotated[4:])))
 
 
 def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
@@ -271,7 +266,7 @@ def _compiled() -> Callable[..., None]:
 
 def _put_largest(ground, dt, w, z, directions, largest):  # type: ignore[no-untyped-def]
     """Put the largest |y| in each direction [m/s2] into `largest`, (n_direction,)."""
-    points = max(1, int(np.ceil(SAMPLES_PER_PERIOD * dt * w / (2.0 * np.pi))))
+    points = max(1, int(np.ceil(200.0 * dt * w / (2.0 * np.pi))))
     step, root = dt / points, np.sqrt(1.0 - z * z)
     decay = np.exp(-z * w * step)
     cosine, sine = decay * np.cos(root * w * step), decay * np.sin(root * w * step) / root

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from obspy import Inventory
 
 _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
-_LEAST_SINE = 0.5  # of the angle between two components that a plane can be made of
 
 
 def demean(motion: Motion) -> Motion:
@@ -209,7 +208,7 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     turned = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
-    if abs(sine) < _LEAST_SINE:
+    if abs(sine) < 0.5:
         near = f"have azimuths {own[0]:g} and {own[1]:g} degrees, too close to each other"
         raise RecordError(f"{name}: components {' and '.join(codes)} {near} to be rotated")
     along = np.deg2rad(turned)

@@ -20,10 +20,7 @@ from archfrag.files import write_csv
 from archfrag.motions.target import Array, Target, numbers
 
 LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
-TRIALS = 20  # simulated sets
-STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
-MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
-SAME_COLUMN = 2e-3  # relative difference of a period and that in the name of its column
+STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 # Columns of an index of records by those of a flatfile.
 _INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
           "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
@@ -182,7 +179,7 @@ def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
     # Published correlations are not quite positive definite. The symmetric root does not hang on
     # the signs of eigenvectors, which differ between machines.
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
-    drawn = target.ln_mean + rng.standard_normal((TRIALS, count, values.size)) @ root
+    drawn = target.ln_mean + rng.standard_normal((20, count, values.size)) @ root
     sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
     return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
 
@@ -209,7 +206,7 @@ def _improve(
     count = len(chosen)
     held = np.array([scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)])
     held -= target.ln_mean
-    for _ in range(MOST_PASSES if count > 1 else 0):
+    for _ in range(50 if count > 1 else 0):
         before = chosen.copy()
         for place, spectrum in enumerate(spectra):
             candidates = scaled(spectrum) - target.ln_mean
@@ -274,7 +271,7 @@ def _spectra(table: pd.DataFrame, periods: Array) -> Array:
     names = []
     for period in periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
-        if abs(near - period) > SAME_COLUMN * period:
+        if abs(near - period) > 2e-3 * period:
             needed = f"has no column T{period:.3f}S, Sa in g at a period of the target"
             raise RecordError(f"the flatfile: {needed}; measure the records at that period")
         names.append(have[near])

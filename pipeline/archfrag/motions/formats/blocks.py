@@ -27,14 +27,11 @@ _TEXT, _END = 11, 27
 _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
 _TITLE = re.compile(r"\s*([1-9])\s+([A-Z].*)")
 _LEVELS = {"1": "raw", "2": "processed"}
-_COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
-_ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
 _REALS = {"magnitude": (lambda value: value or None, 5, 7, 6, 8), "epicentral_km": (float, 16)}
 
 # GeoNet
 _TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
 _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
-_COUNT = r"^\s*Number of points +(\S+)"
 _FIELDS = {
     "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
     "factor": (str, r"readings in units of +(\S+)"),
@@ -79,7 +76,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
     count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
     values = text.numbers(first, None, count, 10)
     known = {i: value for i, value in enumerate(reals.tolist()) if value != reals[0]}
-    found = _COMPONENT.match(head[5])
+    found = re.match(r"(?i)station\s*=\s*(.*?)\s*component\s*=\s*(.*)", head[5])
     station, bearing = found.groups() if found else ("", "")
     record = facts.direction(bearing)
     tilt, azimuth = integers[12], integers[13]  # degrees from the vertical, from north
@@ -92,7 +89,8 @@ def read_smc(source: Source, **_: Any) -> Stream:
     record |= facts.read_fields(_REALS, known.get)
     record |= facts.known(event=event, date=str(day.date) if day else "", station=station)
     log, step = [], 1.0 / known[1] if known.get(1) else None
-    if count < values.size <= count + _ROW:
+    # Writers of uncorrected volumes left a last row of what was in their memory.
+    if count < values.size <= count + 8:
         values = values[:count]
         log.append(f"Row beyond the {count} numbers that the header counts left out.")
     record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
@@ -144,7 +142,9 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         for table in (_FIELDS, _FACTS)
     )
     integers = text.numbers(first + _TEXT_LINES, first + _TEXT_LINES + _INTEGER_LINES)
-    announced = facts.checked_count(facts.search(_COUNT, head), f"{place}: Number of points")
+    announced = facts.checked_count(
+        facts.search(r"^\s*Number of points +(\S+)", head), f"{place}: Number of points"
+    )
     record.setdefault("component", "")
     channel = f"{text.name}: channel {record['component']}"
     if integers.size != 10 * _INTEGER_LINES:

@@ -14,8 +14,6 @@ from archfrag.motions.formats.facts import trace_of
 from archfrag.motions.formats.text import Text, split
 
 MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
-UNEVEN = 0.1  # of a step: what rounded times may be off by
-_FIRST = 10_000  # rows in which times are looked for
 _BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
 _RISES = "what would be accelerations rises evenly, as times do; name the columns of both"
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
@@ -96,7 +94,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     text, name = Text(path), str(path)
     _make_plain(text, columns.skip)
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if not chosen and _times_in_front([row for row in text.lines if row][:_FIRST]):
+    if not chosen and _times_in_front([row for row in text.lines if row][:10_000]):
         raise RecordError(f"{name}: {_RISES}")
     values = _picked(text, chosen) if chosen else text.numbers(columns.skip)[:, None]
     if len(values) < 2:
@@ -160,7 +158,7 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
-    if steps.min() > 0.0 and off.max() <= UNEVEN * mean:
+    if steps.min() > 0.0 and off.max() <= 0.1 * mean:
         return float(f"{mean:.9g}")
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1

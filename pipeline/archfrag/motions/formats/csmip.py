@@ -41,8 +41,6 @@ _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its head
 _FORMAT = re.compile(r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)")
 _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
-_WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
-_COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
 _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _NULL = -999.0
 _REALS = {"magnitude": (lambda value: value or None, 12, 14), "epicentral_km": (float, 16)}
@@ -58,7 +56,6 @@ _UNITS = (
 )  # fmt: skip
 # By level: lines of text, lines of integers and reals, what the peak of the samples is called.
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
-_LOOK = 12  # lines beyond them in which the section may begin
 _Data = tuple[NDArray[np.float64], float | None, dict[str, Any], int]
 
 
@@ -127,8 +124,8 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
     lines += [""] * 9
     record, codes = _cosmos_record(lines, int(integers[53]), comments)
     record = facts.read_fields(_REALS, real.get) | record
-    record |= {"level": _COSMOS_LEVELS.get(int(integers[0]), ""), "unit": unit,
-               "announced": announced, "held": samples.size}  # fmt: skip
+    level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
+    record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
     if unit == "counts":
         # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
         least, sensitivity, gain = (max(real.get(index, 0.0), 0.0) for index in (21, 41, 46))
@@ -173,7 +170,7 @@ def _cosmos_record(
         word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
         direction = facts.direction(word)
     record = direction | facts.known(
-        event="" if _WEEKDAY.match(event) else event,
+        event="" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
         date=facts.iso_date(text[3], text[1], text[7]),
         magnitude=facts.magnitude(text[2]),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
@@ -209,7 +206,7 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     lines = text.head(place, place + count)
     if len(lines) < count:
         raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
-    window = range(place + count, min(place + count + rows + _LOOK, len(text)))
+    window = range(place + count, min(place + count + rows + 12, len(text)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
         lacking = "no line with the points of acceleration follows the header"

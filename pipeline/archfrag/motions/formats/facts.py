@@ -26,7 +26,6 @@ _DATES = (
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
 _MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
-_PEAK_WITHIN, _PEAK_REFUSED = 0.01, 0.1  # of the header's peak, besides its rounding
 _LONGEST = 10_000_000  # samples that a header may announce
 Table = Mapping[str, tuple[Any, ...]]
 
@@ -161,9 +160,9 @@ def judge_peak(
     found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
-    if off > _PEAK_WITHIN * peak:
+    if off > 0.01 * peak:
         text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        kind = "warnings" if off > _PEAK_REFUSED * peak else "faults"
+        kind = "warnings" if off > 0.1 * peak else "faults"
         add_fault(record, f"{text} {unit}", kind)
 
 

@@ -27,7 +27,6 @@ from archfrag.motions.formats.text import Source, Text, begins_with
 from archfrag.motions.partners import AZIMUTHS
 
 _AT2_LINES = 4
-_UNIT = re.compile(r"UNITS?\s+OF\s+([^\s.,;]+)", re.IGNORECASE)
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
@@ -35,7 +34,6 @@ _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 _VERTICALS = ("Z", "UP", "V", "UD")
-_SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
@@ -79,7 +77,9 @@ def read_at2(source: Source, **_: Any) -> Stream:
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")
-    unit = facts.acceleration_unit(facts.search(_UNIT, header[2]) or "none", text.place(2))
+    unit = facts.acceleration_unit(
+        facts.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
+    )
     count, step = (facts.search(pattern, header[3]) for pattern in (_NPTS, _DT))
     if not (count and step):
         count, step = (facts.search(_TRAILING, header[3], group) for group in (1, 2))
@@ -190,7 +190,7 @@ def read_knet(source: Source, **_: Any) -> Stream:
             component=component,
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
-            sensor=_SENSORS.get(component[2:]),
+            sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
             station=trace.stats.station,
         )
         facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")

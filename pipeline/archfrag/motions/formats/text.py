@@ -15,7 +15,6 @@ from archfrag.files import opened
 Source = str | Path | BinaryIO
 
 _CHUNK = 4000  # lines converted at a time: words need ten times the memory of numbers
-_WIDEST = 200  # characters of a line of a header; patterns take long over much longer ones
 _FORTRAN = str.maketrans("Dd", "EE")
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
@@ -23,7 +22,6 @@ _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
 _FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE)
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
-_EVEN = 0.05  # part of a step by which times may be off if only their rounding is seen
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
@@ -44,8 +42,8 @@ class Text:
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
-        """Lines of a header, none longer than any has."""
-        return [line[:_WIDEST] for line in self.lines[first:last]]
+        """Lines of a header, cut to 200 characters: patterns take long over much longer ones."""
+        return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
         """The error for a line that is something else than needed."""
@@ -173,7 +171,7 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
         wrong = f"{times[bad]:g} s at sample {bad} does not"
         raise RecordError(f"{name}: the times of the samples must increase; {wrong}")
     mean = float(length) / steps.size
-    if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
+    if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= 0.05 * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
         rounded = (float(f"{mean:.{digits}g}") for digits in (1, 2, 3))
         step = next((value for value in rounded if abs(value - mean) <= 1e-5 * mean), mean)

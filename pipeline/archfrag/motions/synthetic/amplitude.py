@@ -39,15 +39,7 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.motions.motion import STANDARD_GRAVITY
 
 Row = NDArray[np.float64]
-SHEAR_VELOCITY, DENSITY = 3.5, 2.75  # [km/s], [g/cm3]
-RADIATION_PATTERN, FREE_SURFACE, PARTITION = 0.55, 2.0, 1.0 / np.sqrt(2.0)
-KAPPA = 0.039  # [s]
-_SATURATION = (-0.8712, 0.4451, 1.1513, 5.0948, 7.2725)
-_DECAY = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
-_QUALITY = (205.4, 0.6884, 0.1354, 5.1278)  # Q0; exponent n = a + b tanh(M - c)
-_PATH_DISTANCE = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
-_PATH_DURATION = (0.0, 2.4, 8.4, 10.9, 17.4, 34.2)  # [s]
-_PATH_SLOPE = 0.156  # beyond [s/km]
+SHEAR_VELOCITY = 3.5  # [km/s]
 # Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
 # the end of its nominal length, which is twice the duration of ground motion.
 WINDOW_PEAK, _WINDOW_END, WINDOW_LENGTH = 0.2, 0.05, 2.0
@@ -83,7 +75,7 @@ def low_cut(magnitude: float) -> float:
 
 def point_source_distance(magnitude: float, distance: float) -> float:
     """Rupture distance and the near-source saturation length of [2]_ [km]."""
-    a, b, c, d, e = _SATURATION
+    a, b, c, d, e = -0.8712, 0.4451, 1.1513, 5.0948, 7.2725
     bend = np.log1p(np.exp(-d * (magnitude - e)))
     return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
 
@@ -91,8 +83,9 @@ def point_source_distance(magnitude: float, distance: float) -> float:
 def ground_motion_duration(magnitude: float, distance: float) -> float:
     """Duration of source and path [s]: 1 / corner frequency, and [3]_."""
     reach = point_source_distance(magnitude, distance)
-    path = np.interp(reach, _PATH_DISTANCE, _PATH_DURATION)
-    beyond = _PATH_SLOPE * max(reach - _PATH_DISTANCE[-1], 0.0)
+    distances = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
+    path = np.interp(reach, distances, (0.0, 2.4, 8.4, 10.9, 17.4, 34.2))
+    beyond = 0.156 * max(reach - distances[-1], 0.0)
     return float(1.0 / corner_frequency(magnitude) + path + beyond)
 
 
@@ -100,24 +93,24 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     """Fourier amplitude of a horizontal acceleration [m/s]: form of [1]_, values of [2]_, [4]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
-    constant = RADIATION_PATTERN * FREE_SURFACE * PARTITION * 1e-22
-    constant /= 4.0 * np.pi * DENSITY * SHEAR_VELOCITY**3
+    radiation, surface, partition, density = 0.55, 2.0, 1.0 / np.sqrt(2.0), 2.75  # [g/cm3]
+    constant = radiation * surface * partition * 1e-22
+    constant /= 4.0 * np.pi * density * SHEAR_VELOCITY**3
     moment = 10.0 ** (1.5 * (magnitude + 10.7))
     source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
 
-    near, far, transition = _DECAY
+    near, far, transition = 1.1611, 0.5, 50.0  # rates, distance [km]
     reach = point_source_distance(magnitude, distance)
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
     decay = reach**-near * bend ** (0.5 * (near - far))
 
-    quality, n0, n1, n2 = _QUALITY
-    exponent = n0 + n1 * np.tanh(magnitude - n2)
-    loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (quality * SHEAR_VELOCITY))
+    exponent = 0.6884 + 0.1354 * np.tanh(magnitude - 5.1278)
+    loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (205.4 * SHEAR_VELOCITY))
 
     nodes, factors = _AMPLIFICATION
     with np.errstate(divide="ignore"):
         amplification = np.exp(np.interp(np.log(f), np.log(nodes), np.log(factors)))
-    site = amplification * np.exp(-np.pi * KAPPA * f)
+    site = amplification * np.exp(-np.pi * 0.039 * f)  # kappa [s]
     return (2.0 * np.pi * f) ** 2 * source * decay * loss * site
 
 
@@ -152,19 +145,14 @@ def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
     return values[low] + (position - low) * (values[low + 1] - values[low])
 
 
-DAMPING = 0.05
 TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
 GRID: Row = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
-_PASSES, _VERTICAL_PASSES = 6, 20
 # Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
 # record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
 # vertical to its horizontal varies as Gulerce and Abrahamson found.
 COMPONENT_CORRELATION = 0.7
-# Gulerce and Abrahamson: coefficients by period, and those that are the same at all periods.
+# Gulerce and Abrahamson: coefficients by period.
 RATIO = read_table("gulerce_abrahamson.csv")
-_C, _N, _C1, _C4, _A3, _A4, _A5 = 1.88, 1.18, 6.75, 10.0, 0.0147, 0.0334, -0.034
-_ROCK = 1100.0  # Vs30 at which the model's reference PGA is taken [m/s]
-_SHORTEST = 0.04  # period below which amplitudes no longer decide the spectrum [s]
 
 
 def correlation(frequency: ArrayLike) -> Row:
@@ -192,7 +180,7 @@ def draw_term(kind: str, generator: np.random.Generator) -> Row:
 def _power_fractions(amplitude: Row, period: Row) -> Row:
     """Fraction of the mean square of oscillators that each frequency of ``GRID`` adds."""
     ratio = GRID * period[:, None]
-    oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * DAMPING * ratio) ** 2)
+    oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * 0.05 * ratio) ** 2)
     power = amplitude**2 * oscillator * np.gradient(GRID)
     return power / power.sum(axis=1, keepdims=True)
 
@@ -208,7 +196,7 @@ def median_correction(amplitude: Row) -> Row:
     nodes = np.log(FREQUENCIES)
     fractions = _power_fractions(amplitude, 1.0 / FREQUENCIES)
     correction = np.zeros(nodes.size)
-    for _ in range(_PASSES):
+    for _ in range(6):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, correction))
         correction -= 0.5 * np.log((fractions * gain) @ _drawn_powers()).mean(axis=1)
     return correction
@@ -228,18 +216,18 @@ def _drawn_powers() -> Row:
 def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
     """Median V/H of Sa (5 %) [10]_ at the periods of ``RATIO``, shape (22,); rock_pga in g."""
     t, period = RATIO, RATIO["period_s"]
-    over = magnitude - _C1
+    c, n, over = 1.88, 1.18, magnitude - 6.75
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
-    scaling += (t["a2"] + _A3 * over) * np.log(np.hypot(distance, _C4))
-    scaling += (_A4 if over < 0.0 else _A5) * over
+    scaling += (t["a2"] + 0.0147 * over) * np.log(np.hypot(distance, 10.0))
+    scaling += (0.0334 if over < 0.0 else -0.034) * over
     # Vs30 beyond which sites no longer differ [m/s].
     middle = np.exp(8.0 - 0.795 * np.log(period / 0.21))
     long = np.exp(6.76 - 0.297 * np.log(period))
     ends = [period <= 0.5, period <= 1.0, period < 2.0]
     velocity = np.minimum(vs30, np.select(ends, [1500.0, middle, long], 700.0))
     ratio = velocity / t["v_lin"]
-    nonlinear = t["b"] * (np.log(rock_pga + _C * ratio**_N) - np.log(rock_pga + _C))
-    linear = t["b"] * _N * np.log(ratio)
+    nonlinear = t["b"] * (np.log(rock_pga + c * ratio**n) - np.log(rock_pga + c))
+    linear = t["b"] * n * np.log(ratio)
     site = t["a10"] * np.log(ratio) - np.where(velocity < t["v_lin"], nonlinear, linear)
     return np.exp(scaling + site)
 
@@ -250,15 +238,16 @@ def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: flo
     The ratio of spectra is the root of that of mean squares; the factor at 1 / T is found by
     repetition.
     """
-    rock = amplitude * site_factor(GRID, _ROCK) / site_factor(GRID, vs30)
+    # The model's reference PGA is at 1100 m/s.
+    rock = amplitude * site_factor(GRID, 1100.0) / site_factor(GRID, vs30)
     rock_pga = _expected_peak(rock, magnitude, distance) / STANDARD_GRAVITY
-    kept = RATIO["period_s"] >= _SHORTEST
+    kept = RATIO["period_s"] >= 0.04  # below, amplitudes no longer decide the spectrum
     periods = RATIO["period_s"][kept][::-1]
     target = np.log(vertical_ratio(magnitude, distance, vs30, rock_pga))[kept][::-1]
     fractions = _power_fractions(amplitude, periods)
     nodes = np.log(1.0 / periods)
     logarithm = target.copy()
-    for _ in range(_VERTICAL_PASSES):
+    for _ in range(20):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, logarithm))
         logarithm += target - 0.5 * np.log(fractions @ gain)
     return np.interp(np.log(FREQUENCIES), nodes, logarithm)
