@@ -117,7 +117,7 @@ def test_scaled_motion_has_the_level(name):
         (lambda: scale_factor(SINE, "D5_95", 5.0), ["'D5_95' does not change"]),
         (lambda: SINE.scaled(float("inf")), ["scale factor inf"]),
         (lambda: Motion([0.0, np.nan, 1.0], 0.01, id="rec"), ["rec: ", "1 sample(s)", "finite"]),
-        (lambda: Motion([[1.0, 2.0]], 0.01), ["shape (1, 2); one row"]),
+        (lambda: Motion([[1.0, 2.0]], 0.01), ["a row of 2 or more, not (1, 2)"]),
         (lambda: Motion([0.0, 1.0], "fast"), ["dt = fast s must be"]),
         (lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]), ["vertical has 3", "horizontal 2"]),
     ],

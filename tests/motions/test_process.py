@@ -130,7 +130,7 @@ ALONE = Motion(wave(), 0.01, id="m")
         (lambda m: process.trim_by_threshold(m, 9.0), ["no sample reaches", "9 m/s2"]),
         (lambda m: rotate(m), ["one of azimuth and angle"]),
         (lambda m: rotate(ALONE, angle=1.0), ["m: rotate needs two horizontal"]),
-        (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["component 'H1' is not known"]),
+        (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["the azimuth of 'H1' is not known"]),
         (lambda m: rotate(pair(component="000", component_transverse="180"), azimuth=1.0),
          ["0 and 180 degrees", "too close to each other"]),
     ],

@@ -154,7 +154,7 @@ class TestIndex:
         [
             (lambda content: content[::-1], "0.01", r"sha256 is .*; the file has changed since"),
             (None, "0.01", r"listed in the index but cannot be read \(No such file"),
-            (bytes, "0.02", r"the index lists dt_s = 0.02 s, the file has 0.01 s$"),
+            (bytes, "0.02", r"dt is 0.01 s, the index lists dt_s = 0.02 s$"),
         ],
     )
     def test_file_that_is_not_as_listed(self, tmp_path, content, step, reason):

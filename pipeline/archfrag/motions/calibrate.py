@@ -159,8 +159,7 @@ def _scaled(
             stated = f"the file holds counts and there is {counts and counts[1]}"
             same = unit == "m/s2" and trace.stats._format == "KNET"
         if unit and not same:
-            asked = f"unit {unit!r} was asked for but {stated}"
-            raise RecordError(f"{path}: {asked}; leave `unit` out")
+            raise RecordError(f"{path}: unit {unit!r} asked for but {stated}; leave `unit` out")
         unit = known or "counts"
     if unit is None:
         raise RecordError(

@@ -123,8 +123,7 @@ def by_direction(
     verticals = [c for c in channels if is_vertical(c)]
     others = [c for c in channels if not is_vertical(c)]
     if not others:
-        only = f"holds only the vertical component ({channel_code(verticals[0])})"
-        raise RecordError(f"{path}: {only}; a horizontal one is needed")
+        raise RecordError(f"{path}: holds only the vertical component; a horizontal one is needed")
     if remedy and len(channels) > 1 and not all(map(is_horizontal, others)):
         names = ", ".join(repr(channel_code(c)) for c in channels)
         unclear = f"which of the channels {names} is horizontal is not clear from their codes"

@@ -58,8 +58,7 @@ def convert_record(
         if os.path.realpath(target) == os.path.realpath(file) or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if rows.get(target.stem, {}).get("source", file.name) != file.name:
-            elsewhere = "the index there has it from elsewhere"
-            raise InputError(f"{target}: {elsewhere}; name another folder")
+            raise InputError(f"{target}: the index has it from elsewhere; name another folder")
         with replacing(target) as part:
             if form == "mseed":
                 _write_miniseed(part, group, unit)
@@ -110,8 +109,7 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
         horizontals[its] += not vertical
         codes.append((network, station, place, "HNZ" if vertical else f"HN{horizontals[its]}"))
     if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
-        many = f"miniSEED has no codes for these {len(group)} channels"
-        raise InputError(f"{many}; convert to at2 or text")
+        raise InputError(f"miniSEED has no codes for {len(group)} channels; write at2 or text")
     return codes
 
 

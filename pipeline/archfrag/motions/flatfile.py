@@ -50,8 +50,7 @@ def measure_records(
     import pandas as pd
 
     if len({f"{period:.3f}" for period in periods}) < len(periods):
-        differ = "must differ in their first three decimals, which name the columns"
-        raise InputError(f"periods {list(periods)} {differ}")
+        raise InputError(f"periods {list(periods)} must differ in their first three decimals")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
     rotated = [(f"{kind}_{column}", f"{kind}({name})", unit) for kind in ("RotD50", "RotD100")
                for column, name, unit in (*_PEAKS[:2], *spectrum)]  # fmt: skip

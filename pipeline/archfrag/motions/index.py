@@ -75,8 +75,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if name in entries:
             raise RecordError(f"{place}: id {name!r} occurs twice")
         if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-            allowed = f"at most {LONGEST_ID} printable characters and no /"
-            raise RecordError(f"{place}: id {name[:40]!r} must have {allowed}")
+            raise RecordError(f"{place}: id {name[:40]!r} is too long, or has a / or line breaks")
         if values["unit"]:
             unit_factor(values["unit"], place)
         metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
@@ -110,8 +109,7 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     try:
         for line, row in enumerate(reader, start=2):
             if any(map(str.strip, row.pop("\0", ()))):
-                more = f"has more cells than the {len(names)} columns of the first line"
-                raise RecordError(f"{source}, line {line}: {more}")
+                raise RecordError(f"{source}, line {line}: has more cells than the first line")
             rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
     except csv.Error as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None

@@ -159,8 +159,7 @@ def parse_measure(name: str) -> Measure:
     except ValueError:
         periods = ()
     if len(periods) != count or not all(0.0 < period < np.inf for period in periods):
-        needed = f"{count} period(s) in seconds, each above 0"
-        raise InputError(f"intensity measure {name!r} needs {needed}")
+        raise InputError(f"intensity measure {name!r} needs {count} period(s), each above 0 s")
     if periods != tuple(sorted(set(periods))):
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
     return Measure(kind, periods, _KINDS[kind].unit)
@@ -186,8 +185,7 @@ def measure(motion: Motion, name: str) -> float:
     if not found.rotated:
         return _KINDS[found.kind].value(motion, *found.periods)
     if other is None:
-        needed = f"{found.rotated} needs two horizontal components, and there is one"
-        raise InputError(f"{motion.id or 'motion'}: {needed}")
+        raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
     if found.kind == "Sa":
         peaks = _spectrum(one + 1j * other, motion.dt, found.periods, 0.05, _ANGLES)[0]
     else:
@@ -232,8 +230,7 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
 def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
     """As `scale_factor` if the motion's value is known; RecordError if that is 0."""
     if value == 0.0:
-        none = f"{measure_name} of the record is 0, so no factor can bring it to {level:g}"
-        raise RecordError(f"{motion.id or 'motion'}: {none}")
+        raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
 
 

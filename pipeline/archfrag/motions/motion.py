@@ -90,19 +90,16 @@ class Motion:
         except (TypeError, ValueError):
             step = np.nan
         if not 0.0 < step < np.inf:
-            needed = "must be a positive number of seconds"
-            raise RecordError(f"{name}: time step dt = {self.dt} s {needed}")
+            raise RecordError(f"{name}: time step dt = {self.dt} s must be a positive number")
         object.__setattr__(self, "dt", step)
         size = np.size(self.acceleration)
         for key, samples in self.components.items():
             if samples is None:
                 continue
             if samples.ndim != 1 or samples.size < 2:
-                needed = "one row of at least 2 samples is needed"
-                raise RecordError(f"{name}: {key} has shape {samples.shape}; {needed}")
+                raise RecordError(f"{name}: {key} must be a row of 2 or more, not {samples.shape}")
             if samples.size != size:
-                both = f"has {samples.size} samples and the horizontal {size}"
-                raise RecordError(f"{name}: {key} {both}; both must have the same number")
+                raise RecordError(f"{name}: {key} has {samples.size} samples, horizontal {size}")
             if not np.isfinite(samples).all():
                 bad = np.flatnonzero(~np.isfinite(samples))
                 first = f"the first at index {bad[0]} ({samples[bad[0]]})"

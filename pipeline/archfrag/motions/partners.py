@@ -163,8 +163,7 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
-            differ = f"{fact} is {one!r} of the one and {two!r} of the other"
-            raise RecordError(f"{name}: do not belong together, {differ}")
+            raise RecordError(f"{name}: do not belong together, {fact} is {one!r} and {two!r}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
     starts = [about["start_time"] for about in (own, its) if about.get("start_time")]

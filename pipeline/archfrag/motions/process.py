@@ -202,8 +202,7 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
             given = motion.metadata.get(key)
             value = azimuth_of_code(code) if given in (None, "") else float(given)
             if value is None:
-                unknown = f"the azimuth of component {code!r} is not known"
-                raise RecordError(f"{name}: {unknown}; rotate by an angle from it")
+                raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
             own[place] = value
     turned = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)

@@ -107,8 +107,7 @@ def _read_one(
         spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
         places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
         if not places:
-            none = f"there is no horizontal component {component!r}; there is {names}"
-            raise RecordError(f"{source}: {none}")
+            raise RecordError(f"{source}: no horizontal component {component!r}; there is {names}")
         chosen = horizontals[places[0] % len(horizontals)]
     elif several:
         line = f"Horizontal {codes[0]} taken, the first of {names}."
@@ -169,8 +168,7 @@ def load_motion(entry: IndexEntry) -> Motion:
     motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
-        differ = f"the index lists dt_s = {step} s, the file has {motion.dt} s"
-        raise RecordError(f"{entry.path}: {differ}")
+        raise RecordError(f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s")
     merged = {**motion.metadata, **known(**entry.metadata)}
     return motion._replaced(id=entry.id, metadata=merged)
 

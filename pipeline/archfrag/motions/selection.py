@@ -251,8 +251,7 @@ def _candidates(
         most = sum(min(number, per_event) for number in of_event.values())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
-        few = f"{count} records were asked for, but only {most} may be selected"
-        raise RecordError(f"the flatfile: {few}; {story}")
+        raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
     return records, ln_sa, groups
 
 

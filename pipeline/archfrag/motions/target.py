@@ -47,8 +47,7 @@ class Rupture:
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
-            allowed = f"must be one of {', '.join(MECHANISMS)}"
-            raise InputError(f"mechanism {self.mechanism!r} of a rupture {allowed}")
+            raise InputError(f"mechanism {self.mechanism!r} is not in {', '.join(MECHANISMS)}")
         for name in ("magnitude", "distance_km", "vs30_mps"):
             _check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
 
@@ -214,8 +213,7 @@ def spectrum_target(
             raise InputError(f"{source}: {name} {row.tolist()} {needed}")
     sa, scatter = (row[np.argsort(given)] for row in rows)
     if not (sa > 0.0).all() or (scatter < 0.0).any():
-        low = f"median Sa {sa.min():g} g must be above 0 and sd {scatter.min():g} not below 0"
-        raise InputError(f"{source}: {low}")
+        raise InputError(f"{source}: median Sa {sa.min():g} g or sd {scatter.min():g} is too low")
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))

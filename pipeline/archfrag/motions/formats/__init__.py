@@ -87,8 +87,7 @@ def read_as(path: str, name: str) -> list[Trace]:
         except RecordError:
             raise
         except MemoryError:
-            much = f"reading it as {name} takes more memory than allowed"
-            raise RecordError(f"{path}: {much}") from None
+            raise RecordError(f"{path}: read as {name} it takes too much memory") from None
         except Exception as error:
             what = "the file is damaged, truncated or not what it seems"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
@@ -153,6 +152,5 @@ def _read_in_c(path: str) -> list[Trace]:
         for trace in traces:
             trace.data = trace.data.astype(float)
     except (TypeError, ValueError):
-        wrong = f"the {name} file holds something other than numbers"
-        raise RecordError(f"{path}: {wrong}") from None
+        raise RecordError(f"{path}: the {name} file holds something other than numbers") from None
     return traces

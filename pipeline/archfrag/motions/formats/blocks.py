@@ -156,15 +156,13 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     if counts[1:].any():
         if samples.size != counts.sum():
             needed = "{} accelerations, {} velocities and {} displacements".format(*counts)
-            held = f"it holds {samples.size} numbers"
-            raise RecordError(f"{channel} must hold {needed} by its header; {held}")
+            raise RecordError(f"{channel} must hold {needed}; it holds {samples.size}")
         samples = samples[: counts[0]]
     unit = facts.acceleration_unit(field.get("unit", ""), place)
     if stated := field.get("factor"):
         factor = facts.number(stated)
         if not factor:
-            wrong = f"readings in units of {stated!r}"
-            raise RecordError(f"{place}: {wrong}; a number but 0 is needed")
+            raise RecordError(f"{place}: readings in units of {stated!r}; a number is needed")
         samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
     record |= {"unit": unit, "announced": announced, "level": "raw" if raw else "processed"}

@@ -128,8 +128,7 @@ def _make_plain(text: Text, skip: int) -> None:
             comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
         commas = "numbers with commas and none with a decimal point"
-        remedy = "write decimal points, and commas between numbers only"
-        raise RecordError(f"{text.name}, line {comma}: {commas}; {remedy}")
+        raise RecordError(f"{text.name}, line {comma}: {commas}; write decimal points")
 
 
 def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
@@ -145,8 +144,7 @@ def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
         words, where = row.split(), text.place(place)
         if words and len(words) <= max(chosen):
             few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
-            remedy = "lines of text before the numbers are passed over by `skip`"
-            raise RecordError(f"{where}: {few}; {remedy}")
+            raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
         for word in (words[c] for c in chosen if words):
             if len(split(word, where)) != 1:
                 raise RecordError(f"{where}: {word!r} is not a number")

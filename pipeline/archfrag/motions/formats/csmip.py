@@ -209,8 +209,7 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     window = range(place + count, min(place + count + rows + 12, len(text)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        lacking = "no line with the points of acceleration follows the header"
-        raise RecordError(f"{text.place(place)}: {lacking}")
+        raise RecordError(f"{text.place(place)}: no line with the points of acceleration follows")
     data = _pairs(text, place, lines, rows) if section is None else _section(text, section)
     samples, step, record, data_end = data
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)

@@ -128,8 +128,7 @@ def checked_count(text: str, where: str) -> int:
     """Number of samples that a header announces, if a record can have it."""
     word = text.strip()
     if not (word.isdigit() and len(word) < 12 and 2 <= int(word) <= _LONGEST):
-        stated = f"{word[:40]!r} samples are announced"
-        raise RecordError(f"{where}: {stated}; a record has 2 to {_LONGEST}")
+        raise RecordError(f"{where}: {word[:40]!r} samples are announced, not 2 to {_LONGEST}")
     return int(word)
 
 

@@ -168,8 +168,7 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     steps, length = np.diff(times), times[-1] - times[0]
     if steps.min() < 0.0 or not length > 0.0:
         bad = int(np.argmax(steps < 0.0)) + 1 if steps.min() < 0.0 else 0
-        wrong = f"{times[bad]:g} s at sample {bad} does not"
-        raise RecordError(f"{name}: the times of the samples must increase; {wrong}")
+        raise RecordError(f"{name}: times must increase; sample {bad} is at {times[bad]:g} s")
     mean = float(length) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= 0.05 * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
