@@ -182,7 +182,7 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),
         (lambda f: knet(f, np.arange(200)), {"unit": "gal"}, ["'gal'", "scale factor"]),
         (slist, {"unit": "g"}, ["time step 0.0 s"]),
-        (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["holds only the vertical component"]),
+        (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical"]),
         (lambda f: write(f / "a", trace("ABC"), trace("ABD")), {"unit": "g"}, ["'ABC', 'ABD'"]),
         (with_xml, {"unit": "g"}, ["'g'", "2000 counts"]),
         (lambda f: with_xml(f, code="HNN"), {}, ["no response for channel XX.AB..HNE"]),

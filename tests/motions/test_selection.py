@@ -199,7 +199,7 @@ def in_csv(text):
         (in_csv("period_s,Sa_g\n1,x\n"), ["target.csv: Sa_g: ", "'x'"]),
         (in_csv("period_s,Sa_g\n1\n"), ["target.csv", "Sa [nan]", "finite"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
-        (chosen(lambda t: t.drop(columns="T0.050000S")), ["no column T0.050S", "at that period"]),
+        (chosen(lambda t: t.drop(columns="T0.050000S")), ["no column T0.050S", "measure at"]),
         (chosen(lambda t: t.assign(record="x")), ["'x' is there twice"]),
         (chosen(lambda t: t.assign(**{"T0.050000S": -999.0})), ["of 50 candidates 0 have Sa"]),
         (chosen(max_scale=1.001), ["20 records were asked for", "of 50 candidates"]),

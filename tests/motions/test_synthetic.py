@@ -153,7 +153,7 @@ class TestIndex:
         ("content", "step", "reason"),
         [
             (lambda content: content[::-1], "0.01", r"sha256 is .*; the file has changed since"),
-            (None, "0.01", r"listed in the index but cannot be read \(No such file"),
+            (None, "0.01", r"listed, but cannot be read \(No such file"),
             (bytes, "0.02", r"dt is 0.01 s, the index lists dt_s = 0.02 s$"),
         ],
     )

@@ -202,8 +202,7 @@ def _of_counts(
             raise RecordError(f"{path}: {none} at {trace.stats.starttime}") from None
         unit = (overall.input_units or "").upper() if overall else ""
         if unit not in _ACCELERATION_UNITS:
-            measured = f"measures {unit or 'an unknown unit'} by its StationXML"
-            raise RecordError(f"{channel} {measured}; an accelerometer (M/S**2) is needed")
+            raise RecordError(f"{channel} measures {unit or 'no unit'} in StationXML, not M/S**2")
         value = overall.value
         if not (value and np.isfinite(value)):
             raise RecordError(f"{channel} has the sensitivity {value}")

@@ -126,8 +126,7 @@ def by_direction(
         raise RecordError(f"{path}: holds only the vertical component; a horizontal one is needed")
     if remedy and len(channels) > 1 and not all(map(is_horizontal, others)):
         names = ", ".join(repr(channel_code(c)) for c in channels)
-        unclear = f"which of the channels {names} is horizontal is not clear from their codes"
-        raise RecordError(f"{path}: {unclear}; {remedy}")
+        raise RecordError(f"{path}: which of {names} is horizontal is not clear by code; {remedy}")
     return others, verticals
 
 

@@ -165,8 +165,7 @@ def check_sha256(entry: IndexEntry) -> None:
     try:
         digest = sha256_of(entry.path)
     except OSError as error:
-        lost = f"listed in the index but cannot be read ({error.strerror})"
-        raise RecordError(f"{entry.path}: {lost}") from None
+        raise RecordError(f"{entry.path}: listed, but cannot be read ({error.strerror})") from None
     if not digest.startswith(entry.sha256.lower()):
         differ = f"sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…"
         raise RecordError(f"{entry.path}: {differ}; the file has changed since it was listed")

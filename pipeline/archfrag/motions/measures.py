@@ -219,8 +219,7 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     """
     if not scaling_exponent(measure_name):
         scaled = ", ".join(name for name, kind in _KINDS.items() if kind.exponent)
-        changes = "does not change by a power of the factor when a record is scaled"
-        raise InputError(f"intensity measure {measure_name!r} {changes}; use {scaled}")
+        raise InputError(f"measure {measure_name!r} does not grow with scaling; use {scaled}")
     if not 0.0 < level < np.inf:
         unit = measure_unit(measure_name)
         raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")

@@ -170,9 +170,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
     up, down = parts.numerator, parts.denominator
     if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
-        wrong = f"cannot be resampled from {motion.dt:g} s to {dt:g} s"
-        allowed = f"the ratio must be one of integers up to {_MOST_PARTS}"
-        raise InputError(f"{motion.id or 'motion'}: {wrong}; {allowed}")
+        raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
     if up == down:
         return motion
     widest = max(up, down)

@@ -271,8 +271,9 @@ def _spectra(table: pd.DataFrame, periods: Array) -> Array:
     for period in periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
         if abs(near - period) > 2e-3 * period:
-            needed = f"has no column T{period:.3f}S, Sa in g at a period of the target"
-            raise RecordError(f"the flatfile: {needed}; measure the records at that period")
+            raise RecordError(
+                f"the flatfile: no column T{period:.3f}S; measure at that period too"
+            )
         names.append(have[near])
     sa = np.column_stack([numbers(table, name) for name in names])
     with np.errstate(invalid="ignore"):

@@ -209,8 +209,7 @@ def spectrum_target(
     rows = np.asarray(median, dtype=np.float64), scatter
     for name, row in zip(("median Sa", "sd"), rows):
         if row.shape != given.shape or not np.isfinite(row).all():
-            needed = f"must be finite numbers, one for each of {given.size} periods"
-            raise InputError(f"{source}: {name} {row.tolist()} {needed}")
+            raise InputError(f"{source}: {name} {row.tolist()} needs {given.size} finite numbers")
     sa, scatter = (row[np.argsort(given)] for row in rows)
     if not (sa > 0.0).all() or (scatter < 0.0).any():
         raise InputError(f"{source}: median Sa {sa.min():g} g or sd {scatter.min():g} is too low")

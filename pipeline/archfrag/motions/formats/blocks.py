@@ -69,8 +69,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
     for kind, (place, height, many, width) in _NUMBERS.items():
         numbers.append(text.numbers(place, place + height, many, width))
         if numbers[-1].size != many:
-            needed = f"{many} {kind} numbers are needed in the header"
-            raise RecordError(f"{text.place(place)}: {needed}, there are {numbers[-1].size}")
+            raise RecordError(f"{text.place(place)}: {numbers[-1].size} of {many} {kind} numbers")
     integers, reals = numbers
     first = text.first(_END, lambda line: not line.lstrip().startswith("|"))
     count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
@@ -134,8 +133,7 @@ def read_geonet(source: Source, **_: Any) -> Stream:
 def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     place, data = text.place(first), first + _HEADER_LINES
     if end <= data:
-        needed = f"a component has {_HEADER_LINES} header lines and then samples"
-        raise RecordError(f"{place}: {needed}; this one ends after {end - first} line(s)")
+        raise RecordError(f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
     field, record = (
         facts.read_fields(table, lambda pattern: facts.search(pattern, head))
@@ -148,8 +146,7 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     record.setdefault("component", "")
     channel = f"{text.name}: channel {record['component']}"
     if integers.size != 10 * _INTEGER_LINES:
-        needed = f"{10 * _INTEGER_LINES} integers before line {data + 1}"
-        raise RecordError(f"{channel} must have {needed}, it has {integers.size}")
+        raise RecordError(f"{channel} has {integers.size} of 40 integers before line {data + 1}")
     # Accelerations, velocities and displacements; a raw volume has the first only, however many.
     counts = integers[33:36].astype(int)
     samples = text.numbers(data, end, int(counts.sum()), _WIDTH)

@@ -72,8 +72,7 @@ def read_at2(source: Source, **_: Any) -> Stream:
     if text.lines[-1] == "":
         text.lines.pop()
     if len(text) <= _AT2_LINES:
-        needed = f"an AT2 file has {_AT2_LINES} header lines and then samples"
-        raise RecordError(f"{text.name}: {needed}; this one ends after {len(text)} line(s)")
+        raise RecordError(f"{text.name}: ends after {len(text)} line(s), 4 are the header")
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")

@@ -179,8 +179,7 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     median = float(np.median(steps[steps > 0.0]))
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
     if not length / step < 20 * times.size:
-        held = f"{times.size} samples in {length:g} s with a median step of {median:g} s"
-        raise RecordError(f"{name}: the times of the samples are too uneven: {held}")
+        raise RecordError(f"{name}: times are too uneven: steps of {median:g} s in {length:g} s")
     grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
     unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
     sizes = f"linear between them ({values.size} to {grid.size} samples)"
