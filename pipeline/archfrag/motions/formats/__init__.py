@@ -13,9 +13,8 @@ import resource
 import signal
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -122,17 +121,28 @@ def read_apart(path: str) -> list[Trace]:
     """
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
-    with ProcessPoolExecutor(1, get_context("fork"), _limit) as pool:
-        try:
-            return pool.submit(_read_in_c, path).result()
-        except BrokenProcessPool:
-            ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
-            what = "the file is damaged or not what it seems"
-            raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
+    context = get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(theirs, path), daemon=True)
+    process.start()
+    theirs.close()
+    try:
+        found = ours.recv()
+    except EOFError:  # it ended before
+        ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
+        what = "the file is damaged or not what it seems"
+        found = RecordError(f"{path}: reading it ended in {ended}; {what}")
+    finally:
+        ours.close()
+        process.join(timeout=5.0)
+        process.kill()
+    if isinstance(found, RecordError):
+        raise found
+    return found
 
 
-def _limit() -> None:
-    """Limit what this process may take, and let signals end it."""
+def _answer(pipe: Connection, path: str) -> None:
+    """Send the traces of a file, or why there are none, within limits and ended by signals."""
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
@@ -143,14 +153,14 @@ def _limit() -> None:
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
-
-
-def _read_in_c(path: str) -> list[Trace]:
     name = recognise(path, IN_C)
-    traces = [] if name is None else read_as(path, name)
     try:
+        traces = [] if name is None else read_as(path, name)
         for trace in traces:
             trace.data = trace.data.astype(float)
+        pipe.send(traces)
+    except RecordError as error:
+        pipe.send(error)
     except (TypeError, ValueError):
-        raise RecordError(f"{path}: the {name} file holds something other than numbers") from None
-    return traces
+        what = "holds something other than numbers"
+        pipe.send(RecordError(f"{path}: the {name} file {what}"))
