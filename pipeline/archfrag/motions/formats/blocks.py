@@ -126,7 +126,7 @@ def read_geonet(source: Source, **_: Any) -> Stream:
     starts = [i for i, line in enumerate(text.lines) if _START.match(line)]
     if not starts:
         raise RecordError(f"{text.name}: no line begins an accelerogram")
-    ends = [*starts[1:], len(text)]
+    ends = [*starts[1:], len(text.lines)]
     return Stream([_geonet_trace(text, a, b) for a, b in zip(starts, ends)])
 
 

@@ -118,7 +118,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 def _make_plain(text: Text, skip: int) -> None:
     """Leave blanks between numbers; comments and the lines before the first row are empty."""
     comma, points = 0, False
-    text.lines[:skip] = [""] * min(skip, len(text))
+    text.lines[:skip] = [""] * min(skip, len(text.lines))
     for place, line in enumerate(text.lines):
         if len(line) > LONGEST_LINE:
             raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")

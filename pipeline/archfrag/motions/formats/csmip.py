@@ -35,6 +35,7 @@ from archfrag.motions.formats.text import (
 )
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
+_BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
@@ -63,11 +64,7 @@ def _stream(source: Source, channel: Callable[[Text, int], _Channel]) -> Stream:
     """Traces of channels one after the other, each read by `channel` from a line on."""
     text, traces = Text(source), list[Trace]()
     place = stated = 0
-
-    def begins(line: str) -> bool:
-        return bool(line.strip(" \t\x1a")) and not END_OF_DATA.match(line)
-
-    while (place := text.first(place, begins)) < len(text):
+    while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
         if trace is not None:
             if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
@@ -109,7 +106,7 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
     reals, at = _header_numbers(text, at, "real")
     real = {index: value for index, value in enumerate(reals.tolist()) if value != _NULL}
     comments = ""
-    if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
+    if at < len(text.lines) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
         end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
         comments, at = "\n".join(text.head(at + 1, end)), end
     section = "".join(text.head(at, at + 1))
@@ -141,7 +138,7 @@ def _cosmos_channel(text: Text, place: int) -> _Channel:
 
 def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
     """The integers or reals of a header, and the line after them."""
-    line = text.lines[at] if at < len(text) else ""
+    line = text.lines[at] if at < len(text.lines) else ""
     found = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
     if found is None:
         raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
@@ -205,8 +202,8 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     count, rows, peak_name = _LEVELS[level]
     lines = text.head(place, place + count)
     if len(lines) < count:
-        raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
-    window = range(place + count, min(place + count + rows + 12, len(text)))
+        raise RecordError(f"{text.place(len(text.lines) - 1)}: the file ends in a header")
+    window = range(place + count, min(place + count + rows + 12, len(text.lines)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
         raise RecordError(f"{text.place(place)}: no line with the points of acceleration follows")

@@ -71,8 +71,8 @@ def read_at2(source: Source, **_: Any) -> Stream:
     text = Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
-    if len(text) <= _AT2_LINES:
-        raise RecordError(f"{text.name}: ends after {len(text)} line(s), 4 are the header")
+    if len(text.lines) <= _AT2_LINES:
+        raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")
@@ -123,7 +123,7 @@ def read_resorce(source: Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
     text = Text(source)
     series = text.first(0, _SERIES.match)
-    match = _SERIES.match(text.lines[series]) if series < len(text) else None
+    match = _SERIES.match(text.lines[series]) if series < len(text.lines) else None
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
     header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}

@@ -34,9 +34,6 @@ class Text:
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
         self.lines = _lines(_read_bytes(source))
 
-    def __len__(self) -> int:
-        return len(self.lines)
-
     def place(self, index: int) -> str:
         """What messages call a line."""
         return f"{self.name}, line {index + 1}"
@@ -47,7 +44,7 @@ class Text:
 
     def needs(self, index: int, what: str) -> RecordError:
         """The error for a line that is something else than needed."""
-        end = index >= len(self)
+        end = index >= len(self.lines)
         shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
 
@@ -72,7 +69,8 @@ class Text:
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """The first line from `index` on that passes a test; the number of lines if none does."""
-        return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
+        count = len(self.lines)
+        return next((i for i in range(index, count) if test(self.lines[i])), count)
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
