@@ -162,8 +162,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
         ln_median, sd, _ = target.predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
     near = {
-        min(measured, key=lambda have: abs(math.log(have / t)), default=t)
-        for t in target.PERIODS
+        min(measured, key=lambda have: abs(math.log(have / t)), default=t) for t in target.PERIODS
     }
     return target.conditional_spectrum(rupture, level, period, sorted(near), model)
 
