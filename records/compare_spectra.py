@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.motion import STANDARD_GRAVITY
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import Rupture, predict
-from archfrag.motions.synthetic import VS30, Options, make_motion
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.synthetic import VS30, Recipe, make_motion
+from archfrag.motions.target import Rupture, predict
 
 FOLDER = Path(__file__).parent
 PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -78,7 +78,7 @@ def method_table():
     rows = []
     for magnitude, distance in SCENARIOS:
         made = (
-            make_motion(magnitude, distance, seed, Options(vary=False)) for seed in range(SEEDS)
+            make_motion(Recipe(magnitude, distance, seed, vary=False)) for seed in range(SEEDS)
         )
         median = np.mean([np.log(spectral_acceleration(each, PERIODS)) for each in made], axis=0)
         means = [median - predicted(m, magnitude, distance, VS30, PERIODS)[0] for m in MODELS]
@@ -115,7 +115,8 @@ def draw_scatter(entries):
         - np.mean([beside(entry, model, grid) for model in MODELS[:2]], axis=0)
         for entry in entries
     ]
-    made = [spectral_acceleration(make_motion(6.5, 20.0, n), grid) for n in range(10 * SEEDS)]
+    recipes = (Recipe(6.5, 20.0, seed) for seed in range(10 * SEEDS))
+    made = [spectral_acceleration(make_motion(recipe), grid) for recipe in recipes]
     figure = Figure(figsize=(5, 3.2), layout="tight")
     axis = figure.subplots()
     axis.semilogx(grid, np.std(shipped, axis=0, ddof=1), "o-", ms=3, label="shipped motions")

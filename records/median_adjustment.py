@@ -11,10 +11,10 @@ from unittest import mock
 import numpy as np
 
 from archfrag.motions.measures import spectral_acceleration
-from archfrag.motions.selection import Rupture, predict
-from archfrag.motions.synthetic import Options, amplitude, make_motion
+from archfrag.motions.motion import STANDARD_GRAVITY
+from archfrag.motions.synthetic import Recipe, amplitude, make_motion
 from archfrag.motions.synthetic.amplitude import VS30
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.target import Rupture, predict
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)
 DISTANCES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # nearer, the top of small ruptures is not
@@ -41,7 +41,7 @@ def adjusted(magnitude: float, distance: float) -> np.ndarray:
             return np.exp(np.interp(np.log(f), np.log(FREQUENCIES), row))
 
         with mock.patch.object(amplitude, "median_adjustment", factor):
-            made = [make_motion(magnitude, distance, seed, Options(vary=False))
+            made = [make_motion(Recipe(magnitude, distance, seed, vary=False))
                     for seed in range(SEEDS)]  # fmt: skip
         found = np.log([spectral_acceleration(each, periods) for each in made]).mean(axis=0)
         logarithm = logarithm + target - found

@@ -65,13 +65,13 @@ def station_xml(stations, responses=True):
     return _written(Inventory([Network("IV", stations=rows)], source="test"), "STATIONXML")
 
 
-def miniseed(station, location, channels, start, end, peak=1.0):
-    """A wave of `peak` [m/s2] with an offset, in counts, on each channel."""
+def miniseed(station, location, channels, start, end):
+    """A wave with an offset, in counts, on each channel."""
     shape = wave(int((end - start) * 100.0))
     header = {"network": "IV", "station": station, "location": location, "delta": 0.01}
     traces = [
         Trace(
-            np.round((peak * (number + 1) * shape + 0.5) * SENSITIVITY).astype(np.int32),
+            np.round(((number + 1) * shape + 0.5) * SENSITIVITY).astype(np.int32),
             {**header, "channel": name, "starttime": start},
         )
         for number, name in enumerate(channels)
@@ -87,7 +87,6 @@ class DataCentre:
 
     def __init__(self, address):
         self.address, self.asked, self.faults = address, [], {}
-        self.quakeml = quakeml()
 
     def answer(self, service, query):
         self.asked.append(service)
@@ -95,17 +94,15 @@ class DataCentre:
         return getattr(self, service)(query) if fault is None else fault
 
     def event(self, query):
-        return self.quakeml if query["eventid"] == EVENT else 204
+        return quakeml() if query["eventid"] == EVENT else 204
 
     def station(self, query):
         if query["level"] == "response":
             return station_xml([query["station"]])
-        reach = float(query["maxradius"])
         origin = float(query["latitude"]), float(query["longitude"])
-        kinds = {pattern[:2] for pattern in query["channel"].split(",")}
-        near = [code for code, (north, _, own) in STATIONS.items()
-                if locations2degrees(*origin, EPICENTRE[0] + north, EPICENTRE[1]) <= reach
-                and kinds.intersection(own)]  # fmt: skip
+        near = [code for code, (north, _, _) in STATIONS.items()
+                if locations2degrees(*origin, EPICENTRE[0] + north, EPICENTRE[1])
+                <= float(query["maxradius"])]  # fmt: skip
         return station_xml(near, responses=False) if near else 204
 
     def dataselect(self, query):
@@ -114,8 +111,7 @@ class DataCentre:
         if kind not in kinds or location != place:
             return 204
         start, end = (UTCDateTime(query[key]) for key in ("starttime", "endtime"))
-        names = [kind + letter for letter in "ENZ"]
-        return miniseed(query["station"], location, names, start, end)
+        return miniseed(query["station"], location, [kind + c for c in "ENZ"], start, end)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -154,8 +150,7 @@ def broken_off(handler):
 
 
 class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False
+    daemon_threads, block_on_close = True, False
 
     def handle_error(self, *_):
         pass  # a client that went away
@@ -164,13 +159,10 @@ class _Server(ThreadingHTTPServer):
 @contextmanager
 def data_centre():
     """A server on a free port of this machine while the block lasts."""
-    server = _Server(("127.0.0.1", 0), _Handler)
-    server.centre = DataCentre(f"http://127.0.0.1:{server.server_port}")
-    thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
-    thread.start()
-    try:
-        yield server.centre
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    with _Server(("127.0.0.1", 0), _Handler) as server:
+        server.centre = DataCentre(f"http://127.0.0.1:{server.server_port}")
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        try:
+            yield server.centre
+        finally:
+            server.shutdown()

@@ -58,6 +58,11 @@ def wave(count=400, dt=0.01, frequency=1.5):
     return np.sin(2.0 * np.pi * frequency * time) * np.sin(np.pi * np.arange(count) / (count - 1))
 
 
+def pga(motion):
+    """Largest horizontal acceleration [m/s2]."""
+    return np.abs(motion.acceleration).max()
+
+
 def manifest(name="manifest.csv"):
     """Rows of a manifest of the real records; none where these are not there."""
     if not (REAL_RECORDS / name).is_file():

@@ -1,7 +1,5 @@
 """Records from a data centre: what comes, what does not, and what is left of it on the disk."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -87,14 +85,6 @@ class TestGoingOn:
             lose()
             assert fetch(centre, tmp_path)[0] == [NEAR]
 
-    def test_after_a_failure_only_what_lacks_comes(self, centre, tmp_path):
-        centre.faults["dataselect", "BOTH"] = 503
-        _, _, failures = fetch(centre, tmp_path)
-        assert [kind for kind, _ in failures] == ["service"]
-        assert [entry.id for entry in load_index(tmp_path)] == [NEAR, SLOW]
-        centre.faults.clear()
-        assert fetch(centre, tmp_path)[:2] == ([BOTH], [NEAR, SLOW])
-
     def test_another_window_comes_anew(self, centre, tmp_path):
         fetch(centre, tmp_path, most=1)
         assert fetch(centre, tmp_path, most=1, after=10.0)[0] == [NEAR]
@@ -102,8 +92,8 @@ class TestGoingOn:
         assert load_motion(entry).duration == pytest.approx(15.0, abs=0.1)
 
 
-def wave_of(channel, start=0.0, end=9.0, **options):
-    return miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end, **options)
+def wave_of(channel, start=0.0, end=9.0):
+    return miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end)
 
 
 DATA, EVENTS, LIST, RESPONSE = (
@@ -116,16 +106,12 @@ class TestWhatDoesNotCome:
         ("place", "fault", "kind", "reason"),
         [
             (DATA, 204, "no data", "No data available"),
-            (DATA, 400, "unusable", "Bad request"),
             (EVENTS, 403, "unusable", "Authentication failed"),
-            (LIST, 413, "unusable", "too much data"),
             (DATA, 429, "service", "too many requests"),
             (LIST, silent, "service", "Timed Out"),
             (EVENTS, broken_off, "service", "IncompleteRead"),
             (DATA, b"no miniSEED at all", "unusable", "the format is not recognised"),
-            (DATA, wave_of("HNZ"), "unusable", "holds only the vertical"),
             (DATA, wave_of("HNE") + wave_of("HNE", 12, 20), "unusable", "has a gap of 3"),
-            (DATA, wave_of("HNE", peak=5e-5), "unusable", "peak of channel HNE"),
             (DATA, wave_of("HNE")[:-100], "unusable", "truncated or not"),
             (EVENTS, quakeml(origins=False), "unusable", "has no origin"),
             (EVENTS, b"{}", "unusable", ""),
@@ -136,10 +122,8 @@ class TestWhatDoesNotCome:
     )  # fmt: skip
     def test_one_line_and_nothing_half_written(self, centre, tmp_path, place, fault, kind, reason):
         centre.faults[place] = fault
-        started = time.monotonic()
         timeout = 0.5 if fault is silent else 20.0
         _, _, (failure,) = fetch(centre, tmp_path / "in", most=1, timeout=timeout)
-        assert time.monotonic() - started < 4.0
         assert failure[0] == kind
         assert reason in failure[1]
         assert "\n" not in failure[1]

@@ -11,12 +11,10 @@ from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import OWN, plug_in, recognise
-from archfrag.motions.formats.keyed import read_knet
 from archfrag.motions.formats.text import Text, on_even_steps
-from archfrag.motions.measures import pga
-from archfrag.motions.read import read_motion, read_motions
+from archfrag.motions.read import read_motion, read_motions, read_vertical
 
-from .helpers import FOURTH_LINES, at2_text, refused, wave
+from .helpers import FOURTH_LINES, at2_text, pga, refused, wave
 from .samples import (
     KIKNET,
     MADE_UP,
@@ -64,8 +62,6 @@ class TestClaims:
             for path in (tmp_path / "other", tmp_path / "missing"):
                 assert recognise(str(path), tuple(OWN)) is None
         files = [p for p in Path(obspy.__file__).parent.glob("**/tests/data/**/*") if p.is_file()]
-        if len(files) < 100:
-            pytest.skip("this obspy came without its test data")
         assert [(p, own) for p in files if (own := recognise(str(p), tuple(OWN)))] == []
 
     @every_text
@@ -206,14 +202,10 @@ class TestHeaders:
     def test_sensors_of_kiknet(self, tmp_path, channel):
         counts = np.round(1e5 * wave()).astype(int) + 5000
         path = put(tmp_path, knet_text(counts, KIKNET[channel], scale=8388608), f"A.{channel}")
-        record = read_knet(path)[0].stats.record
-        assert record.sensor == ("borehole" if channel.endswith("1") else "surface")
-        assert record.vertical == channel.startswith("UD")
-        assert "faults" not in record
-        if not record.vertical:
-            motion = read_motion(path)
-            assert any("in the borehole" in step for step in motion.log) == (channel[2] == "1")
-            assert pga(motion) == pytest.approx(0.2384, rel=1e-2)
+        motion = (read_vertical if channel.startswith("UD") else read_motion)(path)
+        assert any("in the borehole" in step for step in motion.log) == (channel[2] == "1")
+        assert pga(motion) == pytest.approx(0.2384, rel=1e-2)
+        assert "faults" not in motion.metadata
 
 
 class TestTimes:
@@ -227,7 +219,7 @@ class TestTimes:
 
     @pytest.mark.parametrize(
         ("times", "reason"),
-        [([0.0, 0.01, 0.005, 0.02], r"0\.005 s at sample 2"), ([0.0, 0.0, 0.0], "must increase"),
+        [([0.0, 0.01, 0.005, 0.02], r"2 is at 0\.005 s"), ([0.0, 0.0, 0.0], "must increase"),
          ([0.0, 1e-6, 2e-6, 1e9], "too uneven")],
     )  # fmt: skip
     def test_impossible_times(self, times, reason):
@@ -247,7 +239,6 @@ class TestFaults:
             (geonet_text({"N00E": SAMPLES, "N90E": SAMPLES[:-3]}), "(N00E 400, N90E 397)"),
             (dmg_v1(total=6), "the header counts 6 channels, the file holds 3"),
             (cosmos(total=6), "the header counts 6 channels, the file holds 3"),
-            (cosmos(r62=77.0), "length of 77 s"),
             (smc(EAST + 0.3), "the offset of the samples, 294.2, is larger than their motion"),
         ],
     )  # fmt: skip
@@ -299,10 +290,10 @@ class TestFaults:
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
         (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
-        ("\n".join(geonet_text(ONE).splitlines()[:20]), ["26 header lines"]),
+        ("\n".join(geonet_text(ONE).splitlines()[:20]), ["ends after 20 line(s)"]),
         ("\n".join(line for i, line in enumerate(
             geonet_text(ONE, raw=False).splitlines()) if i != 40),
-         ["channel N00E must hold 400 accelerations", "1190 numbers"]),
+         ["channel N00E must hold 400 accelerations", "it holds 1190"]),
     ],
 )  # fmt: skip
 def test_refusals(tmp_path, text, parts):

@@ -19,7 +19,6 @@ from archfrag.errors import RecordError
 from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
 from archfrag.motions.read import read_motion
-from tests.study.small import TEXT, small_study
 
 from .helpers import wave
 
@@ -46,9 +45,7 @@ class Payload:
 
 def payload(marker):
     """What obspy takes for one of its pickles, by its first hundred bytes."""
-    content = pickle.dumps(("obspy.core.stream", Payload(marker)))
-    assert content.index(b"obspy.core.stream") < 80
-    return content
+    return pickle.dumps(("obspy.core.stream", Payload(marker)))
 
 
 def tarred(content):
@@ -58,15 +55,6 @@ def tarred(content):
         entry.size = len(content)
         archive.addfile(entry, io.BytesIO(content))
     return buffer.getvalue()
-
-
-def flipped(content, seed, count=8):
-    """The content with some of its bits flipped."""
-    random = np.random.default_rng(seed)
-    changed = bytearray(content)
-    for _ in range(count):
-        changed[random.integers(len(changed))] ^= 1 << int(random.integers(8))
-    return bytes(changed)
 
 
 def crash():
@@ -87,10 +75,8 @@ ATTACKS = {
     "payload.tar": lambda marker: tarred(payload(marker)),
     "record.bz2": lambda _: bz2.compress(record("SLIST")),
     "cut.gse2": lambda _: record("GSE2")[:300],
-    "flipped.gse2": lambda _: flipped(record("GSE2"), 53),
     "crash.gse2": lambda _: crash(),
     "cut.mseed": lambda _: record("MSEED")[:-100],
-    "flipped.mseed": lambda _: flipped(record("MSEED"), 0, 400),
     "long.sac": lambda _: with_count(record("SAC"), 2**31 - 1),
     "negative.sac": lambda _: with_count(record("SAC"), -5),
     "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
@@ -109,59 +95,34 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
     assert set(tmp_path.iterdir()) == before
     assert (result.exit_code, result.stdout, result.output.count("\n")) == (2, "", 1)
     assert result.output.startswith(f"archfrag: error: {path}")
-    if name.endswith(("gz", "tar", "bz2")):
-        assert "which is never unpacked" in result.output
-
-
-def test_a_study_is_not_taken_down(tmp_path):
-    study = small_study(tmp_path, TEXT.replace("*.AT2", "*"))
-    bad = tmp_path / "records" / "x.gse2"
-    bad.write_bytes(crash())
-    result = CliRunner().invoke(main, ["motions", str(study)])
-    assert result.exit_code == 2
-    reason = "reading it ended in a crash or took more than 60 s of computing; the file is "
-    assert result.output == f"archfrag: error: {bad}: {reason}damaged or not what it seems\n"
+    assert not name.endswith(("gz", "tar", "bz2")) or "never unpacked" in result.output
 
 
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/zero"):
-        with pytest.raises(RecordError, match="this is not a regular file"):
-            read_motion(path)
     circle = tmp_path / "circle.AT2"
     circle.symlink_to(circle)
-    with pytest.raises(RecordError, match="there is no such file"):
-        read_motion(circle)
+    for path, reason in ((tmp_path / "pipe", "it is not a regular file"),
+                         ("/dev/zero", "it is not a regular file"),
+                         (circle, "Too many levels of symbolic links")):  # fmt: skip
+        with pytest.raises(RecordError, match=f"cannot be read: {reason}"):
+            read_motion(path)
 
 
-def put(path, content):
-    path.write_bytes(content)
-    return str(path)
-
-
-class TestApart:
-    def test_it_reads_what_obspy_reads(self, tmp_path):
-        for form in ("MSEED", "GSE2"):
-            (trace,) = read_apart(put(tmp_path / form, record(form)))
-            assert np.array_equal(trace.data, np.round(4000.0 * wave()))
-            found = trace.stats.delta, trace.stats.channel, trace.stats.npts
-            assert found == (0.01, "HNE", 400)
-        assert read_apart(put(tmp_path / "prose", b"no record")) == []
-
-    @pytest.mark.parametrize(
-        ("limit", "value", "content", "reason"),
-        [
-            ("MEMORY", 200 * 2**20,
-             lambda: record("GSE2").replace(b"CM6      400", b"CM6 99999999"),
-             "reading it as GSE2 takes more memory than allowed$"),
-            ("COMPUTING_TIME", 0.05, lambda: record("MSEED") * 20_000,
-             "reading it ended in a crash or took more than 0.05 s of"),
-            ("COMPUTING_TIME", 60, crash, "reading it ended in a crash"),
-        ],
-    )  # fmt: skip
-    def test_a_crash_computing_time_and_memory_end_it(
-        self, tmp_path, monkeypatch, limit, value, content, reason
-    ):
-        monkeypatch.setattr(formats, limit, value)
-        with pytest.raises(RecordError, match=rf"x: {reason}"):
-            read_apart(put(tmp_path / "x", content()))
+@pytest.mark.parametrize(
+    ("limit", "value", "content", "reason"),
+    [
+        ("MEMORY", 200 * 2**20, lambda: record("GSE2").replace(b"CM6      400", b"CM6 99999999"),
+         "read as GSE2 it takes too much memory$"),
+        ("COMPUTING_TIME", 0.05, lambda: record("MSEED") * 20_000,
+         "reading it ended in a crash or took more than 0.05 s of"),
+        ("COMPUTING_TIME", 60, crash, "reading it ended in a crash"),
+    ],
+)  # fmt: skip
+def test_a_crash_computing_time_and_memory_end_it(
+    tmp_path, monkeypatch, limit, value, content, reason
+):
+    monkeypatch.setattr(formats, limit, value)
+    (tmp_path / "x").write_bytes(content())
+    with pytest.raises(RecordError, match=rf"x: {reason}"):
+        read_apart(str(tmp_path / "x"))

@@ -4,11 +4,11 @@ import obspy
 import pytest
 
 from archfrag.motions.formats.columns import Columns
-from archfrag.motions.measures import measure, pga
+from archfrag.motions.measures import measure
 from archfrag.motions.process import bandpass
 from archfrag.motions.read import read_motion
 
-from .helpers import REAL_RECORDS, manifest
+from .helpers import REAL_RECORDS, manifest, pga
 
 G = 9.80665
 ROWS = [*manifest(), *manifest("manifest_p695.csv")]

@@ -6,13 +6,11 @@ from scipy.signal import cont2discrete, lfilter
 
 from archfrag.motions.measures import (
     measure,
-    measure_all,
     parse_measure,
     scale_factor,
     spectral_acceleration,
 )
 from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import response_spectrum
 
 from .helpers import refused, wave
 
@@ -70,36 +68,31 @@ def largest_response(record, dt, period):
     return np.abs(lfilter(numerator.ravel(), denominator, fine)).max()
 
 
-@pytest.mark.parametrize("count", [*range(160, 176), 32768])
+@pytest.mark.parametrize("count", [160, 163, 171, 32768])
 def test_spectrum_of_a_record_that_ends_in_motion(count):
     record = np.random.default_rng(count).standard_normal(count)
     record[0] = 0.0
     periods = np.geomspace(0.02, 10.0, 24 if count < 1000 else 4)
+    found, extended = (spectral_acceleration(Motion(samples, 0.01), periods)
+                       for samples in (record, np.append(record, np.zeros(40))))  # fmt: skip
     expected = [largest_response(record, 0.01, period) for period in periods]
-    assert response_spectrum(record, 0.01, periods) == pytest.approx(expected, rel=1e-3)
-    extended = np.append(record, np.zeros(40))
-    same = pytest.approx(response_spectrum(extended, 0.01, periods), rel=1e-9)
-    assert response_spectrum(record, 0.01, periods) == same
+    assert found == pytest.approx(expected, rel=1e-3)
+    assert found == pytest.approx(extended, rel=1e-9)
 
 
 @pytest.mark.parametrize("period", [0.05, 0.4, 2.0])
 def test_rotated_spectrum_is_that_of_each_direction(period):
     one, other = noise(seed=1), noise(seed=2)
     motion = Motion(one, 0.01, transverse=other)
-    each = [response_spectrum(np.cos(a) * one + np.sin(a) * other, 0.01, period)[0]
+    each = [spectral_acceleration(Motion(np.cos(a) * one + np.sin(a) * other, 0.01), period)[0]
             for a in np.deg2rad(np.arange(180))]  # fmt: skip
     assert measure(motion, f"RotD50(Sa({period}))") == pytest.approx(np.median(each), rel=1e-8)
     assert measure(motion, f"RotD100(Sa({period}))") == pytest.approx(np.max(each), rel=1e-8)
 
 
-def test_several_measures_at_once_are_those_one_by_one_in_either_spelling():
-    motion = Motion(noise(), 0.01)
-    names = ["PGA", "HI", "Sa(0.3)", "AvgSA(0.2,1.0)", "D5_95"]
-    together = measure_all(motion, [*names, "SaAvg(0.2,1.0)", "SA(0.3)"])
-    assert list(together)[:5] == names
-    assert list(together.values())[:5] == [measure(motion, name) for name in names]
-    assert together["AvgSA(0.2,1.0)"] == together["SaAvg(0.2,1.0)"]
-    assert together["SA(0.3)"] == together["Sa(0.3)"]
+def test_either_spelling():
+    for one, other in (("AvgSA(0.2,1.0)", "SaAvg(0.2, 1.0)"), ("Sa(0.3)", "SA(0.3)")):
+        assert measure(WAVE, one) == measure(WAVE, other) > 0.0
 
 
 POWERS = {"PGA": 1, "PGV": 1, "Arias": 2, "Sa(0.3)": 1, "AvgSA(0.2,1.0)": 1, "D5_95": 0}
@@ -114,19 +107,17 @@ def test_scaled_motion_has_the_level(name):
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda: parse_measure("pga"), ["'pga' (did you mean PGA?)", "PGV"]),
-        (lambda: parse_measure("FIV3(0.5)"), ["no longer", "Sa(T)"]),
-        (lambda: parse_measure("D5_75"), ["use D5_95"]),
+        (lambda: parse_measure("pga"), ["unknown intensity measure 'pga'", "PGA, PGV"]),
         (lambda: parse_measure("Sa(0)"), ["'Sa(0)'", "1 period"]),
         (lambda: parse_measure("AvgSA(1.0,0.2)"), ["shorter period first"]),
         (lambda: parse_measure("RotD50(Arias)"), ["PGA, PGV or Sa(T)"]),
         (lambda: measure(SINE, "RotD50(PGA)"), ["sine", "two horizontal components"]),
         (lambda: spectral_acceleration(SINE, 0.5, damping=1.5), ["damping 1.5", "[0, 1)"]),
         (lambda: scale_factor(STILL, "PGA", 1.0), ["still: PGA of the record is 0"]),
-        (lambda: scale_factor(SINE, "D5_95", 5.0), ["'D5_95' does not change"]),
+        (lambda: scale_factor(SINE, "D5_95", 5.0), ["'D5_95' does not grow"]),
         (lambda: SINE.scaled(float("inf")), ["scale factor inf"]),
         (lambda: Motion([0.0, np.nan, 1.0], 0.01, id="rec"), ["rec: ", "1 sample(s)", "finite"]),
-        (lambda: Motion([[1.0, 2.0]], 0.01), ["shape (1, 2); one row"]),
+        (lambda: Motion([[1.0, 2.0]], 0.01), ["a row of 2 or more, not (1, 2)"]),
         (lambda: Motion([0.0, 1.0], "fast"), ["dt = fast s must be"]),
         (lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]), ["vertical has 3", "horizontal 2"]),
     ],

@@ -9,15 +9,13 @@ from click.testing import CliRunner
 from obspy import Inventory, Stream, Trace, UTCDateTime
 from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
 
-import archfrag as af
 from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import ACCEPTABLE
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import pga
 from archfrag.motions.read import load_motion, read_motion, read_motions
 
-from .helpers import SHIPPED, at2_text, refused, wave
+from .helpers import at2_text, pga, refused, wave
 from .samples import knet_text
 
 G = 9.80665
@@ -64,14 +62,15 @@ def text_record(folder, form, kept):
 
 class TestUnits:
     @pytest.mark.parametrize(
-        ("unit", "factor"),
-        [("m/s2", 1.0), ("cm/s2", 0.01), ("gal", 0.01), ("mm/s2", 1e-3), ("g", G)],
-    )
-    def test_asked_for_where_the_file_states_none(self, tmp_path, unit, factor):
-        for form, kind in (("MSEED", "i4"), ("SAC", "f4"), ("GSE2", "i4"), ("SLIST", "i4")):
-            path = write(tmp_path / "record", trace(data=COUNTS.astype(kind)), form=form)
-            motion = read_motion(path, unit=unit, accept=["pga"])
-            assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
+        ("form", "unit", "factor"),
+        [("MSEED", "m/s2", 1.0), ("SAC", "cm/s2", 0.01), ("GSE2", "gal", 0.01),
+         ("SLIST", "mm/s2", 1e-3), ("MSEED", "g", G)],
+    )  # fmt: skip
+    def test_asked_for_where_the_file_states_none(self, tmp_path, form, unit, factor):
+        kind = "f4" if form == "SAC" else "i4"
+        path = write(tmp_path / "record", trace(data=COUNTS.astype(kind)), form=form)
+        motion = read_motion(path, unit=unit, accept=["pga"])
+        assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
 
     @pytest.mark.parametrize("name", ["record.xml", "XX.AB.xml"])
     def test_counts_are_demeaned_by_a_station_xml_in_the_folder(self, tmp_path, name):
@@ -99,8 +98,6 @@ class TestUnits:
         motion = read_motion(path)
         assert np.allclose(motion.acceleration, COUNTS * 0.01)
         assert (motion.id, motion.metadata["Mw"]) == ("first", 6.5)
-        shipped = next((SHIPPED / "synthetic").glob("*.mseed"))
-        assert read_motion(shipped).id == shipped.stem
 
 
 class TestComponents:
@@ -127,13 +124,11 @@ class TestComponents:
         assert np.allclose(motion.vertical, 0.01 * RAMP[their])
         assert any(step.startswith("Cut to the") for step in motion.log)
 
-    def test_vertical_from_its_own_file_counts_upwards(self, tmp_path):
-        for name, component in (("h", "180"), ("up", "UP"), ("down", "DWN")):
-            at2(tmp_path, wave(), f"{name}.AT2", component=component)
-        up, down = (read_motion(tmp_path / "h.AT2", vertical=tmp_path / f"{name}.AT2")
-                    for name in ("up", "down"))  # fmt: skip
-        assert np.array_equal(up.vertical, up.acceleration)
-        assert np.array_equal(down.vertical, -up.vertical)
+    @pytest.mark.parametrize(("code", "sign"), [("UP", 1.0), ("DWN", -1.0)])
+    def test_vertical_from_its_own_file_counts_upwards(self, tmp_path, code, sign):
+        path = at2(tmp_path, wave(), "h.AT2")
+        motion = read_motion(path, vertical=at2(tmp_path, wave(), "v.AT2", component=code))
+        assert np.array_equal(motion.vertical, sign * motion.acceleration)
 
     def test_split_but_gapless_traces_are_joined(self, tmp_path):
         path = write(tmp_path / "split.mseed", trace(data=COUNTS[:150]),
@@ -155,25 +150,19 @@ class TestComponents:
                 load_motion(entries[row])
 
 
-def cut(folder, form, size):
-    options = {"reclen": 512} if form == "MSEED" else {}
-    path = write(folder / "a", trace(data=wave()), form=form, **options)
+def cut(folder, size):
+    path = write(folder / "a", trace(data=wave()), reclen=512)
     path.write_bytes(path.read_bytes()[:size])
     return path
 
 
-def slist(folder, rate):
-    head = f"TIMESERIES XX_AB__HNE_R, 4 samples, {rate} sps, 2003-05-29T02:13:22.043400, SLIST, "
+def slist(folder):
+    head = "TIMESERIES XX_AB__HNE_R, 4 samples, 0.0 sps, 2003-05-29T02:13:22.043400, SLIST, "
     return put(folder / "a", f"{head}FLOAT, \n1.0\t2.0\t3.0\t4.0\n")
 
 
 def with_xml(folder, **options):
     station_xml(**options).write(str(folder / "a.xml"), format="STATIONXML")
-    return write(folder / "a.mseed", trace())
-
-
-def changed(folder):
-    put(folder / "index.csv", f"id,file,sha256,unit\none,a.mseed,{'0' * 64},gal\n")
     return write(folder / "a.mseed", trace())
 
 
@@ -186,20 +175,19 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (lambda f: f / "missing.AT2", {}, ["no such file"]),
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
         (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
-        (lambda f: cut(f, "MSEED", 4000), {"unit": "g"}, ["truncated miniSEED"]),
+        (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated miniSEED"]),
         (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["XX.AB..HNE", "index 17"]),
         (lambda f: write(f / "a", trace(), trace(start=10.0)), {"unit": "g"}, ["a gap of"]),
         (lambda f: write(f / "a", trace()), {}, ["does not state the unit", "m/s2, cm/s2, gal"]),
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),
         (lambda f: knet(f, np.arange(200)), {"unit": "gal"}, ["'gal'", "scale factor"]),
-        (lambda f: slist(f, "0.0"), {"unit": "g"}, ["time step 0.0 s"]),
-        (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical", "HNZ"]),
+        (slist, {"unit": "g"}, ["time step 0.0 s"]),
+        (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical"]),
         (lambda f: write(f / "a", trace("ABC"), trace("ABD")), {"unit": "g"}, ["'ABC', 'ABD'"]),
         (with_xml, {"unit": "g"}, ["'g'", "2000 counts"]),
         (lambda f: with_xml(f, code="HNN"), {}, ["no response for channel XX.AB..HNE"]),
         (lambda f: write(f / "a", trace(), trace("HNZ", dt=0.02)),
          {"unit": "gal", "accept": ["pga"]}, ["0.02 s"]),
-        (changed, {}, ["sha256", "has changed"]),
         (at2, {"accept": ["dt"]}, ["'dt'", "pga, time_step, samples, header"]),
     ],
 )  # fmt: skip
@@ -236,7 +224,6 @@ class TestAccept:
         path = write(tmp_path / "a.mseed", *traces)
         assert acceptable(path, "pga", "HNZ", "99.11 g", unit="g").vertical is not None
         acceptable(at2(tmp_path, 0.05 * wave(), unit="MM/S2"), "pga", "by its unit mm/s2")
-        assert af.Motion(1e6 * wave(), dt=1.0).acceleration.max() > 1e5  # made in Python: free
 
     def test_time_step(self, tmp_path):
         for dt in (9e-5, 0.11, 1e6):

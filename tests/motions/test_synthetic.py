@@ -9,11 +9,10 @@ import pytest
 from archfrag.errors import InputError, RecordError
 from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import pga, spectral_acceleration, velocity
-from archfrag.motions.motion import Motion
+from archfrag.motions.measures import spectral_acceleration, velocity
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import Rupture, predict
-from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions
+from archfrag.motions.synthetic import Plan, Recipe, make_motion, plan_motions
 from archfrag.motions.synthetic import amplitude as source
 from archfrag.motions.synthetic.amplitude import (
     COEFFICIENTS,
@@ -24,12 +23,11 @@ from archfrag.motions.synthetic.amplitude import (
     draw_term,
 )
 from archfrag.motions.synthetic.motion import _amplitude, _generator, amplification
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.target import Rupture, predict
 
-from .helpers import SHIPPED
+from .helpers import SHIPPED, pga
 
 PERIODS = np.array([0.1, 0.2, 0.5, 1.0, 2.0])
-PLAIN = Options(vary=False)
 # Values that P. J. Stafford, first author of the model, released for checking (optimised form;
 # distributed with the sources of pyRVT 0.8): amplitude [m/s] at 0.1, 1 and 10 Hz and duration
 # [s] at a magnitude and Joyner-Boore distance [km].
@@ -40,9 +38,9 @@ AUTHORS = {
 }
 
 
-def spectra(seeds, options=None):
+def spectra(seeds, **options):
     """ln Sa at PERIODS of motions of M 6.5 at 20 km."""
-    made = (make_motion(6.5, 20.0, seed, options) for seed in seeds)
+    made = (make_motion(Recipe(6.5, 20.0, seed, **options)) for seed in seeds)
     return np.log([spectral_acceleration(motion, PERIODS) for motion in made])
 
 
@@ -65,7 +63,7 @@ class TestModel:
 
     def test_mean_amplitude_of_many_motions_is_the_target(self):
         # Above the low cut and away from the baseline, the mean square over seeds.
-        made = (make_motion(6.0, 20.0, seed, PLAIN) for seed in range(200))
+        made = (make_motion(Recipe(6.0, 20.0, seed, vary=False)) for seed in range(200))
         power = sum(np.abs(np.fft.rfft(m.acceleration, 8192) * m.dt) ** 2 for m in made) / 200
         f = np.fft.rfftfreq(8192, 0.01)
         for low, high in ((0.4, 1.0), (1.0, 4.0), (4.0, 20.0)):
@@ -75,17 +73,17 @@ class TestModel:
             assert np.mean(power[band] / target**2) == pytest.approx(1.0, abs=0.08)
 
     @pytest.mark.parametrize(
-        ("arguments", "reason"),
+        ("recipe", "reason"),
         [
-            ((2.0, 20.0, 1), r"magnitude = 2.0 is outside 3 to 8"),
-            ((6.0, -1.0, 1), r"distance .km. = -1.0 is outside 0 to 300"),
-            ((6.0, 20.0, 1, Options(vs30=300.0)), r"vs30 .m/s. = 300.0 is outside 450 to 1000"),
-            ((6.0, 20.0, -1), r"seed -1 must be from 0 to 2\^63 - 1"),
+            (Recipe(2.0, 20.0, 1), r"magnitude = 2.0 is outside 3 to 8"),
+            (Recipe(6.0, -1.0, 1), r"distance .km. = -1.0 is outside 0 to 300"),
+            (Recipe(6.0, 20.0, 1, vs30=300.0), r"vs30 .m/s. = 300.0 is outside 450 to 1000"),
+            (Recipe(6.0, 20.0, -1), r"seed = -1 is outside 0 to 9"),
         ],
     )
-    def test_outside_the_model(self, arguments, reason):
+    def test_outside_the_model(self, recipe, reason):
         with pytest.raises(InputError, match=reason):
-            synthetic.make_motion(*arguments)
+            make_motion(recipe)
 
     def test_tables_are_those_of_the_supplements(self):
         """As pygmm has them."""
@@ -110,7 +108,7 @@ class TestSuite:
     def test_the_ground_is_at_rest_before_and_after(self):
         """That making them again gives the same bytes is in workflow/test_cli_records.py."""
         for recipe in synthetic.shipped_recipes()[::4]:
-            motion = make_motion(*recipe[1:])
+            motion = make_motion(recipe)
             speed = velocity(motion)
             place = np.cumsum(speed)
             assert not motion.acceleration[:100].any()
@@ -152,19 +150,17 @@ class TestIndex:
             load_index(path)
 
     @pytest.mark.parametrize(
-        ("change", "reason"),
+        ("content", "step", "reason"),
         [
-            ("content", r"sha256 is .*; the file has changed since it was listed$"),
-            ("gone", r"listed in the index but cannot be read \(No such file"),
-            ("step", r"the index lists dt_s = 0.02 s, the file has 0.01 s$"),
+            (lambda content: content[::-1], "0.01", r"sha256 is .*; the file has changed since"),
+            (None, "0.01", r"listed, but cannot be read \(No such file"),
+            (bytes, "0.02", r"dt is 0.01 s, the index lists dt_s = 0.02 s$"),
         ],
     )
-    def test_file_that_is_not_as_listed(self, tmp_path, change, reason):
+    def test_file_that_is_not_as_listed(self, tmp_path, content, step, reason):
         listed = load_index(SHIPPED)[0]
-        content = listed.path.read_bytes()
-        if change != "gone":
-            (tmp_path / "a.mseed").write_bytes(content[::-1] if change == "content" else content)
-        step = "0.02" if change == "step" else "0.01"
+        if content is not None:
+            (tmp_path / "a.mseed").write_bytes(content(listed.path.read_bytes()))
         row = f"a,a.mseed,{listed.sha256},5.5,{step},m/s2\n"
         (tmp_path / "index.csv").write_text(self.HEADER + row)
         with pytest.raises(RecordError, match=reason):
@@ -182,24 +178,24 @@ class TestVariation:
         assert np.corrcoef(rows.T) == pytest.approx(correlation(FREQUENCIES), abs=0.08)
 
     def test_terms_are_common_where_seeds_are(self):
-        def amplitudes(seeds):
+        def amplitudes(*seeds):
             """ln of the Fourier amplitude in bands a tenth of a decade wide, 0.5 to 10 Hz."""
-            motion = make_motion(6.0, 30.0, seeds)
+            motion = make_motion(Recipe(6.0, 30.0, *seeds))
             power = np.abs(np.fft.rfft(motion.acceleration, 8192)) ** 2
             place = np.digitize(np.fft.rfftfreq(8192, motion.dt), np.geomspace(0.5, 10.0, 14))
             return 0.5 * np.log([power[place == band].mean() for band in range(1, 14)])
 
         n = range(80)
-        first = np.array([amplitudes(Seeds(s, s, s)) for s in n])
+        first = np.array([amplitudes(s) for s in n])
         for event, site, low, high in (
             (500, 500, -0.15, 0.15), (0, 500, 0.2, 0.5), (500, 0, 0.15, 0.45), (0, 0, 0.5, 0.75),
         ):  # fmt: skip
-            other = np.array([amplitudes(Seeds(s + 500, s + event, s + site)) for s in n])
+            other = np.array([amplitudes(s + 500, s + event, s + site) for s in n])
             found = [np.corrcoef(a, b)[0, 1] for a, b in zip(first.T, other.T)]
             assert low < np.mean(found) < high
 
     def test_scatter_is_the_published_total_and_leaves_the_median(self):
-        varied, plain = spectra(range(300)), spectra(range(300), PLAIN)
+        varied, plain = spectra(range(300)), spectra(range(300), vary=False)
         # Mean total of four models at M 6.5 and PERIODS; 0.1, and 0.06 for 300 seeds.
         published = np.array([0.66, 0.64, 0.66, 0.70, 0.70])
         assert varied.std(axis=0) == pytest.approx(published, abs=0.16)
@@ -210,7 +206,7 @@ class TestVariation:
 
 class TestVertical:
     def test_ratio_is_the_models(self):
-        made = [make_motion(6.5, 20.0, seed, Options(vertical=True)) for seed in range(150)]
+        made = [make_motion(Recipe(6.5, 20.0, seed, vertical=True)) for seed in range(150)]
         ratio = np.log([
             spectral_acceleration(Motion(m.vertical, m.dt), PERIODS)
             / spectral_acceleration(m, PERIODS)
@@ -229,7 +225,7 @@ class TestPulse:
     def test_amplification_is_shahi_and_bakers_near_the_period(self):
         gains = []
         for seed in range(80):
-            plain, pulse = (make_motion(6.5, 5.0, seed, Options(pulse=p)) for p in (False, True))
+            plain, pulse = (make_motion(Recipe(6.5, 5.0, seed, pulse=p)) for p in (False, True))
             at = np.array([0.3, 0.88]) * pulse.metadata["pulse_period_s"]
             gains.append(spectral_acceleration(pulse, at) / spectral_acceleration(plain, at))
         found = np.exp(np.log(gains).mean(axis=0))
@@ -239,22 +235,20 @@ class TestPulse:
 class TestPlan:
     def test_seeds_of_events_and_sites(self):
         recipes = plan_motions(Plan(2, 3, [6.0], [10.0, 30.0], seed=4, sites=2))
-        seeds = [(r.seeds.record, r.seeds.event, r.seeds.site) for r in recipes]
+        seeds = [r[2:5] for r in recipes]
         expected = [(0, 0, 0), (1, 0, 1), (2, 0, 0), (3, 1, 1), (4, 1, 0), (5, 1, 1)]
         assert (np.array(seeds) - 4_000_000).tolist() == list(map(list, expected))
         assert [r.distance for r in recipes] == [10.0, 30.0] * 3
 
     def test_drawn_values_lie_between_their_ends_and_follow_the_seed(self):
-        def drawn(seed):
-            plan = Plan(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25)
-            return plan_motions(plan)
-
-        recipes = drawn(1)
-        assert recipes == drawn(1)
-        assert recipes != drawn(2)
+        recipes, again, others = (
+            plan_motions(Plan(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25))
+            for seed in (1, 1, 2)
+        )
+        assert recipes == again != others
         magnitudes, distances = ([getattr(r, name) for r in recipes]
                                  for name in ("magnitude", "distance"))  # fmt: skip
         assert 5.5 < min(magnitudes) < max(magnitudes) < 7.5
         assert 10.0 < min(distances) < max(distances) < 100.0
         assert np.log(distances).mean() == pytest.approx(np.log(10.0) + np.log(10.0) / 2, abs=0.1)
-        assert np.mean([r.options.pulse for r in recipes]) == pytest.approx(0.25, abs=0.08)
+        assert np.mean([r.pulse for r in recipes]) == pytest.approx(0.25, abs=0.08)

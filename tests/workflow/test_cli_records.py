@@ -209,7 +209,7 @@ class TestMake:
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
         for entry, recipe in zip(load_index(tmp_path / "a"), plan_motions(plan), strict=True):
-            read, motion = load_motion(entry), make_motion(*recipe[1:])
+            read, motion = load_motion(entry), make_motion(recipe)
             assert np.array_equal(read.acceleration, motion.acceleration)
             assert np.array_equal(read.vertical, motion.vertical)
             for key in ("seed", "event_seed", "site_seed"):

@@ -19,6 +19,7 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import counted, opened
 from archfrag.motions import selection
+from archfrag.motions import target as targets
 from archfrag.motions.flatfile import PERIODS, measure_records, read_flatfile
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
@@ -117,35 +118,33 @@ def table_spectra(table: pd.DataFrame) -> dict[float, NDArray[np.float64]]:
 def select_from(flatfile: Path, options: dict[str, Any]) -> selection.Selection:
     """Selection of the records of a flatfile by the options of the command."""
     table = read_flatfile(flatfile)
-    table.attrs["source"] = str(flatfile)
     return selection.select_records(
         table, _target(options, sorted(table_spectra(table))), options["count"], options["seed"],
         max_scale=options["max_scale"], per_event=options["per_event"],
     )  # fmt: skip
 
 
-def _target(options: dict[str, Any], measured: Sequence[float]) -> selection.Target:
+def _target(options: dict[str, Any], measured: Sequence[float]) -> targets.Target:
     """Target at periods that the records were measured at, since between them scatter is lost."""
     scenario = ("magnitude", "distance", "vs30", "period")
     given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
         if given:
             raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
-        return selection.read_target(options["target"])
+        return targets.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in given]
     if missing or ("sa" in given) == ("epsilon" in given):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
         raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
-    rupture = selection.Rupture(options["magnitude"], options["distance"], options["vs30"])
+    rupture = targets.Rupture(options["magnitude"], options["distance"], options["vs30"])
     level, period, model = options["sa"], options["period"], options["model"]
     if level is None:
-        ln_median, sd, _ = selection.predict(rupture, model, [period])
+        ln_median, sd, _ = targets.predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
     near = {
-        min(measured, key=lambda have: abs(math.log(have / t)), default=t)
-        for t in selection.PERIODS
+        min(measured, key=lambda have: abs(math.log(have / t)), default=t) for t in targets.PERIODS
     }
-    return selection.conditional_spectrum(rupture, level, period, sorted(near), model)
+    return targets.conditional_spectrum(rupture, level, period, sorted(near), model)
 
 
 def selection_text(found: selection.Selection, out: Path) -> str:

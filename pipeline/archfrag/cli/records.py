@@ -126,12 +126,11 @@ def measure(
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
     from archfrag.cli import record_work as work
-    from archfrag.files import counted
-    from archfrag.motions.flatfile import write_flatfile
+    from archfrag.files import counted, write_csv
     from archfrag.study.files import write_text
 
     table = work.measure_files(files, out, periods, reading)
-    write_flatfile(out, table)
+    write_csv(out, [table], float_format="%.6g")
     if figure is not None:
         write_text(figure, work.measured_spectra(work.table_spectra(table)))
     rows = json.loads(table.to_json(orient="records", double_precision=15))

@@ -18,7 +18,7 @@ from archfrag.export import CurveSet
 from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.motions.measures import parse_measure
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that

@@ -1,12 +1,10 @@
 """The channels of a record file: read, judged, in m/s2, and sorted by direction.
 
 A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``announced`` and
-``held`` numbers of samples, a ``log`` of what was done, ``faults`` (contradictions) and
-``warnings`` (for which it is refused unless accepted); ``unit_in_file`` is empty if no unit is
-known, and then the samples are those of the file.
+``held`` numbers of samples, a ``log``, ``faults`` (contradictions) and ``warnings`` (for which it
+is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
 """
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,15 +13,14 @@ import numpy as np
 from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
 from archfrag.motions.calibrate import (
     Reading,
     Warned,
     accept_or_refuse,
     accepted_words,
     calibrate,
+    check_file,
     implausible,
-    record_size,
 )
 from archfrag.motions.formats import OWN, TEXT, read_traces
 from archfrag.motions.formats.columns import Columns, read_columns
@@ -55,32 +52,37 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
 def _examine(
     path: Path, options: Reading, entry: IndexEntry | None
 ) -> tuple[list[Trace], tuple[str, ...], str]:
-    """Read a file whatever is wrong with it; RecordError only if it cannot be read at all.
-
-    Returns its channels, that their numbers of samples are unequal (if so), and why traces of one
-    channel cannot be joined (if so).
-    """
-    record_size(path)
+    """Channels of a file whatever is wrong with it, its faults, and why it cannot be joined."""
+    check_file(path)
     if columns := options.columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:
         # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
         traces = read_traces(str(path), "AT2" if path.suffix.lower() == ".at2" else None)
-    unequal: tuple[str, ...] = ()
-    if len({trace.stats.record.held for trace in traces}) > 1:
-        listed = (f"{channel_code(trace)} {trace.stats.record.held}" for trace in traces)
-        numbers = f"unequal numbers of samples ({', '.join(listed)})"
-        unequal = (f"the channels of the file have {numbers}",)
+    listed = ", ".join(f"{channel_code(trace)} {trace.stats.record.held}" for trace in traces)
+    differ = len({trace.stats.record.held for trace in traces}) > 1
+    fault = f"the channels of the file have unequal numbers of samples ({listed})"
+    unequal = (fault,) if differ else ()
     warnings: dict[str, tuple[Warned, ...]] = {}
     for trace in traces:
         warnings[trace.id] = (*warnings.get(trace.id, ()), *_warnings(trace))
         record = trace.stats.record
-        if record.held < record.announced and trace is traces[-1] and _breaks_off(trace, path):
+        last = trace is traces[-1] and trace.stats._format in TEXT
+        # If a text ends within its last line, digits may be missing.
+        if last and record.held < record.announced and not path.read_bytes()[-1:].isspace():
             trace.data = trace.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             warnings[trace.id] = (*warnings[trace.id], ("samples", left))
     impossible = any(word is None for found in warnings.values() for word, _ in found)
-    channels, gap = (traces, "") if impossible else _joined(traces)
+    channels, gap = traces, ""
+    if not impossible:
+        stream = Stream(list(traces))
+        if len({trace.id for trace in stream}) < len(stream):
+            stream.merge(method=-1)
+        for *codes, start, _, length, _ in stream.get_gaps()[:1]:
+            kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+            gap = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
+        channels = traces if gap else list(stream)
     for channel in channels:
         if len(channels) < len(traces):
             channel.stats.record.update(dict.fromkeys(("announced", "held"), channel.stats.npts))
@@ -92,8 +94,6 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     """What cannot be a record, or contradicts its header."""
     delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
     announced, held = record.announced, record.held
-    if held == 0:
-        yield None, f"channel {trace.id} holds no samples"
     if not (np.isfinite(delta) and delta > 0.0):
         yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
     if announced != held:
@@ -103,33 +103,14 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     else:
         for warning in record.get("warnings", ()):
             yield "header", f"channel {code}: {warning}"
-    if 0 < len(trace.data) < 2 or 0 < held < 2:
-        yield None, f"channel {trace.id} holds {held} sample(s); 2 or more are needed"
+    if (count := min(held, len(trace.data))) < 2:
+        yield None, f"channel {trace.id} holds {count} sample(s); 2 or more are needed"
     if np.ma.isMaskedArray(trace.data):
         yield None, f"channel {trace.id} has gaps; a record must be without gaps"
     bad = np.flatnonzero(~np.isfinite(trace.data))
     if bad.size:
         many = f"{bad.size} sample(s) that are not finite"
         yield None, f"channel {trace.id} has {many}, the first at index {bad[0]}"
-
-
-def _breaks_off(trace: Trace, path: Path) -> bool:
-    """Whether a text ends within its last line, so that digits may be missing."""
-    with opened(path) as file:
-        file.seek(-1, os.SEEK_END)
-        return trace.stats._format in TEXT and not file.read(1).isspace()
-
-
-def _joined(traces: list[Trace]) -> tuple[list[Trace], str]:
-    """Traces of one channel as one; why not if there are holes."""
-    stream = Stream(list(traces))
-    if len({trace.id for trace in stream}) < len(stream):
-        stream.merge(method=-1)
-    for *codes, start, _, length, _ in stream.get_gaps():
-        kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
-        where = f"channel {'.'.join(codes)}"
-        return traces, f"{where} has {kind}; a record must be without gaps"
-    return list(stream), ""
 
 
 def by_direction(
@@ -142,12 +123,10 @@ def by_direction(
     verticals = [c for c in channels if is_vertical(c)]
     others = [c for c in channels if not is_vertical(c)]
     if not others:
-        only = f"holds only the vertical component ({channel_code(verticals[0])})"
-        raise RecordError(f"{path}: {only}; a horizontal one is needed")
+        raise RecordError(f"{path}: holds only the vertical component; a horizontal one is needed")
     if remedy and len(channels) > 1 and not all(map(is_horizontal, others)):
         names = ", ".join(repr(channel_code(c)) for c in channels)
-        unclear = f"which of the channels {names} is horizontal is not clear from their codes"
-        raise RecordError(f"{path}: {unclear}; {remedy}")
+        raise RecordError(f"{path}: which of {names} is horizontal is not clear by code; {remedy}")
     return others, verticals
 
 
@@ -160,45 +139,34 @@ def inspect_record(
 ) -> dict[str, Any]:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
-    Returns
-    -------
-    dict
-        ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` of the file, and
-        ``channels``, for each: ``code`` of the component, ``station``, ``start`` of the first
-        sample (UTC, empty if unknown), ``dt`` [s], ``announced`` and held samples (``count``),
-        ``unit`` in the file (empty if nothing states it), ``level`` (``raw``, ``processed`` or
-        empty), ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``, a
-        Motion; the last two are None if the unit is unknown.
-
-    Raises
-    ------
-    RecordError
-        If the file is missing, in no format that is read, or damaged.
+    Has ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` and, for each of its
+    ``channels``, ``code`` of the component, ``station``, ``start`` (UTC), ``dt`` [s], samples
+    ``announced`` and held (``count``), ``unit`` in the file, ``level`` (``raw``, ``processed``),
+    ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``. What is unknown is
+    empty or None. RecordError if the file is missing, in no format that is read, or damaged.
     """
     options = Reading(unit, inventory, (), columns)
     traces, unequal, gap = _examine(Path(path), options, find_entry(path))
-    record = traces[0].stats.record
+    channels, about = [], traces[0].stats.record
+    for trace in traces:
+        stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
+        unit = record.unit_in_file
+        names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
+        faults = [*(text for _, text in record.warnings), *record.faults]
+        faults += [text for _, text in implausible(trace)] if unit else []
+        channels.append({
+            "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
+            "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
+            "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
+            "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
+            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+            "duration": (record.held - 1) * dt,
+            "PGA": float(abs(trace.data).max()) if unit else None,
+            "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
+        })  # fmt: skip
     return {
         "file": str(path), "format": traces[0].stats._format,
-        **{key: str(record.get(key, "")) for key in ("event", "date")},
-        "magnitude": record.get("magnitude"), "channels": list(map(_inspected, traces)),
-        "faults": [*record.messages, *unequal, *filter(None, (gap,))],
-    }  # fmt: skip
-
-
-def _inspected(trace: Trace) -> dict[str, Any]:
-    stats, record = trace.stats, trace.stats.record
-    unit, dt = record.unit_in_file, float(stats.delta)
-    names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-    faults = [*(text for _, text in record.warnings), *record.faults]
-    faults += [text for _, text in implausible(trace)] if unit else []
-    return {
-        "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
-        "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-        "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
-        "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
-        "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
-        "duration": (record.held - 1) * dt,
-        "PGA": float(abs(trace.data).max()) if unit else None,
-        "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
+        **{key: str(about.get(key, "")) for key in ("event", "date")},
+        "magnitude": about.get("magnitude"), "channels": channels,
+        "faults": [*about.messages, *unequal, *filter(None, (gap,))],
     }  # fmt: skip

@@ -1,8 +1,7 @@
 """Records from any format that is read to miniSEED, AT2 or two columns of text.
 
-A folder gets the files and an ``index.csv`` with their unit, their source with its SHA-256 and
-the steps between. Text holds all digits of the samples, miniSEED 64-bit numbers and AT2 the eight
-digits of its columns.
+Text holds all digits of the samples, miniSEED 64-bit numbers and AT2 eight digits. An
+``index.csv`` beside the files has their unit, their source with its SHA-256 and the steps.
 """
 
 import os
@@ -20,15 +19,13 @@ from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
 from archfrag.motions.channels import read_channels
 from archfrag.motions.index import index_table, write_index
+from archfrag.motions.motion import unit_factor
 from archfrag.motions.partners import channel_code, instrument, is_vertical
 from archfrag.motions.read import record_name
-from archfrag.motions.units import unit_factor
 
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
 UNITS = ("m/s2", "g")
-_AT2_COLUMNS = 5
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
-_LONGEST_LINE = 1000
 
 
 def convert_record(
@@ -38,10 +35,9 @@ def convert_record(
     """Write the channels of a record file in another format, and return the files written.
 
     `form` is ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
-    acceleration), `unit` ``m/s2`` or ``g``. The folder is made if needed. The source is never
-    replaced, other files of the same name are. InputError for another form or unit or if the
-    source would be replaced, RecordError if the record cannot be used, OutputError if a file
-    cannot be written; it is not there then.
+    acceleration), `unit` ``m/s2`` or ``g``. The source is never replaced, other files of the same
+    name are. InputError for another form or unit or if the source would be replaced, RecordError
+    if the record cannot be used, OutputError if a file cannot be written.
     """
     for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
         if value not in allowed:
@@ -50,7 +46,8 @@ def convert_record(
     channels, _ = read_channels(file, options or Reading())
     for channel in channels:
         accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
-    place = make_folder(Path(folder))
+    place, digest = make_folder(Path(folder)), sha256_of(file)
+    made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
@@ -61,25 +58,23 @@ def convert_record(
         if os.path.realpath(target) == os.path.realpath(file) or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if rows.get(target.stem, {}).get("source", file.name) != file.name:
-            elsewhere = "the index there has it from elsewhere"
-            raise InputError(f"{target}: {elsewhere}; name another folder")
+            raise InputError(f"{target}: the index has it from elsewhere; name another folder")
         with replacing(target) as part:
             if form == "mseed":
                 _write_miniseed(part, group, unit)
             else:
-                lines = (_at2 if form == "at2" else _columns)(group[0], unit, file)
-                part.write_text("\n".join(lines) + "\n", encoding="ascii")
+                part.write_text(_text(group[0], form, unit, made), encoding="ascii")
         written.append(target)
         if all(map(is_vertical, group)):
             continue
         first = group[0].stats
         rows[target.stem] = {
             "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-            "event": _facts(group[0])["event"],
+            "event": str(first.record.get("event", "")),
             **{key: first.record[key] for key in _HEADER if key in first.record},
             "dt_s": float(first.delta), "unit": unit,
             "channels": " ".join(map(channel_code, group)),
-            "source": file.name, "source_sha256": sha256_of(file),
+            "source": file.name, "source_sha256": digest,
             "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
         }  # fmt: skip
     write_index(place, rows.values())
@@ -114,59 +109,46 @@ def _seed_codes(group: Sequence[Trace]) -> list[tuple[str, str, str, str]]:
         horizontals[its] += not vertical
         codes.append((network, station, place, "HNZ" if vertical else f"HN{horizontals[its]}"))
     if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
-        many = f"miniSEED has no codes for these {len(group)} channels"
-        raise InputError(f"{many}; convert to at2 or text")
+        raise InputError(f"miniSEED has no codes for {len(group)} channels; write at2 or text")
     return codes
 
 
-def _at2(channel: Trace, unit: str, source: Path) -> list[str]:
-    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
-    date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", facts["date"], count=1)
-    words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
-    names = [word.replace(",", " ") for word in (*words, channel_code(channel)) if word]
-    header = [
-        f"{_made(source)}; {' '.join(channel.stats.record.log)}",
-        ", ".join(names),
-        f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
-        f"NPTS= {values.size:6d}, DT= {float(channel.stats.delta)!r} SEC",
-    ]
-    starts = range(0, values.size, _AT2_COLUMNS)
-    rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
-    return [*map(_line, header), *rows]
-
-
-def _columns(channel: Trace, unit: str, source: Path) -> list[str]:
-    facts, values = _facts(channel), channel.data / unit_factor(unit, "")
-    dt = float(channel.stats.delta)
+def _text(channel: Trace, form: str, unit: str, made: str) -> str:
+    """A channel as AT2 or as columns of time and acceleration."""
+    stats, record, code = channel.stats, channel.stats.record, channel_code(channel)
+    values, dt = channel.data / unit_factor(unit, ""), float(stats.delta)
+    event, station = str(record.get("event", "")), str(record.get("station") or stats.station)
+    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
+    if form == "at2":
+        date = re.sub(r"(\d{4})-(\d{1,2})-(\d{1,2})", r"\2/\3/\1", str(date), count=1)
+        words = [event or "unknown event", date, station or "unknown station", code]
+        names = [word.replace(",", " ") for word in words if word]
+        header = [
+            f"{made}; {' '.join(record.log)}",
+            ", ".join(names),
+            f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
+            f"NPTS= {values.size:6d}, DT= {dt!r} SEC",
+        ]
+        starts = range(0, values.size, 5)
+        rows = ["".join(f"{v:15.7E}" for v in values[i : i + 5]) for i in starts]
+        return "\n".join([*map(_line, header), *rows, ""])
     header = [
         f"two columns: time [s], acceleration [{unit}]",
-        _made(source),
-        *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
-        f"component: {channel_code(channel)}; dt = {dt!r} s; {values.size} samples",
-        *(f"step: {step}" for step in channel.stats.record.log),
-    ]
-    time = np.arange(values.size) * dt
-    rows = (f"{t:.10g} {v!r}" for t, v in zip(time.tolist(), values.tolist(), strict=True))
-    return [*(f"# {_line(text)}" for text in header), *rows]
-
-
-def _facts(channel: Trace) -> dict[str, str]:
-    stats, record = channel.stats, channel.stats.record
-    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
-    found = {"event": record.get("event", ""), "date": date,
-             "station": record.get("station") or stats.station}  # fmt: skip
-    return {key: str(value) for key, value in found.items()}
-
-
-def _made(source: Path) -> str:
-    digest = sha256_of(source)[:16]
-    return f"archfrag {version('archfrag')} from {source.name}, sha256 {digest}"
+        made,
+        *(f"{name}: {fact}" for name, fact in (("event", event), ("date", date),
+                                               ("station", station)) if fact),
+        f"component: {code}; dt = {dt!r} s; {values.size} samples",
+        *(f"step: {step}" for step in record.log),
+    ]  # fmt: skip
+    times = (np.arange(values.size) * dt).tolist()
+    rows = [f"{t:.10g} {v!r}" for t, v in zip(times, values.tolist(), strict=True)]
+    return "\n".join([*(f"# {_line(text)}" for text in header), *rows, ""])
 
 
 def _line(text: str) -> str:
     """One line of ASCII."""
     plain = " ".join(text.split()).encode("ascii", "backslashreplace").decode()
-    return plain if len(plain) <= _LONGEST_LINE else plain[: _LONGEST_LINE - 3] + "..."
+    return plain if len(plain) <= 1000 else plain[:997] + "..."
 
 
 def _plain(code: str) -> str:

@@ -1,7 +1,7 @@
 """Records of earthquakes from data centres: miniSEED, StationXML and an index in one folder.
 
-For each event a folder with ``event.xml`` (QuakeML), one miniSEED file for each station, in
-counts, and its responses as ``NET.STA.xml`` beside it. obspy's FDSN client does the asking.
+Each event has a folder with ``event.xml`` (QuakeML), one miniSEED file for each station, in
+counts, and its responses as ``NET.STA.xml`` beside it.
 """
 
 import re
@@ -15,44 +15,33 @@ from obspy.clients.fdsn import Client
 from obspy.clients.fdsn import header as fdsn
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import ArchfragError, InputError, RecordError, ServiceError
 from archfrag.files import make_folder, sha256_of, sweep, temporary_folder
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
-MOST_FAILURES = 3  # one after the other, after which a service is left alone
 PASSING = ("service",)  # kinds of failure after which another attempt may help
+_KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 Site = dict[str, Any]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}")
-_KINDS = (
-    (fdsn.FDSNNoDataException, "no data"),
-    ((fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
-      fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException), "unusable"),
-    ((fdsn.FDSNException, HTTPException, OSError), "service"),
+_REFUSED = (
+    fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
+    fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException,
 )  # fmt: skip
 
 
 class Request(NamedTuple):
-    """What to ask `stations_from` for each event, by its identifier at `events_from`.
-
-    Stations within `radius` [km] of the epicentre, the nearest first and `most` in number; of
-    each the first kind of `channels` that it has, from `before` to `after` [s] about the origin
-    time. `timeout` [s] is for one wait.
-    """
+    """What to ask `stations_from` for each event, by its identifier at `events_from`."""
 
     events: tuple[str, ...]
     stations_from: str
     events_from: str = "USGS"
-    radius: float = 100.0
-    channels: tuple[str, ...] = ("HN", "EN", "BN")
-    before: float = 30.0
+    radius: float = 100.0  # of stations about the epicentre [km]
+    channels: tuple[str, ...] = ("HN", "EN", "BN")  # kinds; of each station the first it has
+    before: float = 30.0  # the origin time [s]
     after: float = 180.0
-    most: int = 100
-    timeout: float = 60.0
-
-
-class Failure(Exception):
-    """Why something did not come: its kind (``no data``, ``unusable``, ``service``), a message."""
+    most: int = 100  # stations, the nearest first
+    timeout: float = 60.0  # for one wait [s]
 
 
 def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, str]]:
@@ -77,38 +66,39 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
                 name = f"{event} {site['station']}:"
                 same = {key: site[key] for key in ("event", "station", "window_s")}
                 row = next((r for r in rows.values() if same.items() <= r.items()), None)
-                if row is not None and _is_complete(root / row["file"], row):
+                file = root / row["file"] if row else place
+                there = file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
+                if row and there and sha256_of(file) == row["sha256"]:
                     yield "kept", row["id"]
                     continue
                 try:
                     row = _fetched(archive, site, place)
-                except Failure as failure:
-                    failed = failed + 1 if failure.args[0] in PASSING else 0
-                    if failed == MOST_FAILURES:
+                except (ServiceError, InputError) as error:
+                    failed = failed + 1 if isinstance(error, ServiceError) else 0
+                    if failed == 3:  # one after the other
                         raise
-                    yield failure.args[0], f"{name} {failure.args[1]}"
+                    yield _KINDS[type(error)], f"{name} {error}"
                     continue
                 failed, rows[row["id"]] = 0, row
                 write_index(root, [rows[key] for key in sorted(rows)])
                 yield "new", row["id"]
-        except Failure as failure:
+        except (ServiceError, InputError) as error:
             rest = "; this service is left alone" if failed else ""
-            yield failure.args[0], f"{name} {failure.args[1]}{rest}"
-
-
-def _is_complete(path: Path, row: dict[str, Any]) -> bool:
-    there = path.is_file() and path.with_name(f"{row['station']}.xml").is_file()
-    return there and sha256_of(path) == row["sha256"]
+            yield _KINDS[type(error)], f"{name} {error}{rest}"
 
 
 def _ask(method: Callable[..., Any], **query: Any) -> Any:
     try:
         return method(**query)
     except Exception as error:
-        kind = next((kind for kinds, kind in _KINDS if isinstance(error, kinds)), "unusable")
+        kind: type[ArchfragError] = RecordError
+        if isinstance(error, fdsn.FDSNNoDataException):
+            kind = InputError
+        elif isinstance(error, (fdsn.FDSNException, HTTPException, OSError)):
+            kind = RecordError if isinstance(error, _REFUSED) else ServiceError
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         service = method.__self__.base_url  # type: ignore[attr-defined]
-        raise Failure(kind, f"{service}: {reason}") from None
+        raise kind(f"{service}: {reason}") from None
 
 
 def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Path) -> list[Site]:
@@ -118,7 +108,7 @@ def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Pa
     quake = catalogue[0]
     origin = quake.preferred_origin() or next(iter(quake.origins), None)
     if origin is None or None in (origin.time, origin.latitude, origin.longitude):
-        raise Failure("unusable", f"{quakes.base_url}: the event has no origin")
+        raise RecordError(f"{quakes.base_url}: the event has no origin")
     sizes = [m for m in (quake.preferred_magnitude(), *quake.magnitudes) if m]
     moments = [m.mag for m in sizes if (m.magnitude_type or "").lower().startswith("mw")]
     window = {"starttime": origin.time - request.before, "endtime": origin.time + request.after}
@@ -155,7 +145,7 @@ def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Pa
 def _fetched(archive: Client, site: Site, place: Path) -> dict[str, Any]:
     """Fetch what one station recorded, and return its row of the index."""
     if not _NAME.fullmatch(site["station"]):
-        raise Failure("unusable", "the codes of this station cannot name a file")
+        raise RecordError("the codes of this station cannot name a file")
     query = site["query"]
     kind = f"{query['location'].strip('-')}.{query['channel'][:2]}"
     id = f"{place.name}_{site['station']}.{kind}"
@@ -166,7 +156,7 @@ def _fetched(archive: Client, site: Site, place: Path) -> dict[str, Any]:
         try:
             motions = read_motions(record)
         except RecordError as error:
-            raise Failure("unusable", str(error).replace(part, str(place))) from None
+            raise RecordError(str(error).replace(part, str(place))) from None
         for path in (xml, record):
             path.replace(place / path.name)
     about = [motion.metadata for motion in motions]

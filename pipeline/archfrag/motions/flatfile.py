@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError
-from archfrag.files import read_text, unquoted, write_csv
+from archfrag.files import read_text, unquoted
 from archfrag.motions.measures import measure_all
-from archfrag.motions.motion import Motion
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,7 +31,8 @@ _FACTS: dict[str, tuple[Any, ...]] = {
     "distance_km": (float, "distance_km", "epicentral_km"),
     "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
 }  # fmt: skip
-_TEXTS = ["record", *(name for name, (kind, *_) in _FACTS.items() if kind == "string")]
+_TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
+_TEXTS = [name for name, kind in _TYPES.items() if kind == "string"]
 
 
 def measure_records(
@@ -44,39 +44,29 @@ def measure_records(
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
     ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``; if a motion has both horizontal
-    components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known of a record
-    is missing. InputError if two periods would have the same column.
+    components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. InputError if two periods
+    would have the same column.
     """
     import pandas as pd
 
     if len({f"{period:.3f}" for period in periods}) < len(periods):
-        raise InputError(
-            f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
-            "its columns by them"
-        )
+        raise InputError(f"periods {list(periods)} must differ in their first three decimals")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    return _typed(pd.DataFrame([_row(motion, spectrum) for motion in motions]))
-
-
-def _row(motion: Motion, spectrum: Sequence[tuple[str, str, float]]) -> dict[str, Any]:
-    listed = [*_PEAKS, *spectrum, *_INTEGRALS]
-    if motion.transverse is not None:
-        listed += [
-            (f"{kind}_{column}", f"{kind}({name})", unit)
-            for kind in ("RotD50", "RotD100")
-            for column, name, unit in (*_PEAKS[:2], *spectrum)
-        ]
-    values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
-    row: dict[str, Any] = {"record": motion.id}
-    for column, (_, *keys) in _FACTS.items():
-        row[column] = next((about[key] for key in keys if about.get(key) not in (None, "")), None)
-    row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-    return row | {column: values[name] / unit for column, name, unit in listed}
-
-
-def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
-    """Write a table of `measure_records` as CSV, to six digits, complete or not at all."""
-    write_csv(Path(path), [table], float_format="%.6g")
+    rotated = [(f"{kind}_{column}", f"{kind}({name})", unit) for kind in ("RotD50", "RotD100")
+               for column, name, unit in (*_PEAKS[:2], *spectrum)]  # fmt: skip
+    rows = []
+    for motion in motions:
+        listed = [*_PEAKS, *spectrum, *_INTEGRALS]
+        listed += [] if motion.transverse is None else rotated
+        values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
+        row: dict[str, Any] = {"record": motion.id}
+        for column, (_, *keys) in _FACTS.items():
+            known = (about[key] for key in keys if about.get(key) not in (None, ""))
+            row[column] = next(known, None)
+        row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
+        rows.append(row | {column: values[name] / unit for column, name, unit in listed})
+    table = pd.DataFrame(rows)
+    return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
 
 
 def read_flatfile(path: str | Path) -> "pd.DataFrame":
@@ -88,26 +78,12 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
 
     text = read_text(Path(path), LARGEST_FLATFILE, InputError, "the flatfile")
     try:
-        table = pd.read_csv(io.StringIO(text), dtype=dict.fromkeys(_TEXTS, str))
+        table = pd.read_csv(io.StringIO(text), dtype=_TYPES)
     except ValueError as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = [*str(error).splitlines(), type(error).__name__][0]
         raise InputError(f"{path}: cannot be read as a flatfile in CSV ({reason})") from None
     for name in table.columns.intersection(_TEXTS):
         table[name] = table[name].map(unquoted, na_action="ignore")
     if "record" not in table:
         raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
-    try:
-        return _typed(table)
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
-    """The table with numbers and texts as such, whatever is missing."""
-    import pandas as pd
-
-    texts = table.columns.intersection(_TEXTS)
-    table[texts] = table[texts].astype("string")
-    for name in (name for name, (kind, *_) in _FACTS.items() if kind is float and name in table):
-        table[name] = pd.to_numeric(table[name])
     return table

@@ -14,7 +14,7 @@ import numpy as np
 from archfrag.errors import InputError, RecordError
 from archfrag.files import read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.units import unit_factor
+from archfrag.motions.motion import unit_factor
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
@@ -25,7 +25,6 @@ COLUMNS = (
     "terms", "seed", "event_seed", "site_seed", "model",
 )  # fmt: skip
 LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
-_BEYOND: Any = None  # key of cells without a column
 _NEEDED = ("id", "file", "unit")
 _NUMBERS = {
     **dict.fromkeys(("Mw", "distance_km", "Vs30_mps", "dt_s"), float),
@@ -41,19 +40,13 @@ def goes_with_records(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One row of an index.
-
-    `path` is the record; `unit` is empty if the file or its StationXML states it; `sha256` is
-    that of the file, or its first digits; `metadata` are the other columns (``Mw``,
-    ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None, seeds as int or None, others as
-    text); `accept` and `columns` are as in `archfrag.motions.read.read_motion`.
-    """
+    """One row of an index; `accept` and `columns` are as in `archfrag.read_motion`."""
 
     id: str
     path: Path
-    unit: str
-    sha256: str
-    metadata: dict[str, Any]
+    unit: str  # empty if the file or its StationXML states it
+    sha256: str  # of the file, or its first digits
+    metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
     accept: tuple[str, ...] = ()
     columns: "Columns | None" = None
 
@@ -62,77 +55,65 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     """Read an ``index.csv``, or the one in a folder.
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
-    with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    state what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
-    called ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
-
-    RecordError if the file, a needed column or a value is missing, two rows have the same id, or a
-    number, unit or word is not one.
+    with several horizontals ``component`` names the one that is meant. Columns ``accept`` and
+    ``columns`` are options of reading, blanks between their words. RecordError if the file, a
+    needed column or a value is missing, an id occurs twice, or a number or word is not one.
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source
-    columns, rows = _table(source)
-    missing = [column for column in _NEEDED if column not in columns]
-    if missing:
-        raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
+    names, rows = _table(source)
+    for column in _NEEDED:
+        if column not in names:
+            raise RecordError(f"{source}: column {column!r} is missing from the index")
     entries: dict[str, IndexEntry] = {}
-    for line, row in enumerate(rows, start=2):
-        entry = _entry(row, source, f"{source}, line {line}")
-        if entry.id in entries:
-            raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
-        entries[entry.id] = entry
+    for line, values in enumerate(rows, start=2):
+        place = f"{source}, line {line}"
+        for column in ("id", "file"):
+            if not values[column]:
+                raise RecordError(f"{place}: {column} is empty")
+        name = values["id"]
+        if name in entries:
+            raise RecordError(f"{place}: id {name!r} occurs twice")
+        if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+            raise RecordError(f"{place}: id {name[:40]!r} is too long, or has a / or line breaks")
+        if values["unit"]:
+            unit_factor(values["unit"], place)
+        metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+        for column, kind in _NUMBERS.items():
+            if (text := metadata.get(column)) is not None:
+                try:
+                    metadata[column] = kind(text) if text else None
+                except ValueError:
+                    raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+                if not np.isfinite(metadata[column] or 0.0):
+                    raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
+        columns = None
+        if values.get("columns"):
+            from archfrag.motions.formats.columns import parse_columns  # imports obspy
+
+            try:
+                columns = parse_columns(values["columns"])
+            except InputError as error:
+                raise RecordError(f"{place}: {error}") from None
+        accept = accepted_words(values.get("accept", ""), place)
+        path, digest = source.parent / values["file"], values.get("sha256", "")
+        entries[name] = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
     return list(entries.values())
 
 
 def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     """Names of the columns and rows of a table in CSV."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
-    reader = csv.DictReader(io.StringIO(text, newline=""), restkey=_BEYOND, restval="")
+    reader = csv.DictReader(io.StringIO(text, newline=""), restkey="\0", restval="")
     names, rows = reader.fieldnames or (), []
     try:
         for line, row in enumerate(reader, start=2):
-            if any(map(str.strip, row.pop(_BEYOND, ()))):
-                more = f"has more cells than the {len(names)} columns of the first line"
-                raise RecordError(f"{source}, line {line}: {more}")
+            if any(map(str.strip, row.pop("\0", ()))):
+                raise RecordError(f"{source}, line {line}: has more cells than the first line")
             rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
     except csv.Error as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
     return names, rows
-
-
-def _entry(values: dict[str, str], source: Path, place: str) -> IndexEntry:
-    for column in ("id", "file"):
-        if not values[column]:
-            raise RecordError(f"{place}: {column} is empty")
-    name = values["id"]
-    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
-        raise RecordError(
-            f"{place}: id {name[:40]!r} must have at most {LONGEST_ID} characters, no / and no "
-            "line breaks or control characters"
-        )
-    if values["unit"]:
-        unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
-    for column, kind in _NUMBERS.items():
-        text = values.get(column)
-        try:
-            number = kind(text) if text else None
-        except ValueError:
-            raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
-        if not np.isfinite(number or 0.0):
-            raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
-        metadata |= {} if text is None else {column: number}
-    columns = None
-    if values.get("columns"):
-        from archfrag.motions.formats.columns import parse_columns  # imports obspy
-
-        try:
-            columns = parse_columns(values["columns"])
-        except InputError as error:
-            raise RecordError(f"{place}: {error}") from None
-    accept = accepted_words(values.get("accept", ""), place)
-    path, digest = source.parent / values["file"], values.get("sha256", "")
-    return IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
@@ -159,10 +140,7 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
-    """Rows of the index of a folder as they stand in it, by their id; none if there is no index.
-
-    RecordError if there is one that cannot be used.
-    """
+    """Rows of the index of a folder by their id, as text; none if there is no index."""
     path = Path(folder) / INDEX_NAME
     if not path.exists():
         return {}
@@ -187,10 +165,7 @@ def check_sha256(entry: IndexEntry) -> None:
     try:
         digest = sha256_of(entry.path)
     except OSError as error:
-        lost = f"listed in the index but cannot be read ({error.strerror})"
-        raise RecordError(f"{entry.path}: {lost}") from None
+        raise RecordError(f"{entry.path}: listed, but cannot be read ({error.strerror})") from None
     if not digest.startswith(entry.sha256.lower()):
-        raise RecordError(
-            f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
-            "file has changed since it was listed"
-        )
+        differ = f"sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…"
+        raise RecordError(f"{entry.path}: {differ}; the file has changed since it was listed")

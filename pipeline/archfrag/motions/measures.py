@@ -13,55 +13,51 @@ velocity from 0.1 to 2.5 s in steps of 0.02 s, Housner (1952), "Spectrum intensi
 geometric mean of Sa at 10 periods, equally spaced in logarithm, Eads, Miranda and Lignos (2015),
 EESD 44(12). RotD50 and RotD100: percentiles over 180 directions of the horizontal plane, Boore
 (2010), BSSA 100(4).
+
+Spectra are of linear oscillators under an acceleration that is linear between samples, by the
+recursion of Nigam and Jennings (1969), BSSA 59(2), exact for such a motion. Between two samples
+the response y = w^2 u to an acceleration a + s t is a particular solution and a free vibration,
+y = -a - s t + 2 z s / w + f(t). Where the slope s changes by ds, y and y' stay as they are: f
+changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
+import functools
 import re
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import ANGLES, response_spectrum, rotated_spectrum
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
 Samples = NDArray[np.float64]
-AVERAGED_PERIODS = 10
-STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # of CAVstd [m/s2]
+_DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
+_ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
-_PART = 2**16  # samples at a time
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
-_WITH_PERIODS = re.compile(r"(Sa|SA|AvgSA|SaAvg)\(([^()]*)\)")
-_GONE = {"FIV3": "Sa(T) or AvgSA(T1,T2)", "ASI": "AvgSA(0.1,0.5)", "D5_75": "D5_95"}
-_PERCENTILES = {"RotD50": 50.0, "RotD100": 100.0}
 
 
 class Measure(NamedTuple):
-    """A parsed name: its kind, its periods [s] if any, and the SI unit of its values.
-
-    `rotated` is RotD50 or RotD100 for one of those of the kind, else empty.
-    """
+    """A parsed name: its kind, its periods [s] if any, and the SI unit of its values."""
 
     kind: str
     periods: tuple[float, ...]
     unit: str
-    rotated: str = ""
+    rotated: str = ""  # RotD50 or RotD100
 
 
 class _Kind(NamedTuple):
-    """A row of the table: a measure of the motion itself, or of Sa at some periods."""
+    """A row of the table of measures."""
 
     unit: str
     exponent: int  # power of a factor on the motion with which it grows; 0 for no power
-    of_motion: Callable[[Motion], float] | None = None
-    at: Callable[..., Iterable[float]] | None = None  # periods of Sa by those in its name
-    of_spectrum: Callable[[Samples], float] = lambda sa: float(sa[0])
-    named: int = 0  # periods in its name
+    value: Callable[..., float]  # of a motion and the periods in the name
+    named: int = 0  # periods in the name
 
 
 def integral(samples: Samples, dt: float) -> Samples:
@@ -92,58 +88,47 @@ def arias_times(
             for part in fractions]  # fmt: skip
 
 
-def pga(motion: Motion) -> float:
-    """Peak ground acceleration: the largest absolute sample [m/s2]."""
-    return _largest(motion.acceleration)
-
-
-def _largest(values: Samples) -> float:
+def _peak(values: Samples) -> float:
     return float(max(values.max(), -values.min()))
 
 
-def _cav(motion: Motion, count: int = _PART, least: float = 0.0) -> float:
+def _cav(motion: Motion, count: int = 2**16, least: float = 0.0) -> float:
     """CAV of the parts of so many steps in which the acceleration reaches `least`."""
-    record = motion.acceleration
-    parts = (record[start : start + count + 1] for start in range(0, record.size - 1, count))
-    return float(sum(_absolute(p, motion.dt).sum() for p in parts if _largest(p) >= least))
+    record, total = motion.acceleration, []
+    for start in range(0, record.size - 1, count):
+        part = record[start : start + count + 1]
+        if _peak(part) >= least:
+            before, after = np.abs(part[:-1]), np.abs(part[1:])
+            together = before + after
+            # Integral of |a| over each step, a linear in it.
+            crossing = part[:-1] * part[1:] < 0.0
+            squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
+                                where=crossing)  # fmt: skip
+            total.append((0.5 * motion.dt * np.where(crossing, squares, together)).sum())
+    return float(sum(total))
 
 
-def _absolute(part: Samples, dt: float) -> Samples:
-    """Integral of |a| over each step of a part, a linear in it."""
-    before, after = np.abs(part[:-1]), np.abs(part[1:])
-    together = before + after
-    crossing = part[:-1] * part[1:] < 0.0
-    squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
-                        where=crossing)  # fmt: skip
-    return 0.5 * dt * np.where(crossing, squares, together)
+def _geometric_mean(values: Samples) -> float:
+    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
 
 
 _KINDS = {
-    "PGA": _Kind("m/s2", 1, pga),
-    "PGV": _Kind("m/s", 1, lambda m: _largest(integral(m.acceleration, m.dt))),
-    "PGD": _Kind("m", 1, lambda m: _largest(integral(integral(m.acceleration, m.dt), m.dt))),
+    "PGA": _Kind("m/s2", 1, lambda m: _peak(m.acceleration)),
+    "PGV": _Kind("m/s", 1, lambda m: _peak(integral(m.acceleration, m.dt))),
+    "PGD": _Kind("m", 1, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
     "Arias": _Kind("m/s", 2, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
     "CAV": _Kind("m/s", 1, _cav),
-    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, STANDARD_LEVEL)),
-    "D5_95": _Kind(
-        "s", 0,
-        lambda m: float(np.diff(arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0]),
-    ),
-    "HI": _Kind(
-        "m", 1, at=_HOUSNER.tolist,
-        of_spectrum=lambda sa: float(np.trapezoid(sa * _HOUSNER / (2.0 * np.pi), _HOUSNER)),
-    ),
-    "Sa": _Kind("m/s2", 1, at=lambda period: (period,), named=1),
-    "AvgSA": _Kind(
-        "m/s2", 1, at=lambda low, high: np.geomspace(low, high, AVERAGED_PERIODS).tolist(),
-        of_spectrum=lambda sa: float(np.exp(np.log(sa).mean())) if sa.all() else 0.0, named=2,
-    ),
+    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY)),
+    "D5_95": _Kind("s", 0, lambda m: float(np.diff(
+        arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0])),
+    "HI": _Kind("m", 1, lambda m: float(np.trapezoid(
+        spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
+    "Sa": _Kind("m/s2", 1, lambda m, period: float(spectral_acceleration(m, period)[0]), 1),
+    "AvgSA": _Kind("m/s2", 1, lambda m, low, high: _geometric_mean(
+        spectral_acceleration(m, np.geomspace(low, high, 10))), 2),
 }  # fmt: skip
 _PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
-_ALLOWED = (
-    f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2) with periods in seconds, and RotD50() or "
-    "RotD100() of PGA, PGV or Sa(T)"
-)
+_ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
 
 
 def parse_measure(name: str) -> Measure:
@@ -153,9 +138,6 @@ def parse_measure(name: str) -> Measure:
     ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``;
     InputError for any other name, or a period that is not a positive number.
 
-    Examples
-    --------
-    >>> from archfrag.motions.measures import parse_measure
     >>> parse_measure("SaAvg(0.2, 1.0)")
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
@@ -165,25 +147,20 @@ def parse_measure(name: str) -> Measure:
         if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
             raise InputError(f"intensity measure {name!r} must be of PGA, PGV or Sa(T)")
         return inner._replace(rotated=rotated[1])
-    if text in _PLAIN:
-        return Measure(text, (), _KINDS[text].unit)
-    if gone := _GONE.get(text.partition("(")[0]):
-        raise InputError(f"intensity measure {name!r} is no longer there; use {gone}")
-    found = _WITH_PERIODS.fullmatch(text)
-    if not found:
-        meant = [key for key in _PLAIN if get_close_matches(text.upper(), [key.upper()])]
+    word, _, inside = text.partition("(")
+    kind = _SPELLINGS.get(word, word)
+    count = _KINDS[kind].named if kind in _KINDS else 0
+    if kind not in _KINDS or bool(count) != text.endswith(")"):
+        meant = get_close_matches(text.upper(), _PLAIN, 1)
         hint = f" (did you mean {meant[0]}?)" if meant else ""
         raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
-    kind = _SPELLINGS.get(found[1], found[1])
     try:
-        periods = tuple(float(part) for part in found[2].split(","))
+        periods = tuple(float(part) for part in inside[:-1].split(",") if count)
     except ValueError:
         periods = ()
-    count = _KINDS[kind].named
-    if len(periods) != count or not all(np.isfinite(p) and p > 0.0 for p in periods):
-        needed = f"{count} period(s) in seconds, each above 0"
-        raise InputError(f"intensity measure {name!r} needs {needed}")
-    if kind == "AvgSA" and periods[0] >= periods[1]:
+    if len(periods) != count or not all(0.0 < period < np.inf for period in periods):
+        raise InputError(f"intensity measure {name!r} needs {count} period(s), each above 0 s")
+    if periods != tuple(sorted(set(periods))):
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
     return Measure(kind, periods, _KINDS[kind].unit)
 
@@ -199,67 +176,52 @@ def scaling_exponent(name: str) -> int:
 
 
 def measure(motion: Motion, name: str) -> float:
-    """Value of the named intensity measure in its SI unit (see `parse_measure`)."""
-    return measure_all(motion, (name,))[name]
-
-
-def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
-    """Values of several intensity measures by name, in SI units; one pass for all spectra.
+    """Value of the named intensity measure in its SI unit (see `parse_measure`).
 
     InputError for an unknown name, or one that needs the other horizontal component if the motion
     has only one.
-
-    Examples
-    --------
-    >>> import numpy as np, archfrag as af
-    >>> from archfrag.motions.measures import measure_all
-    >>> motion = af.Motion(np.sin(np.arange(0.0, 4.0 * np.pi, 0.01)), dt=0.01)
-    >>> {name: round(value, 2) for name, value in measure_all(motion, ["PGA", "CAV"]).items()}
-    {'PGA': 1.0, 'CAV': 8.0}
     """
-    requested = {name: parse_measure(name) for name in names}
-    at = {
-        name: tuple(_KINDS[found.kind].at(*found.periods))  # type: ignore[misc]
-        for name, found in requested.items()
-        if not found.rotated and _KINDS[found.kind].at
-    }
-    periods = sorted({period for each in at.values() for period in each})
-    spectrum = dict(zip(periods, spectral_acceleration(motion, periods) if periods else ()))
-    values = {}
-    for name, found in requested.items():
-        kind = _KINDS[found.kind]
-        if found.rotated:
-            values[name] = _rotated(motion, found)
-        elif kind.of_motion:
-            values[name] = kind.of_motion(motion)
-        else:
-            values[name] = kind.of_spectrum(np.array([spectrum[t] for t in at[name]]))
-    return values
+    found, one, other = parse_measure(name), motion.acceleration, motion.transverse
+    if not found.rotated:
+        return _KINDS[found.kind].value(motion, *found.periods)
+    if other is None:
+        raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
+    if found.kind == "Sa":
+        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, 0.05, _ANGLES)[0]
+    else:
+        if found.kind == "PGV":
+            one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
+        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
+    return float(np.percentile(peaks, float(found.rotated[4:])))
+
+
+def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
+    """Values of several intensity measures by name, in SI units."""
+    return {name: measure(motion, name) for name in names}
 
 
 def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0.05) -> Samples:
-    """Pseudo-spectral acceleration of linear oscillators [m/s2], see `response_spectrum`.
+    """Pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
-    The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, shape (n_period,),
-    at periods T [s] and a fraction of critical damping in [0, 1).
+    The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, at periods T [s] and
+    a fraction of critical damping in [0, 1). Peaks are looked for at 200 points of a period or
+    more (to 0.1 %, even of white noise). The acceleration falls to zero in one step after the
+    record; the free vibration that follows counts. InputError for another period or damping.
     """
-    return response_spectrum(motion.acceleration, motion.dt, periods, damping)
+    return _spectrum(motion.acceleration, motion.dt, periods, damping, np.zeros(1))[:, 0]
 
 
 def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     """Factor on a motion that brings a measure to a level, in its SI unit, above 0.
 
-    Arias intensity grows with the square of the factor. InputError if the level is not a positive
-    number or the measure does not change with scaling, RecordError if there is no motion.
+    InputError if the level is not a positive number or the measure does not change with scaling
+    by a power of the factor, RecordError if there is no motion.
     """
     if not scaling_exponent(measure_name):
-        scaled = [name for name, kind in _KINDS.items() if kind.exponent]
-        raise InputError(
-            f"intensity measure {measure_name!r} does not change when a record is scaled, or "
-            f"by no power of the factor; use {', '.join(scaled)}"
-        )
-    if not (np.isfinite(level) and level > 0.0):
-        unit = parse_measure(measure_name).unit
+        scaled = ", ".join(name for name, kind in _KINDS.items() if kind.exponent)
+        raise InputError(f"measure {measure_name!r} does not grow with scaling; use {scaled}")
+    if not 0.0 < level < np.inf:
+        unit = measure_unit(measure_name)
         raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")
     return factor_of(motion, measure_name, measure(motion, measure_name), level)
 
@@ -267,24 +229,54 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
 def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
     """As `scale_factor` if the motion's value is known; RecordError if that is 0."""
     if value == 0.0:
-        raise RecordError(
-            f"{motion.id or 'motion'}: {measure_name} of the record is 0, so no factor can bring "
-            f"it to {level:g}"
-        )
+        raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
 
 
-def _rotated(motion: Motion, found: Measure) -> float:
-    """RotD50 or RotD100 of PGA, PGV or Sa as `found` states."""
-    if motion.transverse is None:
-        needed = f"{found.rotated} needs two horizontal components, and there is one"
-        raise InputError(f"{motion.id or 'motion'}: {needed}")
-    pair = (motion.acceleration, motion.transverse)
-    if found.kind == "Sa":
-        peaks = rotated_spectrum(pair, motion.dt, found.periods)[0]
-    else:
-        if found.kind == "PGV":
-            pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.transverse)))
-        one, other = pair
-        peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in ANGLES])
-    return float(np.percentile(peaks, _PERCENTILES[found.rotated]))
+def _spectrum(
+    ground: NDArray[Any], dt: float, periods: ArrayLike, damping: float, angles: Samples
+) -> Samples:
+    """Sa by angle, (n_period, n_angle); the second component is the imaginary part of `ground`."""
+    chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
+        raise InputError(f"periods {chosen.tolist()} must be positive numbers of seconds")
+    if not 0.0 <= damping < 1.0:
+        raise InputError(f"damping {damping} must be in [0, 1)")
+    # A period after the record, in which it falls to zero within one step.
+    after = np.ceil(chosen / dt).astype(int) + 2
+    padded = np.pad(ground, (0, after.max(initial=0)))
+    largest = np.zeros((chosen.size, angles.size))
+    loop, directions = _compiled(), np.exp(1j * angles)
+    for period, count, row in zip(chosen.tolist(), after + ground.size, largest):
+        loop(padded[:count], float(dt), 2.0 * np.pi / period, float(damping), directions, row)
+    scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0))))
+    return np.round(largest * scale) / scale
+
+
+@functools.cache
+def _compiled() -> Callable[..., None]:
+    from archfrag.mechanics.compile import kernel  # imports numba, which takes time
+
+    return kernel(_put_largest)
+
+
+def _put_largest(ground, dt, w, z, directions, largest):  # type: ignore[no-untyped-def]
+    """Put the largest |y| in each direction [m/s2] into `largest`, (n_direction,)."""
+    points = max(1, int(np.ceil(200.0 * dt * w / (2.0 * np.pi))))
+    step, root = dt / points, np.sqrt(1.0 - z * z)
+    decay = np.exp(-z * w * step)
+    cosine, sine = decay * np.cos(root * w * step), decay * np.sin(root * w * step) / root
+    f, g, slope, least = ground[0], 0.0 * ground[0], 0.0 * ground[0], 0.0  # y = y' = 0
+    for n in range(ground.size - 1):
+        change = (ground[n + 1] - ground[n]) / dt - slope
+        slope += change
+        f, g = f - 2.0 * z / w * change, g + change / w
+        for k in range(points):
+            y = f - ground[n] + slope * (2.0 * z / w - k * step)
+            if y.real**2 + y.imag**2 > least**2:
+                least = np.inf
+                for i in range(directions.size):
+                    here = abs(y.real * directions[i].real + y.imag * directions[i].imag)
+                    largest[i] = max(largest[i], here)
+                    least = min(least, largest[i])
+            f, g = (cosine + z * sine) * f + sine * g, (cosine - z * sine) * g - sine * f

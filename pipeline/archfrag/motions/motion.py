@@ -1,4 +1,4 @@
-"""One ground motion: what the ground does to the springings of an arch; and motions in a file."""
+"""One ground motion, the units it may be given in, and motions in a file."""
 
 import copy
 import json
@@ -14,9 +14,19 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
 
-FORMAT = "archfrag motions 1"
-_WORDS = {"acceleration": "acceleration", "vertical": "vertical",
-          "transverse": "other horizontal component"}  # fmt: skip
+_FORMAT = "archfrag motions 1"
+STANDARD_GRAVITY = 9.80665  # [m/s2]
+METRES_PER_SECOND_SQUARED = {
+    "m/s2": 1.0, "cm/s2": 1e-2, "gal": 1e-2, "mm/s2": 1e-3, "g": STANDARD_GRAVITY,
+}  # fmt: skip
+
+
+def unit_factor(unit: str, place: str) -> float:
+    """What a value in a unit of acceleration is multiplied by to be in m/s2."""
+    if unit not in METRES_PER_SECOND_SQUARED:
+        allowed = f"allowed are {', '.join(METRES_PER_SECOND_SQUARED)}"
+        raise RecordError(f"{place}: unknown unit {unit!r} of acceleration; {allowed}")
+    return METRES_PER_SECOND_SQUARED[unit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +44,7 @@ class Motion:
     id : str
         Name of the record, used in tables and messages.
     metadata : mapping
-        What is known of the record: event, station, magnitude, file; JSON types only if the
-        motion is to be stored.
+        What is known of the record: event, station, magnitude, file.
     log : tuple of str
         A line for each thing done to the samples since they left the file.
     transverse : array_like, shape (n_sample,) [m/s2], optional
@@ -44,8 +53,7 @@ class Motion:
     Raises
     ------
     RecordError
-        If a sample is not finite, the samples are not one row of at least two, `dt` is not
-        positive, or another component has another length.
+        If `dt` or samples are not such numbers.
 
     Examples
     --------
@@ -76,32 +84,27 @@ class Motion:
         self._check()
 
     def _check(self) -> None:
-        """Refuse a time step or components that no motion can have."""
         name = self.id or "motion"
         try:
             step = float(self.dt)
         except (TypeError, ValueError):
             step = np.nan
-        if not (np.isfinite(step) and step > 0.0):
-            needed = "must be a positive number of seconds"
-            raise RecordError(f"{name}: time step dt = {self.dt} s {needed}")
+        if not 0.0 < step < np.inf:
+            raise RecordError(f"{name}: time step dt = {self.dt} s must be a positive number")
         object.__setattr__(self, "dt", step)
         size = np.size(self.acceleration)
         for key, samples in self.components.items():
             if samples is None:
                 continue
-            bad = np.flatnonzero(~np.isfinite(samples)) if samples.ndim == 1 else np.empty(0, int)
-            first = f"{bad[0]} ({samples[bad[0]]})" if bad.size else ""
-            for wrong, what in (
-                (samples.ndim != 1, f"has shape {samples.shape}; one row of samples is needed"),
-                (samples.size < 2, f"has {samples.size} sample(s); at least 2 are needed"),
-                (bad.size,
-                 f"has {bad.size} sample(s) that are not finite, the first at index {first}"),
-                (samples.size != size, f"has {samples.size} samples and the horizontal {size}; "
-                 "both must have the same number"),
-            ):  # fmt: skip
-                if wrong:
-                    raise RecordError(f"{name}: {_WORDS[key]} {what}")
+            if samples.ndim != 1 or samples.size < 2:
+                raise RecordError(f"{name}: {key} must be a row of 2 or more, not {samples.shape}")
+            if samples.size != size:
+                raise RecordError(f"{name}: {key} has {samples.size} samples, horizontal {size}")
+            if not np.isfinite(samples).all():
+                bad = np.flatnonzero(~np.isfinite(samples))
+                first = f"the first at index {bad[0]} ({samples[bad[0]]})"
+                many = f"{bad.size} sample(s) that are not finite"
+                raise RecordError(f"{name}: {key} has {many}, {first}")
 
     def _replaced(self, **changes: Any) -> "Motion":
         """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
@@ -118,16 +121,14 @@ class Motion:
         self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
     ) -> "Motion":
         """Do the same to each component, and add a line about it to the log."""
-        changed = {
-            key: samples if samples is None else change(samples)
-            for key, samples in self.components.items()
-        }
+        changed = {key: None if samples is None else change(samples)
+                   for key, samples in self.components.items()}  # fmt: skip
         return self._replaced(**changed, log=(*self.log, done))
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
         """Acceleration, vertical and transverse by name; None for one that is missing."""
-        return {key: getattr(self, key) for key in _WORDS}
+        return {key: getattr(self, key) for key in ("acceleration", "vertical", "transverse")}
 
     @property
     def duration(self) -> float:
@@ -148,11 +149,9 @@ class Motion:
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one file, complete or not at all; the same motions give the same bytes.
+    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes.
 
-    A numpy archive that a worker can read without obspy: the samples of each motion as float64,
-    and one JSON text. InputError if the metadata of a motion are not JSON, OutputError if it
-    cannot be written.
+    InputError if the metadata of a motion are not JSON, OutputError if it cannot be written.
     """
     arrays: dict[str, np.ndarray] = {}
     table = []
@@ -166,21 +165,18 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
         except (TypeError, ValueError) as error:
             name = motion.id or f"motion {number}"
             raise InputError(f"{name}: metadata cannot be stored as JSON ({error})") from None
-    text = json.dumps({"format": FORMAT, "motions": table})
+    text = json.dumps({"format": _FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
         np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
 
 
 def load_motions(path: str | Path) -> list[Motion]:
-    """Read the motions that `save_motions` wrote, in their order.
-
-    InputError if the file is missing, damaged or something else.
-    """
+    """Read the motions that `save_motions` wrote; InputError if the file is something else."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             header = json.loads(archive["table"].tobytes().decode())
-            if header["format"] != FORMAT:
+            if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
             motions = []
             for number, entry in enumerate(map(json.loads, header["motions"])):

@@ -32,12 +32,8 @@ _CODE = re.compile(
 )
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
-_VERTICALS = [
-    sign + code
-    for sign in ("", "-", "+")
-    for code in ("u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")
-]
-_COMMON = ("event", "date", "station")
+_VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
+    "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
 _Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
@@ -57,14 +53,13 @@ def instrument(trace: "Trace") -> str:
 
 def is_vertical(trace: "Trace") -> bool:
     """Whether a channel is vertical, by its header or its code."""
-    stated = trace.stats.record.get("vertical")
-    return VERTICAL.fullmatch(channel_code(trace)) is not None if stated is None else bool(stated)
+    return bool(trace.stats.record.get("vertical", VERTICAL.fullmatch(channel_code(trace))))
 
 
 def is_horizontal(trace: "Trace") -> bool:
     """Whether a channel is known to be horizontal, by its header or its code."""
-    stated = trace.stats.record.get("vertical")
-    return HORIZONTAL.fullmatch(channel_code(trace)) is not None if stated is None else not stated
+    by_code = HORIZONTAL.fullmatch(channel_code(trace)) is None
+    return not trace.stats.record.get("vertical", by_code)
 
 
 def quadrant(text: str) -> float | None:
@@ -84,23 +79,19 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     is no third such name: numbered files are no components. Their vertical has the same name
     with ``UP``, ``Z`` or the like instead of the direction.
 
-    Returns the name of the other horizontal component by that of each (they are mutual), and the
-    name of the vertical one by that of each horizontal one.
+    Returns the name of the other horizontal component by that of each, and that of the vertical.
 
-    Examples
-    --------
-    >>> from archfrag.motions.partners import partners
-    >>> pairs, verticals = partners(["ELC180.AT2", "ELC270.AT2", "ELC-UP.AT2"])
-    >>> pairs["ELC180.AT2"], verticals["ELC180.AT2"]
-    ('ELC270.AT2', 'ELC-UP.AT2')
-    >>> partners(["quake1.txt", "quake2.txt"])
-    ({}, {})
+    >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
+    {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
     """
     frames: dict[tuple[str, str], list[_Direction]] = {}
     for name in sorted(names):
         for code in _CODE.finditer(name):
-            direction = _direction(("H" if code["sensor"] else "") + code[0].upper())
-            if direction is not None:
+            word = ("H" if code["sensor"] else "") + code[0].upper()
+            azimuth = float(word) if word.isdecimal() else quadrant(word)
+            plain = None if azimuth is None or azimuth > 360.0 else (0, azimuth)
+            kinds = ((kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
+            if direction := next(kinds, plain):
                 frame = name[: code.start()].lower(), name[code.end() :].lower()
                 frames.setdefault(frame, []).append((name, *direction))
     known = {name.lower(): name for name in names}
@@ -118,23 +109,13 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     return {one: other for one, other in single.items() if single.get(other) == one}, verticals
 
 
-def _direction(code: str) -> tuple[int, float] | None:
-    """Kind of a code and its angle to others of the kind [degrees]; None if it is no direction."""
-    for kind, angles in enumerate(_ANGLES):
-        if code in angles:
-            return kind, angles[code]
-    azimuth = float(code) if code.isdecimal() else quadrant(code)
-    return None if azimuth is None or azimuth > 360.0 else (0, azimuth)
-
-
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
     """Files that by their names are the vertical component of another one among them."""
     folders: dict[Path, list[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, []).append(path.name)
-    return {
-        folder / name for folder, names in folders.items() for name in partners(names)[1].values()
-    }
+    verticals = ((folder, partners(names)[1]) for folder, names in folders.items())
+    return {folder / name for folder, found in verticals for name in found.values()}
 
 
 def folder_names(folder: Path) -> list[str]:
@@ -148,19 +129,18 @@ def folder_names(folder: Path) -> list[str]:
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """The other horizontal component of an instrument, of those of one file."""
 
-    def family(one: Motion) -> str:
-        return str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
-
     others = [other for other in motions if other is not motion]
-    found = [other for other in others if family(other) == family(motion)] or others
+    family, *families = (str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
+                         for one in (motion, *others))  # fmt: skip
+    found = [other for other, its in zip(others, families) if its == family] or others
     return found[0] if len(found) == 1 else None
 
 
 def with_vertical(motion: Motion, vertical: Motion) -> Motion:
     """Join a motion with its vertical component, cut to the time of both.
 
-    `vertical` holds it as its horizontal component. RecordError if headers state different
-    stations or events, time steps differ, or they have no time in common.
+    RecordError if headers state different stations or events, time steps differ, or they have no
+    time in common.
     """
     labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
     if vertical.metadata.get("file") != motion.metadata.get("file"):
@@ -176,16 +156,14 @@ def with_transverse(motion: Motion, other: Motion) -> Motion:
 
 
 def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
-    """A motion with another component, and what was found and accepted in reading that."""
     own, its = motion.metadata, other.metadata
     its_name, code = its.get("file") or other.id, its.get("component", "")
     name = f"{motion.id} and {its_name} ({code})"
     one_file = own.get("file") == its.get("file")
-    for fact in () if one_file else _COMMON:
+    for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
-            differ = f"{fact} is {one!r} of the one and {two!r} of the other"
-            raise RecordError(f"{name}: do not belong together, {differ}")
+            raise RecordError(f"{name}: do not belong together, {fact} is {one!r} and {two!r}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
     starts = [about["start_time"] for about in (own, its) if about.get("start_time")]
@@ -202,10 +180,8 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     log = (*motion.log, *steps)
     if count < max(sizes):
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
-    arrays = {
-        part: samples if samples is None else samples[first : first + count]
-        for part, samples in motion.components.items()
-    }
+    arrays = {part: None if samples is None else samples[first : first + count]
+              for part, samples in motion.components.items()}  # fmt: skip
     arrays[key] = other.acceleration[its_first : its_first + count]
     metadata = {**own, **labels}
     for found in ("faults", "accepted"):

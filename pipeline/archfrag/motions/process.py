@@ -1,8 +1,7 @@
 """What may be done to a motion before it is used; each step writes a line in its log.
 
-A step does the same to all components of a motion and does not change the motion that it is
-given. What its settings may be is in `archfrag.study.file.motions`; what depends on the motion,
-too, is checked here.
+A step does the same to all components. What its settings may be is checked in
+`archfrag.study.file.motions`; what depends on the motion, too, is checked here.
 """
 
 import itertools
@@ -17,15 +16,13 @@ from numpy.polynomial import Polynomial
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import Samples, arias_times, integral
-from archfrag.motions.motion import Motion
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.partners import AZIMUTHS, quadrant
-from archfrag.motions.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from obspy import Inventory
 
 _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
-_LEAST_SINE = 0.5  # of the angle between two components that a plane can be made of
 
 
 def demean(motion: Motion) -> Motion:
@@ -37,7 +34,12 @@ def demean(motion: Motion) -> Motion:
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-    return motion._changed(lambda a: a - _fitted(a, (0, 1))(_unit(a)), "Linear trend removed.")
+
+    def corrected(a: Samples) -> Samples:
+        line, unit = _fitted(a, (0, 1))
+        return a - line(unit)
+
+    return motion._changed(corrected, "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -48,23 +50,19 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     """
 
     def corrected(a: Samples) -> Samples:
-        velocity = _fitted(integral(a, 1.0), range(1, order + 1))
-        return a - (velocity.deriv() / (a.size - 1))(_unit(a))
+        velocity, unit = _fitted(integral(a, 1.0), range(1, order + 1))
+        return a - (velocity.deriv() / (a.size - 1))(unit)
 
     return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
 
 
-def _fitted(values: Samples, powers: Sequence[int]) -> Polynomial:
-    """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
-    exponents = np.array(powers)
-    rows = _unit(values) ** exponents[:, None]
+def _fitted(values: Samples, powers: Sequence[int]) -> tuple[Polynomial, Samples]:
+    """Polynomial of some powers that fits values best, and its argument: the record as 0 to 1."""
+    unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
+    rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return Polynomial(coefficients)
-
-
-def _unit(values: Samples) -> Samples:
-    return np.arange(values.size) / (values.size - 1)
+    return Polynomial(coefficients), unit
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
@@ -75,15 +73,13 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
     count = max(1, int(fraction * motion.acceleration.size))
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
 
-    def tapered(a: Samples) -> Samples:
-        a = a.copy()
-        if side != "right":
-            a[:count] *= rise
-        if side != "left":
-            a[-count:] *= rise[::-1]
-        return a
-
-    return motion._changed(tapered, f"Tapered by a cosine over {fraction:g} of it, {side} ends.")
+    factor = np.ones(motion.acceleration.size)
+    if side != "right":
+        factor[:count] *= rise
+    if side != "left":
+        factor[-count:] *= rise[::-1]
+    done = f"Tapered by a cosine over {fraction:g} of it, {side} ends."
+    return motion._changed(lambda a: a * factor, done)
 
 
 def bandpass(
@@ -113,10 +109,9 @@ def bandpass(
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
     edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
 
-    def filtered(a: Samples) -> Samples:
-        return sosfilt(sections, a) if causal else sosfiltfilt(sections, a, padlen=edge)
-
-    return motion._changed(filtered, done)
+    if causal:
+        return motion._changed(lambda a: sosfilt(sections, a), done)
+    return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
@@ -127,10 +122,8 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
     if first < 0 or last <= first:
-        raise InputError(
-            f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; the record lasts "
-            f"{motion.duration:g} s and at least two samples must remain"
-        )
+        left = f"the record lasts {motion.duration:g} s and at least two samples must remain"
+        raise InputError(f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; {left}")
     done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
     return motion._changed(lambda a: a[first : last + 1].copy(), done)
 
@@ -143,8 +136,7 @@ def trim_by_arias(
     The fraction 0 is the start of the record and 1 its end, silence included. The intensity is
     that of both horizontal components together if there are two.
     """
-    fractions = (start, end)
-    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, fractions)
+    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
     first = 0.0 if start == 0.0 else max(0.0, first - margin)
     last = motion.duration if end == 1.0 else min(motion.duration, last + margin)
     return cut(motion, first, last)
@@ -153,17 +145,14 @@ def trim_by_arias(
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
     """Keep from the first to the last time that a horizontal component reaches a threshold.
 
-    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it,
-    or fewer than two samples remain.
+    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it.
     """
     reached = np.abs(motion.acceleration) >= threshold
     if motion.transverse is not None:
         reached |= np.abs(motion.transverse) >= threshold
     if not reached.any():
-        raise InputError(
-            f"{motion.id or 'motion'}: no sample reaches the threshold {threshold:g} m/s2 "
-            f"({threshold / STANDARD_GRAVITY:.4g} g) that it is to be trimmed by"
-        )
+        needed = f"the threshold {threshold:g} m/s2 ({threshold / STANDARD_GRAVITY:.4g} g)"
+        raise InputError(f"{motion.id or 'motion'}: no sample reaches {needed} of the trim")
     first, last = motion.dt * np.flatnonzero(reached)[[0, -1]]
     return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
@@ -181,10 +170,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
     up, down = parts.numerator, parts.denominator
     if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
-        raise InputError(
-            f"{motion.id or 'motion'}: cannot be resampled from {motion.dt:g} s to {dt:g} s; the "
-            f"ratio must be one of integers up to {_MOST_PARTS}"
-        )
+        raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
     if up == down:
         return motion
     widest = max(up, down)
@@ -198,11 +184,9 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
     The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
-    which the components' own azimuths must be known (``azimuth`` and ``azimuth_transverse`` of
-    the metadata), or by an `angle` [degrees] from the first component towards the other one,
-    which is then taken to be perpendicular. RecordError if there is one component only, an
-    azimuth is not known, or both are nearly parallel; InputError unless one of `azimuth` and
-    `angle` is given.
+    which the components' own azimuths must be known, or by an `angle` [degrees] from the first
+    component towards the other one, which is then taken to be perpendicular. RecordError if there
+    is one component only, an azimuth is not known, or both are nearly parallel.
     """
     name = motion.id or "motion"
     if (azimuth is None) == (angle is None):
@@ -216,19 +200,14 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
             given = motion.metadata.get(key)
             value = azimuth_of_code(code) if given in (None, "") else float(given)
             if value is None:
-                raise RecordError(
-                    f"{name}: the azimuth of component {code!r} is not known, so that it cannot "
-                    "be rotated to one; rotate by an angle from it"
-                )
+                raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
             own[place] = value
     turned = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
-    if abs(sine) < _LEAST_SINE:
-        raise RecordError(
-            f"{name}: components {codes[0]} and {codes[1]} have azimuths {own[0]:g} and "
-            f"{own[1]:g} degrees, too close to each other to be rotated"
-        )
+    if abs(sine) < 0.5:
+        near = f"have azimuths {own[0]:g} and {own[1]:g} degrees, too close to each other"
+        raise RecordError(f"{name}: components {' and '.join(codes)} {near} to be rotated")
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
@@ -267,14 +246,14 @@ def remove_response(
     """Divide the spectrum of each component by its instrument's response (obspy).
 
     `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
-    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. Below its largest value
-    the response counts as `water_level` [dB] lower, and no more. `band` (f1, f2, f3, f4) [Hz] is
-    what to keep: cosine tapers from f1 to f2 and from f3 to f4. RecordError if there is no
-    StationXML, or it does not describe a channel of the record.
+    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. The response counts as at
+    most `water_level` [dB] below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep:
+    cosine tapers from f1 to f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     from obspy import Trace, UTCDateTime
 
-    from archfrag.motions.calibrate import find_inventory, reason_of
+    from archfrag.motions.calibrate import find_inventory
+    from archfrag.motions.formats import reason_of
 
     known, changed = None, {}
     names = ("trace", "vertical_trace", "trace_transverse")
@@ -287,8 +266,9 @@ def remove_response(
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
         known = known or find_inventory(Path(record), trace, inventory)
         if known is None:
-            lacks = "has no StationXML by which to remove its response; give `inventory`"
-            raise RecordError(f"{record}: {lacks}")
+            raise RecordError(
+                f"{record}: has no StationXML by which to remove its response; give `inventory`"
+            )
         try:
             response = known.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value

@@ -24,9 +24,7 @@ from archfrag.motions.partners import (
 )
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
-HEADER = (
-    "event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level",
-)  # fmt: skip
+HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
 
 
 def read_motion(
@@ -49,11 +47,10 @@ def read_motion(
         (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
         archive or a pickle. Of counts and uncorrected volumes the mean is removed.
     unit : str, optional
-        Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
-        that do not state it themselves; it is never guessed.
+        Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read.
-        Without it the first horizontal of the file is taken, and the log names it.
+        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read, if
+        not the first of the file.
     vertical : path, optional
         File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
@@ -61,8 +58,7 @@ def read_motion(
     accept : sequence of str
         What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
-        announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
-        that lists the file may state it in a column ``accept``.
+        announces), ``header`` (states a peak that is off by more than a tenth).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -70,8 +66,7 @@ def read_motion(
     -------
     Motion
         In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        states (see ``HEADER``), what was ``accepted``, and the ``faults``: contradictions in the
-        file.
+        states, what was ``accepted``, and the ``faults``: contradictions in the file.
 
     Raises
     ------
@@ -91,43 +86,48 @@ def read_motion(
     (1.9613, 0.01)
     """
     options = Reading(unit, inventory, accept, columns)
-    return _read_one(Path(path), options, component, vertical)
+    motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
+    if vertical is not None:
+        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+    return motion
 
 
 def _read_one(
-    source: Path, options: Reading, component: str | None, vertical: str | Path | None = None,
-    of_several: str | None = None,
+    source: Path, options: Reading, component: str | None, listed: str | None = None,
+    own_vertical: bool = True,
 ) -> Motion:  # fmt: skip
-    """See `read_motion`; `of_several` names the component in a file with several horizontals."""
+    """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, options)
-    if of_several and sum(not is_vertical(channel) for channel in channels) > 1:
-        component = of_several
-    remedy = "" if component else "give `component` (--component on the command line)"
-    horizontals, verticals = by_direction(channels, source, remedy)
-    chosen, line = _choose(horizontals, source, component)
+    remedy = "give `component` (--component on the command line)"
+    horizontals, verticals = by_direction(channels, source, "" if component or listed else remedy)
+    several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
+    names = ", ".join(code or "(no code)" for code in codes)
+    component, chosen, line = component or (several and listed) or None, horizontals[0], ""
+    if component is not None:
+        spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
+        places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
+        if not places:
+            raise RecordError(f"{source}: no horizontal component {component!r}; there is {names}")
+        chosen = horizontals[places[0] % len(horizontals)]
+    elif several:
+        line = f"Horizontal {codes[0]} taken, the first of {names}."
+    elif not is_horizontal(chosen):
+        line = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
     motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
-    motion = motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
-    if vertical is not None:
-        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
-    return _with_own_vertical(motion, chosen, verticals, source, entry)
+    motion = motion._replaced(log=(motion.log[0], *filter(None, (line,)), *motion.log[1:]))
+    return _with_own_vertical(motion, chosen, verticals if own_vertical else (), source, entry)
 
 
 def read_motions(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-    name: str | None = None,
+    path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
 
-    Parameters and errors are those of `read_motion`; ids begin with `name` if that is given,
-    with the file's name if not.
+    Options and errors are those of `read_motion`; ids begin with `name` if that is given, with
+    the file's name if not.
     """
     source = Path(path)
-    channels, entry = read_channels(source, Reading(unit, inventory, accept, columns))
+    channels, entry = read_channels(source, Reading(unit, **options))
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     horizontals, verticals = by_direction(channels, source, remedy)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
@@ -140,20 +140,13 @@ def read_motions(
     return motions
 
 
-def read_vertical(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-) -> Motion:
+def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
     """Read the vertical component of a file as the horizontal component of a motion.
 
-    Parameters and errors are those of `read_motion`.
+    Options and errors are those of `read_motion`.
     """
     source = Path(path)
-    channels, _ = read_channels(source, Reading(unit, inventory, accept, columns))
+    channels, _ = read_channels(source, Reading(unit, **options))
     verticals = [channel for channel in channels if is_vertical(channel)]
     if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
         verticals = channels
@@ -169,44 +162,15 @@ def record_name(path: Path) -> str:
 
 
 def load_motion(entry: IndexEntry) -> Motion:
-    """Read the record of a row, once its sha256, unit and time step are found as stated.
-
-    Raises
-    ------
-    RecordError
-        If the file is missing, has changed since it was listed, or has another time step.
-    """
+    """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
     options = Reading(entry.unit or None, None, entry.accept, entry.columns)
-    motion = _read_one(entry.path, options, None, of_several=entry.metadata.get("component"))
+    motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(
-            f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
-        )
+        raise RecordError(f"{entry.path}: dt is {motion.dt} s, the index lists dt_s = {step} s")
     merged = {**motion.metadata, **known(**entry.metadata)}
     return motion._replaced(id=entry.id, metadata=merged)
-
-
-def _choose(
-    horizontals: Sequence[Trace], path: Path, component: str | None
-) -> tuple[Trace, tuple[str, ...]]:
-    """The horizontal that is asked for, or the first, with a line for its log."""
-    codes = [channel_code(channel) for channel in horizontals]
-    names = ", ".join(code or "(no code)" for code in codes)
-    if component is not None:
-        for match in ([h.id for h in horizontals], codes, [code[-1:] for code in codes]):
-            for channel, name in zip(horizontals, match):
-                if name.upper() == component.upper():
-                    return channel, ()
-        has = f"there is no horizontal component {component!r}; there is {names}"
-        raise RecordError(f"{path}: {has}")
-    if len(horizontals) > 1:
-        return horizontals[0], (f"Horizontal {codes[0]} taken, the first of {names}.",)
-    if not is_horizontal(horizontals[0]):
-        only = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
-        return horizontals[0], (only,)
-    return horizontals[0], ()
 
 
 def _with_own_vertical(
@@ -220,12 +184,10 @@ def _with_own_vertical(
     try:
         return with_vertical(motion, _motion(path, own, motion.id, entry))
     except RecordError as error:
-        text = str(error).removeprefix(f"{path}: ")
-        raise RecordError(f"{path}: {text}") from None
+        raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> Motion:
-    """The motion of one channel; RecordError if it is not plausible and not accepted."""
     stats, record = channel.stats, channel.stats.record
     accepted = record.accepted + accept_or_refuse(path, record.accept, implausible(channel))
     metadata: dict[str, Any] = {

@@ -8,12 +8,12 @@ reads is read in a fork of this process, which a damaged file may end.
 
 import contextlib
 import importlib
-import multiprocessing
 import os
 import resource
 import signal
 import warnings
 from collections.abc import Callable, Sequence
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,6 @@ from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -38,10 +37,6 @@ COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
 
 _BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
-_ARCHIVES = {
-    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
-    b"\x28\xb5\x2f\xfd": "Zstandard", b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "RAR",
-}  # fmt: skip
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -55,16 +50,10 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
         return read_as(path, form)
     if traces := read_apart(path):
         return traces
-    with opened(path) as file:
-        head = file.read(512)
-    kind = next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), None)
-    if kind or head[257:262] == b"ustar":
-        name = kind or "tar"
-        raise RecordError(f"{path}: this is an archive ({name}), which is never unpacked here")
     raise RecordError(
-        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
-        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
-        "records by a pattern such as *.AT2"
+        f"{path}: the format is not recognised; unpack an archive, which is never unpacked here; "
+        "for columns of text give `columns` (--columns time=1,acceleration=2 on the command "
+        "line); if it is not a record, move it, or name the records by a pattern such as *.AT2"
     )
 
 
@@ -92,20 +81,19 @@ def read_as(path: str, name: str) -> list[Trace]:
         warnings.simplefilter("always")
         try:
             traces = list(plug_in(name, "read", "readFormat")(path))
+            if not traces:
+                raise ValueError("no trace could be read from it")
         except RecordError:
             raise
         except MemoryError:
-            much = f"reading it as {name} takes more memory than allowed"
-            raise RecordError(f"{path}: {much}") from None
+            raise RecordError(f"{path}: read as {name} it takes too much memory") from None
         except Exception as error:
-            lines = str(error).strip().splitlines()
-            raise _damaged(path, lines[0] if lines else type(error).__name__) from None
+            what = "the file is damaged, truncated or not what it seems"
+            raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
     messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
     for message in messages:
         if "MSEED" in message.category.__name__:
             raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
-    if not traces:
-        raise _damaged(path, "no trace could be read from it")
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
     shown = list(dict.fromkeys(texts))
     for trace in traces:
@@ -121,8 +109,9 @@ def read_as(path: str, name: str) -> list[Trace]:
     return traces
 
 
-def _damaged(path: str, reason: str) -> RecordError:
-    return RecordError(f"{path}: the file is damaged, truncated or not what it seems ({reason})")
+def reason_of(error: Exception) -> str:
+    """The first line of somebody else's error."""
+    return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 
 def read_apart(path: str) -> list[Trace]:
@@ -132,7 +121,7 @@ def read_apart(path: str) -> list[Trace]:
     """
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
-    context = multiprocessing.get_context("fork")
+    context = get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(theirs, path), daemon=True)
     process.start()
@@ -140,10 +129,9 @@ def read_apart(path: str) -> list[Trace]:
     try:
         found = ours.recv()
     except EOFError:  # it ended before
-        found = RecordError(
-            f"{path}: reading it ended in a crash or took more than {COMPUTING_TIME} s of "
-            "computing; the file is damaged or not what it seems"
-        )
+        ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
+        what = "the file is damaged or not what it seems"
+        found = RecordError(f"{path}: reading it ended in {ended}; {what}")
     finally:
         ours.close()
         process.join(timeout=5.0)
@@ -153,8 +141,8 @@ def read_apart(path: str) -> list[Trace]:
     return found
 
 
-def _limit() -> None:
-    """Limit what this process may take, and let signals end it."""
+def _answer(pipe: Connection, path: str) -> None:
+    """Send the traces of a file, or why there are none, within limits and ended by signals."""
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
@@ -165,11 +153,6 @@ def _limit() -> None:
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
-
-
-def _answer(pipe: Connection, path: str) -> None:
-    """Send the traces of a file, or why there are none."""
-    _limit()
     name = recognise(path, IN_C)
     try:
         traces = [] if name is None else read_as(path, name)
@@ -179,5 +162,5 @@ def _answer(pipe: Connection, path: str) -> None:
     except RecordError as error:
         pipe.send(error)
     except (TypeError, ValueError):
-        wrong = f"the {name} file holds something other than numbers"
-        pipe.send(RecordError(f"{path}: {wrong}"))
+        what = "holds something other than numbers"
+        pipe.send(RecordError(f"{path}: the {name} file {what}"))

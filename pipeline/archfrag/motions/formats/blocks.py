@@ -13,11 +13,8 @@
 """
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
@@ -30,14 +27,11 @@ _TEXT, _END = 11, 27
 _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
 _TITLE = re.compile(r"\s*([1-9])\s+([A-Z].*)")
 _LEVELS = {"1": "raw", "2": "processed"}
-_COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
-_ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
-_REALS = {"magnitude": (facts.nonzero, 5, 7, 6, 8), "epicentral_km": (float, 16)}
+_REALS = {"magnitude": (lambda value: value or None, 5, 7, 6, 8), "epicentral_km": (float, 16)}
 
 # GeoNet
 _TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
 _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
-_COUNT = r"^\s*Number of points +(\S+)"
 _FIELDS = {
     "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
     "factor": (str, r"readings in units of +(\S+)"),
@@ -75,51 +69,41 @@ def read_smc(source: Source, **_: Any) -> Stream:
     for kind, (place, height, many, width) in _NUMBERS.items():
         numbers.append(text.numbers(place, place + height, many, width))
         if numbers[-1].size != many:
-            needed = f"{many} {kind} numbers are needed in the header"
-            raise RecordError(f"{text.place(place)}: {needed}, there are {numbers[-1].size}")
+            raise RecordError(f"{text.place(place)}: {numbers[-1].size} of {many} {kind} numbers")
     integers, reals = numbers
     first = text.first(_END, lambda line: not line.lstrip().startswith("|"))
     count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
     values = text.numbers(first, None, count, 10)
-    record = _smc_record(head, integers, reals)
-    if count < values.size <= count + _ROW:
-        values = values[:count]
-        record["log"] = (f"Row beyond the {count} numbers that the header counts left out.",)
-    record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
-    paired = reals[1] == reals[0]
-    peaks = [abs(value) for value in (reals[29], reals[31]) if value != reals[0]]
-    if peaks:
-        samples = values[1::2] if paired else values
-        facts.judge_peak(record, f"{max(peaks):.6E}", samples, "cm/s2")
-    rate = float(reals[1])
-    if not paired:
-        step = facts.positive_step(1.0 / rate if rate else 0.0, text.place(first - 1))
-    else:  # of time and acceleration
-        record |= {"announced": count // 2, "held": values.size // 2}
-        values, step, done = on_even_steps(values, text.name)
-        record["log"] = (*record.get("log", ()), *filter(None, (done,)))
-    codes = ("", head[2].strip().split(" ")[0], "")
-    return Stream([facts.trace_of(values, step, record, codes=codes, start=_time(*integers[1:6]))])
-
-
-def _smc_record(
-    text: Sequence[str], integers: NDArray[np.float64], reals: NDArray[np.float64]
-) -> dict[str, Any]:
-    found = _COMPONENT.match(text[5])
+    known = {i: value for i, value in enumerate(reals.tolist()) if value != reals[0]}
+    found = re.match(r"(?i)station\s*=\s*(.*?)\s*component\s*=\s*(.*)", head[5])
     station, bearing = found.groups() if found else ("", "")
-    stated = facts.direction(bearing)
+    record = facts.direction(bearing)
     tilt, azimuth = integers[12], integers[13]  # degrees from the vertical, from north
     if tilt in (0.0, 180.0):
-        stated |= {"component": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
+        record |= {"component": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
-        stated |= {"azimuth": float(azimuth), "vertical": False}
-
-    day = _time(integers[1], integers[2], 0, 0, 0)
-    known = [None if real == reals[0] else float(real) for real in reals]
-    return stated | facts.read_fields(_REALS, known.__getitem__) | facts.known(
-        event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
-        station=station,
-    )  # fmt: skip
+        record |= {"azimuth": float(azimuth), "vertical": False}
+    day, start = _time(integers[1], integers[2], 0, 0, 0), _time(*integers[1:6])
+    event = re.sub(r"^[\s\d]+", "", head[3]).strip()
+    record |= facts.read_fields(_REALS, known.get)
+    record |= facts.known(event=event, date=str(day.date) if day else "", station=station)
+    log, step = [], 1.0 / known[1] if known.get(1) else None
+    # Writers of uncorrected volumes left a last row of what was in their memory.
+    if count < values.size <= count + 8:
+        values = values[:count]
+        log.append(f"Row beyond the {count} numbers that the header counts left out.")
+    record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
+    if 1 not in known:  # pairs of time and acceleration
+        record |= {"announced": count // 2, "held": values.size // 2}
+        values, step, done = on_even_steps(values, text.name)
+        log += filter(None, (done,))
+    record["log"] = tuple(log)
+    peaks = [abs(known[index]) for index in (29, 31) if index in known]
+    peak = f"{max(peaks):.6E}" if peaks else ""
+    codes = ("", head[2].strip().split(" ")[0], "")
+    where = text.place(first - 1)
+    trace = facts.trace_of(values, step, where, record, peak=peak, codes=codes, start=start)
+    return Stream([trace])
 
 
 def _time(year: float, day: float, hour: float, minute: float, second: float) -> Any:
@@ -142,55 +126,47 @@ def read_geonet(source: Source, **_: Any) -> Stream:
     starts = [i for i, line in enumerate(text.lines) if _START.match(line)]
     if not starts:
         raise RecordError(f"{text.name}: no line begins an accelerogram")
-    ends = [*starts[1:], len(text)]
+    ends = [*starts[1:], len(text.lines)]
     return Stream([_geonet_trace(text, a, b) for a, b in zip(starts, ends)])
 
 
 def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     place, data = text.place(first), first + _HEADER_LINES
     if end <= data:
-        needed = f"a component has {_HEADER_LINES} header lines and then samples"
-        raise RecordError(f"{place}: {needed}; this one ends after {end - first} line(s)")
+        raise RecordError(f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
     field, record = (
         facts.read_fields(table, lambda pattern: facts.search(pattern, head))
         for table in (_FIELDS, _FACTS)
     )
     integers = text.numbers(first + _TEXT_LINES, first + _TEXT_LINES + _INTEGER_LINES)
-    announced = facts.checked_count(facts.search(_COUNT, head), f"{place}: Number of points")
-    samples = _geonet_samples(text, data, end, integers, record.get("component", ""))
+    announced = facts.checked_count(
+        facts.search(r"^\s*Number of points +(\S+)", head), f"{place}: Number of points"
+    )
+    record.setdefault("component", "")
+    channel = f"{text.name}: channel {record['component']}"
+    if integers.size != 10 * _INTEGER_LINES:
+        raise RecordError(f"{channel} has {integers.size} of 40 integers before line {data + 1}")
+    # Accelerations, velocities and displacements; a raw volume has the first only, however many.
+    counts = integers[33:36].astype(int)
+    samples = text.numbers(data, end, int(counts.sum()), _WIDTH)
+    if counts[1:].any():
+        if samples.size != counts.sum():
+            needed = "{} accelerations, {} velocities and {} displacements".format(*counts)
+            raise RecordError(f"{channel} must hold {needed}; it holds {samples.size}")
+        samples = samples[: counts[0]]
     unit = facts.acceleration_unit(field.get("unit", ""), place)
-    if text_of_factor := field.get("factor"):
-        factor = facts.number(text_of_factor)
+    if stated := field.get("factor"):
+        factor = facts.number(stated)
         if not factor:
-            wrong = f"readings in units of {text_of_factor!r}"
-            raise RecordError(f"{place}: {wrong}; a number but 0 is needed")
+            raise RecordError(f"{place}: readings in units of {stated!r}; a number is needed")
         samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
-    record |= {"component": record.get("component", ""), "unit": unit, "announced": announced}
-    event = text.lines[first + 6].strip()
-    record |= {"level": "raw" if raw else "processed"} | facts.known(event=event)
-    facts.judge_peak(record, field.get("peak", ""), samples, unit)
-    step = facts.positive_step(facts.number(field.get("interval")), f"{place}: interval")
-    # Year, month, day, hour, minute and millisecond of the first sample.
-    start = facts.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0)
-    codes = ("NZ", record.get("station", ""), "")
-    return facts.trace_of(samples, step, record, codes=codes, start=start)
-
-
-def _geonet_samples(
-    text: Text, first: int, end: int, integers: NDArray[np.float64], component: str
-) -> NDArray[np.float64]:
-    """Accelerations of a block; those of a raw volume may be fewer or more than announced."""
-    if integers.size != 10 * _INTEGER_LINES:
-        needed = f"the lines before line {first + 1} must have {10 * _INTEGER_LINES} integers"
-        raise RecordError(f"{text.name}: {needed}, channel {component} has {integers.size}")
-    counts = integers[33:36].astype(int)
-    values = text.numbers(first, end, int(counts.sum()), _WIDTH)
-    if counts[1:].any() and values.size != counts.sum():
-        raise RecordError(
-            f"{text.name}: channel {component} must hold {counts[0]} accelerations, {counts[1]} "
-            f"velocities and {counts[2]} displacements by its header; it holds {values.size} "
-            "numbers"
-        )
-    return values[: counts[0]] if counts[1:].any() else values
+    record |= {"unit": unit, "announced": announced, "level": "raw" if raw else "processed"}
+    record |= facts.known(event=text.lines[first + 6].strip())
+    return facts.trace_of(
+        samples, facts.number(field.get("interval")), f"{place}: interval", record,
+        peak=field.get("peak", ""), codes=("NZ", record.get("station", ""), ""),
+        # Year, month, day, hour, minute and millisecond of the first sample.
+        start=facts.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0),
+    )  # fmt: skip

@@ -1,5 +1,6 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
+import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,9 @@ from archfrag.motions.formats.facts import trace_of
 from archfrag.motions.formats.text import Text, split
 
 MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
-UNEVEN = 0.1  # of a step: what rounded times may be off by
-_FIRST = 10_000  # rows in which times are looked for
 _BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
-_RISES = (
-    "what would be accelerations rises evenly, as times do; name the columns of time and "
-    "acceleration"
-)
-_WORDS = {
-    "time": "time=COLUMN", "acceleration": "acceleration=COLUMN", "vertical": "vertical=COLUMN",
-    "dt": "dt=SECONDS", "skip": "skip=LINES",
-}  # fmt: skip
+_RISES = "what would be accelerations rises evenly, as times do; name the columns of both"
+_ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
 @dataclass(frozen=True)
@@ -43,10 +36,8 @@ class Columns:
     skip : int
         Lines before the first row.
 
-    Examples
-    --------
-    >>> Columns(time=1, acceleration=2)
-    Columns(acceleration=2, time=1, dt=None, vertical=None, skip=0)
+    >>> str(Columns(time=1, acceleration=2))
+    'acceleration=2 time=1'
     """
 
     acceleration: int | None = None
@@ -88,11 +79,9 @@ def parse_columns(text: str) -> Columns:
             number = (float if key == "dt" else int)(value)
         except ValueError:
             key = ""
-        if key not in _WORDS or key in given:
-            raise InputError(
-                f"columns {text!r}: {word!r} {'occurs twice' if key in given else 'is not known'};"
-                f" allowed are {', '.join(_WORDS.values())}"
-            )
+        if key not in Columns.__annotations__ or key in given:
+            wrong = f"{word!r} {'occurs twice' if key in given else 'is not known'}"
+            raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}")
         given[key] = number
     try:
         return Columns(**given)
@@ -105,7 +94,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     text, name = Text(path), str(path)
     _make_plain(text, columns.skip)
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if not chosen and _times_in_front([row for row in text.lines if row][:_FIRST]):
+    if not chosen and _times_in_front([row for row in text.lines if row][:10_000]):
         raise RecordError(f"{name}: {_RISES}")
     values = _picked(text, chosen) if chosen else text.numbers(columns.skip)[:, None]
     if len(values) < 2:
@@ -121,7 +110,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
             "announced": samples.size, "held": samples.size, "component": code,
             "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
         }  # fmt: skip
-        traces.append(trace_of(samples, float(step or 0.0), record))
+        traces.append(trace_of(samples, step, name, record))
         traces[-1].stats._format = "COLUMNS"
     return traces
 
@@ -129,7 +118,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 def _make_plain(text: Text, skip: int) -> None:
     """Leave blanks between numbers; comments and the lines before the first row are empty."""
     comma, points = 0, False
-    text.lines[:skip] = [""] * min(skip, len(text))
+    text.lines[:skip] = [""] * min(skip, len(text.lines))
     for place, line in enumerate(text.lines):
         if len(line) > LONGEST_LINE:
             raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")
@@ -138,10 +127,8 @@ def _make_plain(text: Text, skip: int) -> None:
         if text.lines[place]:
             comma, points = comma or ("," in line and place + 1), points or "." in line
     if comma and not points:
-        raise RecordError(
-            f"{text.name}, line {comma}: numbers with commas and none with a decimal point; write "
-            "decimal points, and commas between numbers only"
-        )
+        commas = "numbers with commas and none with a decimal point"
+        raise RecordError(f"{text.name}, line {comma}: {commas}; write decimal points")
 
 
 def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
@@ -149,19 +136,15 @@ def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
     filled = [row.translate(_FORTRAN) for row in text.lines if row]
     if not filled:
         return np.empty((0, len(chosen)))
-    try:
+    with contextlib.suppress(ValueError):
         values = np.loadtxt(filled, usecols=chosen, ndmin=2, comments=None)  # type: ignore[call-overload]
         if np.isfinite(values).all():
             return values
-    except ValueError:
-        pass
     for place, row in enumerate(text.lines):
         words, where = row.split(), text.place(place)
         if words and len(words) <= max(chosen):
-            raise RecordError(
-                f"{where}: has {len(words)} column(s), column {max(chosen) + 1} is asked for; "
-                "lines of text before the numbers are passed over by `skip`"
-            )
+            few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
+            raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
         for word in (words[c] for c in chosen if words):
             if len(split(word, where)) != 1:
                 raise RecordError(f"{where}: {word!r} is not a number")
@@ -173,20 +156,14 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
-    backwards = steps.min() <= 0.0
-    if not backwards and off.max() <= UNEVEN * mean:
+    if steps.min() > 0.0 and off.max() <= 0.1 * mean:
         return float(f"{mean:.9g}")
-    late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
+    wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
+    late = int(wrong.argmax()) + 1
     where = text.place([place for place, row in enumerate(text.lines) if row][late])
-    before, after = (f"{time:.9g} s" for time in times[late - 1 : late + 1])
-    if backwards:
-        order = f"time {after} in column {columns.time} does not come after {before}"
-        raise RecordError(f"{where}: {order}")
-    raise RecordError(
-        f"{where}: times in column {columns.time} are not evenly spaced; {before} to {after} is "
-        f"{steps[late - 1]:.6g} s, the mean step {mean:.6g} s; if times are only rounded, give dt "
-        "instead of their column"
-    )
+    found = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
+    remedy = "if times are only rounded, give dt instead of their column"
+    raise RecordError(f"{where}: times must be evenly spaced, {found}; {remedy}")
 
 
 def _times_in_front(rows: list[str]) -> bool:

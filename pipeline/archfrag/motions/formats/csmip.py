@@ -26,6 +26,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     END_OF_DATA,
+    WORDS,
     Source,
     Text,
     begins_with,
@@ -34,18 +35,16 @@ from archfrag.motions.formats.text import (
 )
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
+_BEGINS = re.compile(rf"(?!{END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
 _FORMAT = re.compile(r"(?i)\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)")
 _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
-_WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
-_COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
-_COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
+_COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _NULL = -999.0
-_TEXT_LINES, _HEADER_NUMBERS, _LARGEST_HEADER = (5, 100), (64, 1000), 200
-_REALS = {"magnitude": (facts.nonzero, 12, 14), "epicentral_km": (float, 16)}
+_REALS = {"magnitude": (lambda value: value or None, 12, 14), "epicentral_km": (float, 16)}
 
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
@@ -58,20 +57,14 @@ _UNITS = (
 )  # fmt: skip
 # By level: lines of text, lines of integers and reals, what the peak of the samples is called.
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
-_LOOK = 12  # lines beyond them in which the section may begin
-_WIDTH, _PAIR_WIDTH = 10, 7
-_Data = tuple[NDArray[np.float64], float, dict[str, Any], int]
+_Data = tuple[NDArray[np.float64], float | None, dict[str, Any], int]
 
 
 def _stream(source: Source, channel: Callable[[Text, int], _Channel]) -> Stream:
     """Traces of channels one after the other, each read by `channel` from a line on."""
-    text, traces = Text(source), []
+    text, traces = Text(source), list[Trace]()
     place = stated = 0
-
-    def begins(line: str) -> bool:
-        return bool(line.strip(" \t\x1a")) and not END_OF_DATA.match(line)
-
-    while (place := text.first(place, begins)) < len(text):
+    while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
         if trace is not None:
             if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
@@ -84,92 +77,83 @@ def _stream(source: Source, channel: Callable[[Text, int], _Channel]) -> Stream:
     if stated > len(traces):
         fault = f"the header counts {stated} channels, the file holds {len(traces)}"
         facts.add_fault(traces[0].stats.record, fault)
-    return facts.stream_of(traces)
+    # Traces of one code get their channel numbers as locations.
+    ids, seen = [trace.id for trace in traces], set[str]()
+    for count, trace in enumerate(traces, start=1):
+        if ids.count(ids[count - 1]) > 1:
+            trace.stats.location += str(trace.stats.record.get("channel", count))
+        if trace.id in seen:
+            trace.stats.location += f"-{count}"
+        seen.add(trace.id)
+    return Stream(traces)
 
 
 is_cosmos = begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 
 def read_cosmos(source: Source, **_: Any) -> Stream:
-    """Read the accelerations of a COSMOS file in its unit, in/s2 as cm/s2.
-
-    Counts (``unit`` is "counts") come with ``g_per_count`` where the header has the
-    sensitivities of recorder and sensor.
-    """
+    """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
     return _stream(source, _cosmos_channel)
 
 
 def _cosmos_channel(text: Text, place: int) -> _Channel:
     count = int(facts.search(_FORMAT, text.lines[place]) or 0)
-    if not _TEXT_LINES[0] <= count <= _TEXT_LINES[1]:
+    if not 5 <= count <= 100:
         raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
-    head = text.head(place, place + count)
+    lines = text.head(place, place + count)
+    header = "\n".join(lines)
     integers, at = _header_numbers(text, place + count, "integer")
     reals, at = _header_numbers(text, at, "real")
+    real = {index: value for index, value in enumerate(reals.tolist()) if value != _NULL}
     comments = ""
-    if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
+    if at < len(text.lines) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
         end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
         comments, at = "\n".join(text.head(at + 1, end)), end
     section = "".join(text.head(at, at + 1))
     if not _SECTION.match(section):
         raise text.needs(at, "the line with the number of points and their units")
-    end, all_text, where = text.end_of_numbers(at + 1), "\n".join(head), text.place(at)
+    end, where = text.first(at + 1, WORDS.search), text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
-        return None, end, all_text
-
-    def real(index: int) -> float | None:
-        value = float(reals[index]) if index < reals.size else _NULL
-        return None if value == _NULL else value
-
+        return None, end, header
     announced = facts.checked_count(facts.search(_SECTION, section), where)
     samples = text.numbers(at + 1, end, announced, format_width(section))
-    unit, scale = _COSMOS_UNITS.get(int(integers[2]), ("", 1.0))
-    record, codes = _cosmos_record([*head, *[""] * 9], int(integers[53]), comments, real)
-    record |= {"level": _COSMOS_LEVELS.get(int(integers[0]), ""), "unit": unit,
-               "announced": announced, "held": samples.size}  # fmt: skip
-    if scale != 1.0:
-        samples = samples * scale
-        record["log"] = ("Unit in/s2 converted into cm/s2.",)
+    unit = _COSMOS_UNITS.get(int(integers[2]), "")
+    lines += [""] * 9
+    record, codes = _cosmos_record(lines, int(integers[53]), comments)
+    record = facts.read_fields(_REALS, real.get) | record
+    level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
+    record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
     if unit == "counts":
         # The recorder's least count [µV], the sensor's sensitivity [V/g] and the gain.
-        least, sensitivity, gain = (max(real(index) or 0.0, 0.0) for index in (21, 41, 46))
+        least, sensitivity, gain = (max(real.get(index, 0.0), 0.0) for index in (21, 41, 46))
         if least and sensitivity:
             record["g_per_count"] = 1e-6 * least / (sensitivity * (gain or 1.0))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
-    own, recorder = real(61), real(33)
-    if own is None and recorder is None:
-        raise RecordError(f"{where}: the header states no time step")
-    step = facts.positive_step(own / 1000.0 if own is not None else recorder or 0.0, where)
-    if reals[63] != _NULL and scale == 1.0:
-        facts.judge_peak(record, f"{reals[63]:.4E}", samples, unit)
-    length = real(62)
-    if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
-        last = f"{announced} samples at {step:g} s last {announced * step:g} s"
-        facts.add_fault(record, f"the header states a length of {length:g} s, {last}")
-    start = facts.utc_time(head[7]) if len(head) > 7 else None
-    return facts.trace_of(samples, step, record, codes=codes, start=start), end, all_text
+    step = real[61] / 1000.0 if 61 in real else real.get(33)
+    peak = f"{real[63]:.4E}" if 63 in real else ""
+    start = facts.utc_time(lines[7])
+    trace = facts.trace_of(samples, step, where, record, peak=peak, codes=codes, start=start)
+    return trace, end, header
 
 
 def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
     """The integers or reals of a header, and the line after them."""
-    line = text.lines[at] if at < len(text) else ""
+    line = text.lines[at] if at < len(text.lines) else ""
     found = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
     if found is None:
         raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
     count, height = map(int, found.groups())
-    low, high = _HEADER_NUMBERS
     announced = f"{text.place(at)}: {count} {kind}-header values on {height} lines"
-    if not (low <= count <= high and height <= _LARGEST_HEADER):
-        allowed = f"{low} to {high} on up to {_LARGEST_HEADER}"
-        raise RecordError(f"{announced}; {allowed} can be read")
+    if not (64 <= count <= 1000 and height <= 200):
+        raise RecordError(f"{announced}; 64 to 1000 on up to 200 can be read")
     values = text.numbers(at + 1, at + 1 + height, count, format_width(line))
-    if values.size < low:
+    if values.size < 64:
         raise RecordError(f"{announced} are announced, there are {values.size}")
     return values, at + 1 + height
 
 
 def _cosmos_record(
-    text: list[str], angle: int, comments: str, real: Callable[[int], float | None]
+    text: list[str], angle: int, comments: str
 ) -> tuple[dict[str, Any], tuple[str, str, str]]:
     """Facts of a header, and codes of network, station and location."""
     channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
@@ -182,14 +166,13 @@ def _cosmos_record(
     if not {"azimuth", "vertical"} & direction.keys():
         word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
         direction = facts.direction(word)
-    record = facts.read_fields(_REALS, real) | facts.known(
-        event="" if _WEEKDAY.match(event) else event,
-        date=next(filter(None, (facts.iso_date(text[i]) for i in (3, 1, 7))), ""),
+    record = direction | facts.known(
+        event="" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
+        date=facts.iso_date(text[3], text[1], text[7]),
         magnitude=facts.magnitude(text[2]),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
         channel=number,
     )
-    record |= direction
     names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
     if names is None:
         return record, ("" if network.startswith("-") else network, code, position)
@@ -219,24 +202,33 @@ def _dmg_channel(text: Text, place: int) -> _Channel:
     count, rows, peak_name = _LEVELS[level]
     lines = text.head(place, place + count)
     if len(lines) < count:
-        raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
-    window = range(place + count, min(place + count + rows + _LOOK, len(text)))
+        raise RecordError(f"{text.place(len(text.lines) - 1)}: the file ends in a header")
+    window = range(place + count, min(place + count + rows + 12, len(text.lines)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        lacking = "no line with the points of acceleration follows the header"
-        raise RecordError(f"{text.place(place)}: {lacking}")
+        raise RecordError(f"{text.place(place)}: no line with the points of acceleration follows")
     data = _pairs(text, place, lines, rows) if section is None else _section(text, section)
-    samples, step, stated, data_end = data
-    shift = 0 if level == "raw" else 1
-    record, codes = _dmg_record(lines[shift:])
-    record |= {"level": level, **stated}
+    samples, step, record, data_end = data
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
-    peak = next(filter(None, map(named.search, lines)), None)
-    if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
-        facts.judge_peak(record, peak.group(1), samples, stated["unit"])
+    found = next(filter(None, map(named.search, lines)), None)
+    peak = found[1] if found and _unit_of(f"in {found[2]}")[0] == record["unit"] else ""
     end = text.first(data_end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
-    start = facts.utc_time(lines[3 + shift])
-    trace = facts.trace_of(samples, step, record, codes=codes, start=start)
+    head = lines if level == "raw" else lines[1:]
+    channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
+    number, bearing = channel.groups() if channel else (None, "")
+    bearing, _, position = bearing.partition("LOCATION:")
+    record |= {"level": level} | facts.direction(bearing) | facts.known(
+        event="" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
+        date=facts.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
+        magnitude=facts.magnitude(head[8]),
+        station=re.split(r"\s{3,}", head[5].strip())[0],
+        channel=number,
+    )  # fmt: skip
+    code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
+    trace = facts.trace_of(
+        samples, step, text.place(place if section is None else section), record, peak=peak,
+        codes=("", code, " ".join(position.split())), start=facts.utc_time(head[3]),
+    )  # fmt: skip
     return trace, end, "\n".join(lines)
 
 
@@ -244,15 +236,15 @@ def _section(text: Text, section: int) -> _Data:
     """Samples after a line that announces them, step, what is stated, the first line after."""
     where, (line,) = text.place(section), text.head(section, section + 1)
     announced = facts.checked_count(facts.search(_POINTS, line), where)
-    apart = facts.search(r"SPACED AT\s+(\S+)\s+SEC", line)
-    try:
-        value = float(apart or facts.search(r"AT\s+(\S+)\s+PTS/SEC", line))
-    except ValueError:
-        raise RecordError(f"{where}: no time step is stated in {line.strip()!r}") from None
-    step = facts.positive_step(value if apart else 1.0 / value if value else 0.0, where)
+    step = facts.number(facts.search(r"SPACED AT\s+(\S+)\s+SEC", line))
+    rate = facts.number(facts.search(r"AT\s+(\S+)\s+PTS/SEC", line))
+    if step is None and rate:
+        step = 1.0 / rate
+    if step is None:
+        raise RecordError(f"{where}: no time step is stated in {line.strip()!r}")
     unit, scale = _unit_of(line)
-    end = text.end_of_numbers(section + 1)
-    samples = text.numbers(section + 1, end, announced, format_width(line) or _WIDTH)
+    end = text.first(section + 1, WORDS.search)
+    samples = text.numbers(section + 1, end, announced, format_width(line) or 10)
     stated = {"announced": announced, "held": samples.size, "unit": unit, "log": ()}
     return samples * scale, step, stated, end
 
@@ -265,8 +257,8 @@ def _pairs(text: Text, place: int, lines: list[str], rows: int) -> _Data:
     count, first = facts.search(_COUNT_LINE, lines[index]), place + len(lines) + rows
     announced = facts.checked_count(count, text.place(place + index))
     unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
-    end = text.end_of_numbers(first)
-    values = text.numbers(first, end, 2 * announced, _PAIR_WIDTH)
+    end = text.first(first, WORDS.search)
+    values = text.numbers(first, end, 2 * announced, 7)
     stated = {"announced": announced, "held": values.size // 2, "unit": unit}
     values[1::2] *= scale
     samples, step, done = on_even_steps(values, text.place(first))
@@ -277,20 +269,3 @@ def _pairs(text: Text, place: int, lines: list[str], rows: int) -> _Data:
 def _unit_of(text: str) -> tuple[str, float]:
     found = ((unit, scale) for pattern, unit, scale in _UNITS if facts.search(pattern, text))
     return next(found, ("", 1.0))
-
-
-def _dmg_record(text: list[str]) -> tuple[dict[str, Any], tuple[str, str, str]]:
-    """What the lines of a header state; the station's code and the place of the sensor."""
-    channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", text[6])
-    number, bearing = channel.groups() if channel else (None, "")
-    bearing, _, position = bearing.partition("LOCATION:")
-    dates = map(facts.iso_date, (text[2].upper().partition("ORIGIN")[2], text[2], text[1]))
-    record = facts.known(
-        event="" if re.match(r"(?i)\s*RE?CO?RD OF", text[1]) else text[1].strip(),
-        date=next(filter(None, dates), ""),
-        magnitude=facts.magnitude(text[8]),
-        station=re.split(r"\s{3,}", text[5].strip())[0],
-        channel=number,
-    )
-    code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])
-    return record | facts.direction(bearing), ("", code, " ".join(position.split()))

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream, Trace, UTCDateTime
+from obspy import Trace, UTCDateTime
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
+from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, unit_factor
 from archfrag.motions.partners import AZIMUTHS, quadrant
-from archfrag.motions.units import METRES_PER_SECOND_SQUARED, unit_factor
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _NAMED = rf"(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
@@ -26,7 +26,6 @@ _DATES = (
 )
 _CLOCK = re.compile(r",?\s+(\d{1,2}):\s*(\d{1,2})(?::\s*(\d*\.?\d*))?\s*(?:UTC|GMT)")
 _MAGNITUDES = [rf"\b{kind}\s*=?\s*(\d\.?\d*)" for kind in ("MW", "ML", "MS", "MD", "MB", "M")]
-_PEAK_WITHIN, _PEAK_REFUSED = 0.01, 0.1  # of the header's peak, besides its rounding
 _LONGEST = 10_000_000  # samples that a header may announce
 Table = Mapping[str, tuple[Any, ...]]
 
@@ -66,21 +65,19 @@ def number(text: str | None) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def nonzero(value: float) -> float | None:
-    """A number of a header that is 0 if it is not known."""
-    return value or None
-
-
-def iso_date(text: str) -> str:
-    """First date in a text as YYYY-MM-DD (months before days, as in the USA); else nothing."""
-    found = next(filter(None, (re.search(pattern, text.upper()) for pattern in _DATES)), None)
-    if found is None:
-        return ""
-    named = found["month"]
-    month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
-    year, day = int(found["year"]), int(found["day"])
-    year += 0 if year >= 100 else 1900 if year >= 30 else 2000
-    return f"{year:04d}-{month:02d}-{day:02d}" if 1 <= month <= 12 and 1 <= day <= 31 else ""
+def iso_date(*texts: str) -> str:
+    """First date in some texts as YYYY-MM-DD (months before days, as in the USA); else nothing."""
+    for text in texts:
+        found = next(filter(None, (re.search(each, text.upper()) for each in _DATES)), None)
+        if found is None:
+            continue
+        named = found["month"]
+        month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
+        year, day = int(found["year"]), int(found["day"])
+        year += 0 if year >= 100 else 1900 if year >= 30 else 2000
+        if 1 <= month <= 12 and 1 <= day <= 31:
+            return f"{year:04d}-{month:02d}-{day:02d}"
+    return ""
 
 
 def utc_time(text: str) -> UTCDateTime | None:
@@ -129,20 +126,10 @@ def direction(text: str) -> dict[str, Any]:
 
 def checked_count(text: str, where: str) -> int:
     """Number of samples that a header announces, if a record can have it."""
-    count = int(text) if text.strip().isdigit() and len(text.strip()) < 12 else -1
-    if not 2 <= count <= _LONGEST:
-        raise RecordError(
-            f"{where}: {text.strip()[:40]!r} samples are announced; a record has 2 to {_LONGEST}"
-        )
-    return count
-
-
-def positive_step(value: float | None, where: str) -> float:
-    """A time step [s] if it is one."""
-    step = math.nan if value is None else value
-    if not (math.isfinite(step) and step > 0.0):
-        raise RecordError(f"{where}: time step {step:g} s must be a positive number of seconds")
-    return step
+    word = text.strip()
+    if not (word.isdigit() and len(word) < 12 and 2 <= int(word) <= _LONGEST):
+        raise RecordError(f"{where}: {word[:40]!r} samples are announced, not 2 to {_LONGEST}")
+    return int(word)
 
 
 def acceleration_unit(text: str, where: str) -> str:
@@ -172,31 +159,25 @@ def judge_peak(
     found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
-    if off > _PEAK_WITHIN * peak:
+    if off > 0.01 * peak:
         text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        kind = "warnings" if off > _PEAK_REFUSED * peak else "faults"
+        kind = "warnings" if off > 0.1 * peak else "faults"
         add_fault(record, f"{text} {unit}", kind)
 
 
 def trace_of(
-    samples: NDArray[np.float64], dt: float, record: dict[str, Any], *,
-    codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
+    samples: NDArray[np.float64], dt: float | None, where: str, record: dict[str, Any], *,
+    peak: str = "", codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
 ) -> Trace:  # fmt: skip
-    """A trace of network, station and location `codes`, with the header as ``stats.record``."""
+    """A trace of network, station and location `codes`, with the header as ``stats.record``.
+
+    RecordError if the time step [s] is not one; a `peak` that the header states is judged.
+    """
+    step = math.nan if dt is None else dt
+    if not 0.0 < step < math.inf:
+        raise RecordError(f"{where}: time step {step:g} s must be a positive number of seconds")
+    judge_peak(record, peak, samples, record.get("unit", ""))
     header = dict(zip(("network", "station", "location"), codes)) | {
-        "delta": dt, "channel": record.get("component", ""), "record": AttribDict(record),
+        "delta": step, "channel": record.get("component", ""), "record": AttribDict(record),
     }  # fmt: skip
     return Trace(samples, header | ({} if start is None else {"starttime": start}))
-
-
-def stream_of(traces: list[Trace]) -> Stream:
-    """The traces as a stream, those of one code with their channel numbers as locations."""
-    ids = [trace.id for trace in traces]
-    seen: set[str] = set()
-    for count, trace in enumerate(traces, start=1):
-        if ids.count(ids[count - 1]) > 1:
-            trace.stats.location += str(trace.stats.record.get("channel", count))
-        if trace.id in seen:
-            trace.stats.location += f"-{count}"
-        seen.add(trace.id)
-    return Stream(traces)

@@ -13,10 +13,11 @@ Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib``
 is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 """
 
+import contextlib
 import re
 from typing import Any
 
-from obspy import Stream, UTCDateTime
+from obspy import Stream
 from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
@@ -26,7 +27,6 @@ from archfrag.motions.formats.text import Source, Text, begins_with
 from archfrag.motions.partners import AZIMUTHS
 
 _AT2_LINES = 4
-_UNIT = re.compile(r"UNITS?\s+OF\s+([^\s.,;]+)", re.IGNORECASE)
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
@@ -34,7 +34,6 @@ _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 _VERTICALS = ("Z", "UP", "V", "UD")
-_SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
@@ -72,42 +71,32 @@ def read_at2(source: Source, **_: Any) -> Stream:
     text = Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
-    if len(text) <= _AT2_LINES:
-        needed = f"an AT2 file has {_AT2_LINES} header lines and then samples"
-        raise RecordError(f"{text.name}: {needed}; this one ends after {len(text)} line(s)")
+    if len(text.lines) <= _AT2_LINES:
+        raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")
-    unit = facts.acceleration_unit(facts.search(_UNIT, header[2]) or "none", text.place(2))
-    count, step = _count_and_step(header[3])
+    unit = facts.acceleration_unit(
+        facts.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
+    )
+    count, step = (facts.search(pattern, header[3]) for pattern in (_NPTS, _DT))
+    if not (count and step):
+        count, step = (facts.search(_TRAILING, header[3], group) for group in (1, 2))
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
     stated, where = facts.number(count), text.place(3)
-    whole = stated is not None and stated % 1 == 0
-    announced = facts.checked_count(f"{stated:.0f}" if whole else count, where)
-    dt = facts.positive_step(facts.number(step), where)
-    record = _at2_names(header[1]) | {"unit": unit, "announced": announced}
-    return Stream([facts.trace_of(text.numbers(_AT2_LINES), dt, record)])
-
-
-def _count_and_step(line: str) -> tuple[str, str]:
-    named = facts.search(_NPTS, line), facts.search(_DT, line)
-    trailing = facts.search(_TRAILING, line), facts.search(_TRAILING, line, 2)
-    return named if all(named) else trailing
-
-
-def _at2_names(line: str) -> dict[str, Any]:
-    parts = [part.strip() for part in line.split(",")]
-    if len(parts) < 3:
-        return {"event": line, "component": ""}
-    dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
-    component = parts[-1].split("(")[0].strip()
-    return (facts.direction(component) if component else {}) | {
-        "event": parts[0],
-        "date": parts[1] if dated else "",
-        "station": ", ".join(parts[2 if dated else 1 : -1]),
-        "component": component,
-    }
+    count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
+    record: dict[str, Any] = {"event": header[1], "component": ""}
+    parts = [part.strip() for part in header[1].split(",")]
+    if len(parts) >= 3:
+        dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
+        component = parts[-1].split("(")[0].strip()
+        record = (facts.direction(component) if component else {}) | {
+            "event": parts[0], "date": parts[1] if dated else "",
+            "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
+        }  # fmt: skip
+    record |= {"unit": unit, "announced": facts.checked_count(count, where)}
+    return Stream([facts.trace_of(text.numbers(_AT2_LINES), facts.number(step), where, record)])
 
 
 def read_dyna(source: Source, **_: Any) -> Stream:
@@ -122,7 +111,10 @@ def read_dyna(source: Source, **_: Any) -> Stream:
         key, place = match[1].upper(), text.place(count)
         if key in header:
             raise RecordError(f"{place}: {key} is there a second time")
-        header[key], places[key] = _readable(match[2]), f"{place}, {key}"
+        value = match[2]
+        with contextlib.suppress(UnicodeDecodeError):  # names may be in UTF-8
+            value = value.encode("latin-1").decode("utf-8")
+        header[key], places[key] = value.strip(), f"{place}, {key}"
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
     return _keyed(text, header, places, len(header), codes)
 
@@ -131,7 +123,7 @@ def read_resorce(source: Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
     text = Text(source)
     series = text.first(0, _SERIES.match)
-    match = _SERIES.match(text.lines[series]) if series < len(text) else None
+    match = _SERIES.match(text.lines[series]) if series < len(text.lines) else None
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
     header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}
@@ -157,17 +149,13 @@ def _keyed(
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
             raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
-    unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
-    step = facts.number(header["SAMPLING_INTERVAL_S"])
-    step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
-    samples = text.numbers(first)
     record = facts.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
     record |= facts.known(
-        unit=unit,
+        unit=facts.acceleration_unit(header["UNITS"], places["UNITS"]),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
         announced=facts.checked_count(header["NDATA"], places["NDATA"]),
         vertical=letter in _VERTICALS if letter else None,
@@ -175,24 +163,16 @@ def _keyed(
         # A name may be of a country alone, that of many earthquakes.
         event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
     )
-    facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
-    start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
-    return Stream([facts.trace_of(samples, step, record, codes=codes, start=start)])
-
-
-def _readable(text: str) -> str:
-    """A value, whose names may be in UTF-8."""
-    try:
-        return text.encode("latin-1").decode("utf-8").strip()
-    except UnicodeDecodeError:
-        return text.strip()
-
-
-def _first_sample(text: str) -> UTCDateTime | None:
-    """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
-    text = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", text, count=1)
-    found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
-    return facts.moment(*map(float, found.groups())) if found else None
+    # Such as 20010203_040510.250 or, of AFAD, 03/02/2001 04:05:10.250.
+    start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
+    start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
+    clock = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", start)
+    return Stream([facts.trace_of(
+        text.numbers(first), facts.number(header["SAMPLING_INTERVAL_S"]),
+        places["SAMPLING_INTERVAL_S"], record, codes=codes,
+        peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
+        start=facts.moment(*map(float, clock.groups())) if clock else None,
+    )])  # fmt: skip
 
 
 def read_knet(source: Source, **_: Any) -> Stream:
@@ -209,7 +189,7 @@ def read_knet(source: Source, **_: Any) -> Stream:
             component=component,
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
-            sensor=_SENSORS.get(component[2:]),
+            sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
             station=trace.stats.station,
         )
         facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")

@@ -15,8 +15,6 @@ from archfrag.files import opened
 Source = str | Path | BinaryIO
 
 _CHUNK = 4000  # lines converted at a time: words need ten times the memory of numbers
-_WIDEST = 200  # characters of a line of a header; patterns take long over much longer ones
-_SHOWN = 40  # characters of a word in a message
 _FORTRAN = str.maketrans("Dd", "EE")
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
@@ -24,40 +22,30 @@ _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
 _FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
 _FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)", re.IGNORECASE)
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
-_EVEN = 0.05  # part of a step by which times may be off if only their rounding is seen
-_STRETCH = 20  # samples on the grid for each that the file holds, at most
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
-_WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
+WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
 
 class Text:
-    """Lines of a file, whatever ends them; RecordError if there is no file or nothing in it."""
+    """Lines of a file, whatever ends them."""
 
     def __init__(self, source: Source) -> None:
         is_path = isinstance(source, (str, Path))
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
-        try:
-            self.lines = _lines(_read_bytes(source))
-        except FileNotFoundError:
-            raise RecordError(f"{self.name}: there is no such file") from None
-        if not any(line.strip(" \t\x1a") for line in self.lines):
-            raise RecordError(f"{self.name}: the file is empty")
-
-    def __len__(self) -> int:
-        return len(self.lines)
+        self.lines = _lines(_read_bytes(source))
 
     def place(self, index: int) -> str:
         """What messages call a line."""
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
-        """Lines of a header, none longer than any has."""
-        return [line[:_WIDEST] for line in self.lines[first:last]]
+        """Lines of a header, cut to 200 characters: patterns take long over much longer ones."""
+        return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
         """The error for a line that is something else than needed."""
-        line = self.lines[index].strip()[:60] if index < len(self) else None
-        shown = "the end of the file" if line is None else repr(line)
+        end = index >= len(self.lines)
+        shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
 
     def numbers(
@@ -76,22 +64,13 @@ class Text:
         values: list[float] = []
         for number, line in enumerate(lines, start=first):
             for word in _words(line, width):
-                try:
-                    values += split(word, self.place(number))
-                except RecordError as error:
-                    if number - first + 1 < len(lines):
-                        raise
-                    cut_off = "the file seems to be cut off there"
-                    raise RecordError(f"{error}; {cut_off}") from None
+                values += split(word, self.place(number))
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """The first line from `index` on that passes a test; the number of lines if none does."""
-        return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
-
-    def end_of_numbers(self, index: int) -> int:
-        """The first line from `index` on that holds words."""
-        return self.first(index, _WORDS.search)
+        count = len(self.lines)
+        return next((i for i in range(index, count) if test(self.lines[i])), count)
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
@@ -166,7 +145,7 @@ def _words(line: str, width: int | None) -> list[str]:
 def split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
-    shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")
+    shown = repr(word if len(word) <= 40 else word[:40] + "...")
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
     if len(pieces) > 1 and not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
         pieces = [""]
@@ -187,12 +166,9 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     steps, length = np.diff(times), times[-1] - times[0]
     if steps.min() < 0.0 or not length > 0.0:
         bad = int(np.argmax(steps < 0.0)) + 1 if steps.min() < 0.0 else 0
-        raise RecordError(
-            f"{name}: the times of the samples must increase; {times[bad]:g} s at sample {bad} "
-            "does not"
-        )
+        raise RecordError(f"{name}: times must increase; sample {bad} is at {times[bad]:g} s")
     mean = float(length) / steps.size
-    if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
+    if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= 0.05 * mean:
         # Times rounded to their last digit give a step that is nearly what it was before.
         rounded = (float(f"{mean:.{digits}g}") for digits in (1, 2, 3))
         step = next((value for value in rounded if abs(value - mean) <= 1e-5 * mean), mean)
@@ -200,15 +176,10 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
     step = float(_STEPS[median >= _STEPS / 1.02].max(initial=0.0)) or median
-    count = length / step
-    if not count < _STRETCH * times.size:
-        raise RecordError(
-            f"{name}: the times of the samples are too uneven: {times.size} samples in "
-            f"{length:g} s with a median step of {median:g} s"
-        )
-    grid = times[0] + step * np.arange(int(count * (1.0 + 1e-12)) + 1)
-    done = (
-        f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
-        f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
-    )
+    if not length / step < 20 * times.size:
+        raise RecordError(f"{name}: times are too uneven: steps of {median:g} s in {length:g} s")
+    grid = times[0] + step * np.arange(int(length / step * (1.0 + 1e-12)) + 1)
+    unequal = f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s"
+    sizes = f"linear between them ({values.size} to {grid.size} samples)"
+    done = f"{unequal} read at equal steps of {step:g} s, {sizes}."
     return np.interp(grid, times, values), step, done

@@ -13,28 +13,21 @@ strike-slip faults.
 
 References
 ----------
-.. [1] Boore (2003), Simulation of ground motion using the stochastic method, Pure and Applied
-   Geophysics 160, 635-676.
-.. [2] Stafford, Boore, Youngs and Bommer (2022), Host-region parameters for an adjustable model
-   for crustal earthquakes ..., Earthquake Spectra 38(2), 917-949, optimised functional form.
-.. [3] Boore and Thompson (2014), Path durations for use in the stochastic-method simulation of
-   ground motions, BSSA 104(5), 2541-2552, table 1: active regions.
-.. [4] Al Atik and Abrahamson (2021), A methodology for the development of 1D reference VS
-   profiles compatible with ground-motion prediction equations, BSSA 111(4), 1765-1783.
-.. [5] Bayless and Abrahamson (2019), Summary of the BA18 ground-motion model for Fourier amplitude
-   spectra, BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the nonlinear term is left out.
+.. [1] Boore (2003), Pure and Applied Geophysics 160, 635-676: the stochastic method.
+.. [2] Stafford, Boore, Youngs and Bommer (2022), Earthquake Spectra 38(2), 917-949, optimised
+   functional form.
+.. [3] Boore and Thompson (2014), BSSA 104(5), 2541-2552, table 1: path durations, active regions.
+.. [4] Al Atik and Abrahamson (2021), BSSA 111(4), 1765-1783: amplification of reference profiles.
+.. [5] Bayless and Abrahamson (2019), BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the
+   nonlinear term is left out.
 .. [6] Made by multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and
    repeating (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al
    Atik et al. 2014, BSSA 104(1), 336-346), for the geometric mean of Chiou and Youngs (2014) and
    Abrahamson, Silva and Kamai (2014) and a vertical strike-slip fault; constant beyond the table.
-.. [7] Bayless and Abrahamson (2018), An empirical model for Fourier amplitude spectra using the
-   NGA-West2 database, PEER report 2018/07, and its electronic supplement.
-.. [8] Bayless and Abrahamson (2019), An empirical model for the interfrequency correlation of
-   epsilon for Fourier amplitude spectra, BSSA 109(3), 1058-1070.
-.. [9] Stafford (2017), Interfrequency correlations among Fourier spectral ordinates and
-   implications for stochastic ground-motion simulation, BSSA 107(6), 2774-2791.
-.. [10] Gulerce and Abrahamson (2011), Site-specific design spectra for vertical ground motion,
-   Earthquake Spectra 27(4), 1023-1047.
+.. [7] Bayless and Abrahamson (2018), PEER report 2018/07, and its electronic supplement.
+.. [8] Bayless and Abrahamson (2019), BSSA 109(3), 1058-1070: correlation between frequencies.
+.. [9] Stafford (2017), BSSA 107(6), 2774-2791.
+.. [10] Gulerce and Abrahamson (2011), Earthquake Spectra 27(4), 1023-1047.
 """
 
 from functools import lru_cache
@@ -43,19 +36,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.motion import STANDARD_GRAVITY
 
 Row = NDArray[np.float64]
-SHEAR_VELOCITY, DENSITY = 3.5, 2.75  # [km/s], [g/cm3]
-RADIATION_PATTERN, FREE_SURFACE, PARTITION = 0.55, 2.0, 1.0 / np.sqrt(2.0)
-KAPPA = 0.039  # [s]
-_STRESS = (4.599, 0.4624)  # ln bar; slope below M 5
-_SATURATION = (-0.8712, 0.4451, 1.1513, 5.0948, 7.2725)
-_DECAY = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
-_QUALITY = (205.4, 0.6884, 0.1354, 5.1278)  # Q0; exponent n = a + b tanh(M - c)
-_PATH_DISTANCE = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
-_PATH_DURATION = (0.0, 2.4, 8.4, 10.9, 17.4, 34.2)  # [s]
-_PATH_SLOPE = 0.156  # beyond [s/km]
+SHEAR_VELOCITY = 3.5  # [km/s]
 # Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
 # the end of its nominal length, which is twice the duration of ground motion.
 WINDOW_PEAK, _WINDOW_END, WINDOW_LENGTH = 0.2, 0.05, 2.0
@@ -79,13 +63,9 @@ _MAGNITUDES, _DISTANCES = (np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitud
 
 def corner_frequency(magnitude: float) -> float:
     """Corner [Hz] by Brune (1970): 4.9058e6 beta (stress / M0)^(1/3) in km/s, bar, dyne cm."""
-    stress = np.exp(_STRESS[0] + _STRESS[1] * min(magnitude - 5.0, 0.0))
-    return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / _seismic_moment(magnitude)))
-
-
-def _seismic_moment(magnitude: float) -> float:
-    """Seismic moment [dyne cm]: Hanks and Kanamori (1979)."""
-    return 10.0 ** (1.5 * (magnitude + 10.7))
+    stress = np.exp(4.599 + 0.4624 * min(magnitude - 5.0, 0.0))  # [bar]
+    moment = 10.0 ** (1.5 * (magnitude + 10.7))  # Hanks and Kanamori (1979)
+    return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / moment))
 
 
 def low_cut(magnitude: float) -> float:
@@ -95,7 +75,7 @@ def low_cut(magnitude: float) -> float:
 
 def point_source_distance(magnitude: float, distance: float) -> float:
     """Rupture distance and the near-source saturation length of [2]_ [km]."""
-    a, b, c, d, e = _SATURATION
+    a, b, c, d, e = -0.8712, 0.4451, 1.1513, 5.0948, 7.2725
     bend = np.log1p(np.exp(-d * (magnitude - e)))
     return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
 
@@ -103,8 +83,9 @@ def point_source_distance(magnitude: float, distance: float) -> float:
 def ground_motion_duration(magnitude: float, distance: float) -> float:
     """Duration of source and path [s]: 1 / corner frequency, and [3]_."""
     reach = point_source_distance(magnitude, distance)
-    path = np.interp(reach, _PATH_DISTANCE, _PATH_DURATION)
-    beyond = _PATH_SLOPE * max(reach - _PATH_DISTANCE[-1], 0.0)
+    distances = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
+    path = np.interp(reach, distances, (0.0, 2.4, 8.4, 10.9, 17.4, 34.2))
+    beyond = 0.156 * max(reach - distances[-1], 0.0)
     return float(1.0 / corner_frequency(magnitude) + path + beyond)
 
 
@@ -112,23 +93,24 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     """Fourier amplitude of a horizontal acceleration [m/s]: form of [1]_, values of [2]_, [4]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
-    constant = RADIATION_PATTERN * FREE_SURFACE * PARTITION * 1e-22
-    constant /= 4.0 * np.pi * DENSITY * SHEAR_VELOCITY**3
-    source = constant * _seismic_moment(magnitude) / (1.0 + (f / corner_frequency(magnitude)) ** 2)
+    radiation, surface, partition, density = 0.55, 2.0, 1.0 / np.sqrt(2.0), 2.75  # [g/cm3]
+    constant = radiation * surface * partition * 1e-22
+    constant /= 4.0 * np.pi * density * SHEAR_VELOCITY**3
+    moment = 10.0 ** (1.5 * (magnitude + 10.7))
+    source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
 
-    near, far, transition = _DECAY
+    near, far, transition = 1.1611, 0.5, 50.0  # rates, distance [km]
     reach = point_source_distance(magnitude, distance)
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
     decay = reach**-near * bend ** (0.5 * (near - far))
 
-    quality, n0, n1, n2 = _QUALITY
-    exponent = n0 + n1 * np.tanh(magnitude - n2)
-    loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (quality * SHEAR_VELOCITY))
+    exponent = 0.6884 + 0.1354 * np.tanh(magnitude - 5.1278)
+    loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (205.4 * SHEAR_VELOCITY))
 
     nodes, factors = _AMPLIFICATION
     with np.errstate(divide="ignore"):
         amplification = np.exp(np.interp(np.log(f), np.log(nodes), np.log(factors)))
-    site = amplification * np.exp(-np.pi * KAPPA * f)
+    site = amplification * np.exp(-np.pi * 0.039 * f)  # kappa [s]
     return (2.0 * np.pi * f) ** 2 * source * decay * loss * site
 
 
@@ -163,19 +145,14 @@ def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
     return values[low] + (position - low) * (values[low + 1] - values[low])
 
 
-DAMPING = 0.05
 TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
 GRID: Row = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
-_PASSES, _VERTICAL_PASSES = 6, 20
 # Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
 # record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
 # vertical to its horizontal varies as Gulerce and Abrahamson found.
 COMPONENT_CORRELATION = 0.7
-# Gulerce and Abrahamson: coefficients by period, and those that are the same at all periods.
+# Gulerce and Abrahamson: coefficients by period.
 RATIO = read_table("gulerce_abrahamson.csv")
-_C, _N, _C1, _C4, _A3, _A4, _A5 = 1.88, 1.18, 6.75, 10.0, 0.0147, 0.0334, -0.034
-_ROCK = 1100.0  # Vs30 at which the model's reference PGA is taken [m/s]
-_SHORTEST = 0.04  # period below which amplitudes no longer decide the spectrum [s]
 
 
 def correlation(frequency: ArrayLike) -> Row:
@@ -192,21 +169,18 @@ def correlation(frequency: ArrayLike) -> Row:
     return values
 
 
-@lru_cache(maxsize=1)
-def _factor() -> Row:
-    return np.asarray(np.linalg.cholesky(correlation(FREQUENCIES)), dtype=np.float64)
+_ROOT = np.linalg.cholesky(correlation(FREQUENCIES))
 
 
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
     """One term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
-    normal = generator.standard_normal(FREQUENCIES.size)
-    return COEFFICIENTS[TERMS[kind]] * (_factor() @ normal)
+    return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
 
 
 def _power_fractions(amplitude: Row, period: Row) -> Row:
     """Fraction of the mean square of oscillators that each frequency of ``GRID`` adds."""
     ratio = GRID * period[:, None]
-    oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * DAMPING * ratio) ** 2)
+    oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * 0.05 * ratio) ** 2)
     power = amplitude**2 * oscillator * np.gradient(GRID)
     return power / power.sum(axis=1, keepdims=True)
 
@@ -222,7 +196,7 @@ def median_correction(amplitude: Row) -> Row:
     nodes = np.log(FREQUENCIES)
     fractions = _power_fractions(amplitude, 1.0 / FREQUENCIES)
     correction = np.zeros(nodes.size)
-    for _ in range(_PASSES):
+    for _ in range(6):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, correction))
         correction -= 0.5 * np.log((fractions * gain) @ _drawn_powers()).mean(axis=1)
     return correction
@@ -232,7 +206,7 @@ def median_correction(amplitude: Row) -> Row:
 def _drawn_powers() -> Row:
     """Squared factors of many drawn variations at ``GRID``, shape (150, 300)."""
     generator = np.random.Generator(np.random.PCG64(0))
-    normal = _factor() @ generator.standard_normal((FREQUENCIES.size, 150))
+    normal = _ROOT @ generator.standard_normal((FREQUENCIES.size, 150))
     total = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
     normal *= total[:, None]
     rows = np.array([np.interp(np.log(GRID), np.log(FREQUENCIES), row) for row in normal.T])
@@ -242,18 +216,18 @@ def _drawn_powers() -> Row:
 def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
     """Median V/H of Sa (5 %) [10]_ at the periods of ``RATIO``, shape (22,); rock_pga in g."""
     t, period = RATIO, RATIO["period_s"]
-    over = magnitude - _C1
+    c, n, over = 1.88, 1.18, magnitude - 6.75
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
-    scaling += (t["a2"] + _A3 * over) * np.log(np.hypot(distance, _C4))
-    scaling += (_A4 if over < 0.0 else _A5) * over
+    scaling += (t["a2"] + 0.0147 * over) * np.log(np.hypot(distance, 10.0))
+    scaling += (0.0334 if over < 0.0 else -0.034) * over
     # Vs30 beyond which sites no longer differ [m/s].
     middle = np.exp(8.0 - 0.795 * np.log(period / 0.21))
     long = np.exp(6.76 - 0.297 * np.log(period))
     ends = [period <= 0.5, period <= 1.0, period < 2.0]
     velocity = np.minimum(vs30, np.select(ends, [1500.0, middle, long], 700.0))
     ratio = velocity / t["v_lin"]
-    nonlinear = t["b"] * (np.log(rock_pga + _C * ratio**_N) - np.log(rock_pga + _C))
-    linear = t["b"] * _N * np.log(ratio)
+    nonlinear = t["b"] * (np.log(rock_pga + c * ratio**n) - np.log(rock_pga + c))
+    linear = t["b"] * n * np.log(ratio)
     site = t["a10"] * np.log(ratio) - np.where(velocity < t["v_lin"], nonlinear, linear)
     return np.exp(scaling + site)
 
@@ -261,18 +235,19 @@ def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: flo
 def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """ln of the factor on horizontal amplitudes that gives spectra the model's V/H, (61,).
 
-    Peak over root mean square and duration being those of the horizontal, the ratio of spectra is
-    the root of that of mean squares; the factor at 1 / T is found by repetition.
+    The ratio of spectra is the root of that of mean squares; the factor at 1 / T is found by
+    repetition.
     """
-    rock = amplitude * site_factor(GRID, _ROCK) / site_factor(GRID, vs30)
+    # The model's reference PGA is at 1100 m/s.
+    rock = amplitude * site_factor(GRID, 1100.0) / site_factor(GRID, vs30)
     rock_pga = _expected_peak(rock, magnitude, distance) / STANDARD_GRAVITY
-    kept = RATIO["period_s"] >= _SHORTEST
+    kept = RATIO["period_s"] >= 0.04  # below, amplitudes no longer decide the spectrum
     periods = RATIO["period_s"][kept][::-1]
     target = np.log(vertical_ratio(magnitude, distance, vs30, rock_pga))[kept][::-1]
     fractions = _power_fractions(amplitude, periods)
     nodes = np.log(1.0 / periods)
     logarithm = target.copy()
-    for _ in range(_VERTICAL_PASSES):
+    for _ in range(20):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, logarithm))
         logarithm += target - 0.5 * np.log(fractions @ gain)
     return np.interp(np.log(FREQUENCIES), nodes, logarithm)

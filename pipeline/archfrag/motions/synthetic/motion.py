@@ -7,13 +7,11 @@ seeds alone. It may have the velocity pulse of a near fault.
 
 References
 ----------
-.. [1] Shahi and Baker (2011), An empirically calibrated framework for including the effects of
-   near-fault directivity in probabilistic seismic hazard analysis, BSSA 101(2), 742-755: the
-   period of a pulse, and the amplification of Sa over the same motion without it. The period's
-   coefficients are those of PEER report 2013/15 of the same authors, too; the amplification's are
-   from memory and without a second source: check them before use.
-.. [2] Mavroeidis and Papageorgiou (2003), A mathematical representation of near-fault ground
-   motions, BSSA 93(3), 1099-1131: the form of a pulse.
+.. [1] Shahi and Baker (2011), BSSA 101(2), 742-755: the period of a pulse, and the amplification
+   of Sa over the same motion without it. The period's coefficients are those of PEER report
+   2013/15 of the same authors, too; the amplification's are from memory and without a second
+   source: check them before use.
+.. [2] Mavroeidis and Papageorgiou (2003), BSSA 93(3), 1099-1131: the form of a pulse.
 """
 
 from functools import lru_cache
@@ -23,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
+from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.motions.spectra import response_spectrum
 from archfrag.motions.synthetic import amplitude as fourier
 from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
 
@@ -32,7 +30,6 @@ MODEL = (
     "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
     "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
 )
-TIME_STEP = 0.01
 CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
@@ -42,56 +39,51 @@ _PEAK_PERIOD = 0.88  # of a pulse's amplification, as a fraction of its period
 _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
 
 
-class Seeds(NamedTuple):
-    """What random numbers follow from, 0 to 2^63 - 1: those of one event have one `event`."""
+class Recipe(NamedTuple):
+    """All that a motion follows from; seeds, of random numbers, are 0 to 2^63 - 1."""
 
-    record: int
-    event: int
-    site: int
-
-
-class Options(NamedTuple):
-    """How a motion is made: time step [s], site, whether amplitudes vary, vertical, pulse.
-
-    `vs30` is from 450 to 1000 m/s: the range of V/H and of linear soil. Without `vary` only
-    phases do; `pulse` is the horizontal velocity pulse of a near fault.
-    """
-
-    dt: float = TIME_STEP
-    vs30: float = VS30
-    vary: bool = True
+    magnitude: float  # 3 to 8
+    distance: float  # to the rupture, 0 to 300 [km]
+    seed: int
+    event_seed: int | None = None  # equal for the motions of one event; `seed` if None
+    site_seed: int | None = None
+    dt: float = 0.01  # [s]
+    vs30: float = VS30  # [m/s], 450 to 1000: the range of V/H and of linear soil
+    vary: bool = True  # amplitudes; if not, only phases vary
     vertical: bool = False
-    pulse: bool = False
+    pulse: bool = False  # the horizontal velocity pulse of a near fault
+    id: str = ""
 
 
-def make_motion(
-    magnitude: float, distance: float, seed: int | Seeds, options: Options | None = None
-) -> Motion:
-    """Make one motion; the same arguments give the same samples.
+def make_motion(recipe: Recipe) -> Motion:
+    """Make one motion; InputError outside the ranges of the model.
 
     The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
     cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then the ends are tapered, a pulse is
     added if there is one, a line under a taper is subtracted so that velocity and displacement end
     at zero, and samples are rounded to 1e-6 m/s2 and single precision.
-
-    Magnitudes are from 3 to 8, distances to the rupture from 0 to 300 km, the range of the
-    parameters; a number as `seed` is that of record, event and site. InputError outside them.
     """
-    options = options or Options()
-    seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
-    _check(magnitude, distance, seeds, options)
-    dt = options.dt
+    magnitude, distance, dt, vs30 = recipe.magnitude, recipe.distance, recipe.dt, recipe.vs30
+    seed, own = recipe.seed, (recipe.event_seed, recipe.site_seed)
+    event, site = (seed if each is None else each for each in own)
+    for name, value, low, high in (
+        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
+        ("vs30 [m/s]", vs30, 450.0, 1000.0), ("time step [s]", dt, 1e-6, 0.02),
+        *(("seed", each, 0, 2**63 - 1) for each in (seed, event, site)),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
     length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
     shape = fourier.window(time, length)
     f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
-    amplitude = _amplitude(f, magnitude, distance, options.vs30)
+    amplitude = _amplitude(f, magnitude, distance, vs30)
 
     def shaken(stream: str, term: Row) -> Row:
         """Noise in the window with the amplitude and its variation, tapered [m/s2]."""
-        noise = _generator(stream, seeds.record).standard_normal(size)
+        noise = _generator(stream, seed).standard_normal(size)
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
         spectrum[0] = 0.0
@@ -100,37 +92,19 @@ def make_motion(
         return samples * _taper(active, int(_MARGIN / dt))
 
     facts: dict[str, float | str] = {
-        "event": f"synthetic M{magnitude:g} {seeds.event}", "Mw": magnitude,
-        "distance_km": distance, "Vs30_mps": options.vs30, "seed": seeds.record,
-        "event_seed": seeds.event, "site_seed": seeds.site, "model": MODEL,
+        "event": f"synthetic M{magnitude:g} {event}", "Mw": magnitude, "distance_km": distance,
+        "Vs30_mps": vs30, "seed": seed, "event_seed": event, "site_seed": site, "model": MODEL,
     }  # fmt: skip
-    terms = _terms(magnitude, distance, seeds, options)
+    terms = _terms(recipe, event, site)
     horizontal = shaken("noise", terms[0])
-    if options.pulse:
+    if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
-        stream = _generator("pulse", seeds.record)
-        horizontal, facts["pulse_period_s"] = _with_pulse(
-            horizontal, after_peak, magnitude, stream
-        )
-    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if options.vertical else None
-    log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
-    name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
+        made = _with_pulse(horizontal, after_peak, magnitude, _generator("pulse", seed))
+        horizontal, facts["pulse_period_s"] = made
+    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+    log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
+    name = f"M{magnitude:g}-R{distance:g}-{seed}"
     return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
-
-
-def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
-    for name, value, low, high in (
-        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
-        ("vs30 [m/s]", options.vs30, 450.0, 1000.0),
-    ):  # fmt: skip
-        if not low <= value <= high:
-            allowed = f"{low:g} to {high:g}, the range of the model"
-            raise InputError(f"{name} = {value} is outside {allowed}")
-    if not 0.0 < options.dt <= 0.02:
-        raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
-    for seed in seeds:
-        if not 0 <= seed < 2**63:
-            raise InputError(f"seed {seed} must be from 0 to 2^63 - 1")
 
 
 def _generator(stream: str, seed: int) -> np.random.Generator:
@@ -153,26 +127,25 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
     return fourier.median_correction(amplitude)
 
 
-def _terms(magnitude: float, distance: float, seeds: Seeds, options: Options) -> tuple[Row, Row]:
+def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
     """What is added to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
-    scenario = magnitude, distance, options.vs30
-    ratio = _corrections(*scenario, True) if options.vertical else np.zeros(FREQUENCIES.size)
-    if not options.vary:
+    scenario = recipe.magnitude, recipe.distance, recipe.vs30
+    ratio = _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
+    if not recipe.vary:
         return np.zeros(ratio.size), ratio
     common = _corrections(*scenario, False).copy()
-    for kind, seed in (("event", seeds.event), ("site", seeds.site)):
+    for kind, seed in (("event", event), ("site", site)):
         common += draw_term(kind, _generator(kind, seed))
-    record = draw_term("record", _generator("record", seeds.record))
-    other = draw_term("record", _generator("vertical_record", seeds.record))
+    record = draw_term("record", _generator("record", recipe.seed))
+    other = draw_term("record", _generator("vertical_record", recipe.seed))
     apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
     return common + record, common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio
 
 
 def _finished(samples: Row, dt: float) -> Row:
-    """The samples with velocity and place zero at the end, rounded, between zeros.
+    """The samples less a tapered line, so that velocity and place end at zero; then rounded.
 
-    A tapered line is subtracted so that the trapezoid rule ends there. The ends of rows are zero,
-    so that plain sums are trapezoid sums.
+    The ends of rows are zero, so that plain sums are trapezoid sums.
     """
     taper = _taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
@@ -215,6 +188,6 @@ def _with_pulse(
     slope -= envelope * np.sin(angle + phase)
     pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
     dt, at = time[1] - time[0], _PEAK_PERIOD * period
-    without, alone = (response_spectrum(row, dt, at)[0] for row in (samples, pulse))
+    without, alone = (spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse))
     gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
     return samples + gain * without / alone * pulse, period

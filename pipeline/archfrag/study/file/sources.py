@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from archfrag.errors import InputError, StudyError
-from archfrag.motions.calibrate import record_size
+from archfrag.motions.calibrate import check_file
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import meant
@@ -66,9 +66,9 @@ def find_sources(study: Study) -> list[Source]:
                 other = "another unit, inventory, columns or accept"
                 raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
     for source in (*indexed, *given.values()):
-        record_size(source.path)
+        check_file(source.path)
         if source.inventory is not None:
-            record_size(Path(source.inventory))
+            check_file(Path(source.inventory))
     found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
     return _with_partners(found, study, rows)
 

@@ -1,31 +1,30 @@
-"""Records selected from a flatfile so that their spectra are distributed as a target's."""
+"""Records selected from a flatfile so that their spectra are distributed as a target's.
+
+Spectral accelerations are in g here, as in flatfiles and ground-motion models.
+"""
 
 import os
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.selection.target import SAME, Array, Target, column_of, name_of, numbers
+from archfrag.motions.target import Array, Target, numbers
 
 LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
-TRIALS = 20  # simulated sets
-STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
-MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
-_WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
+STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 # Columns of an index of records by those of a flatfile.
-_INDEX = {
-    "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
-    "distance_km": "distance_km", "vs30_mps": "Vs30_mps", "component": "component",
-    "dt_s": "dt_s", "unit": "unit", "station": "station", "accept": "accept",
-    "columns": "columns",
+_INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
+          "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
+    name: name for name in ("component", "dt_s", "unit", "station", "accept", "columns")
 }  # fmt: skip
 Rows = NDArray[np.int64]
 Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
@@ -33,18 +32,13 @@ Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how m
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Selected records with the factors that bring them to the target.
+    """Selected records with the factors that bring them to the target."""
 
-    `table` has rows of the flatfile in the order of their ids, with the factor in column
-    ``scale``; `ln_sa` (count, n_period) is ln Sa [g] of the records times their factors at the
-    target's periods; `candidates` is how many records could have been selected.
-    """
-
-    table: pd.DataFrame
+    table: pd.DataFrame  # rows of the flatfile by id, with the factors as column scale
     target: Target
-    ln_sa: Array
+    ln_sa: Array  # of the records times their factors, (count, n_period) [ln g]
     seed: int
-    candidates: int
+    candidates: int  # records that could have been selected
 
     @property
     def median(self) -> Array:
@@ -67,21 +61,13 @@ class Selection:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
-        found, given = list(self.target.notes), self.target.conditioning
-        count = len(self.table)
-        if given is not None and (np.abs(np.log(_columns(self.table)[0] / given)) >= SAME).all():
-            found.append(
-                f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
-                "periods near it too small; measure them at that period"
-            )
+        found, count = list(self.target.notes), len(self.table)
         scale = self.table.set_index("record")["scale"].astype(float)
         large = scale.where(scale >= 1.0, 1.0 / scale)
-        if (large > LARGE_SCALE).any():
-            found.append(
-                f"{(large > LARGE_SCALE).sum()} of {count} records are scaled by more than "
-                f"{LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}, up to a factor of "
-                f"{large.max():.3g} ({large.idxmax()})"
-            )
+        if (many := (large > LARGE_SCALE).sum()) > 0:
+            beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
+            end = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
+            found.append(f"{many} of {count} records are scaled by {beyond}, {end}")
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):
@@ -105,21 +91,19 @@ class Selection:
     def write(self, path: str | Path, folder: str | Path = ".") -> None:
         """Write the records as an index that a study reads (``motions: index: PATH``).
 
-        Columns are those of an index of records and ``scale``. A study scales each record to
-        its own levels and does not apply ``scale``, which is the factor for the target: both
-        are equal if the level is Sa(T*) of a conditional spectrum. An empty ``unit`` is
-        that of the file. `folder` is what the column ``file`` of the flatfile is relative to.
-        RecordError if there is no such column, OutputError if the file cannot be written.
+        A study does not apply the column ``scale``, the factor for the target: it scales each
+        record to its own levels, by the same factor if a level is Sa(T*) of a conditional
+        spectrum. `folder` is what the column ``file`` of the flatfile is relative to. RecordError
+        if there is no such column, OutputError if the file cannot be written.
         """
         place = Path(os.path.realpath(path))
-        column_of(self.table, "file")
-        rows = pd.DataFrame({
-            new: self.table[old] for old, new in _INDEX.items() if old in self.table
-        })  # fmt: skip
+        if "file" not in self.table:
+            raise RecordError("the flatfile: column 'file' is missing")
+        known = [name for name in _INDEX if name in self.table]
+        rows = self.table[known].rename(columns=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
-        if "unit" not in rows:
-            rows["unit"] = ""
+        rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         kind = "spectrum" if self.target.sd.any() else "mean spectrum"
         if (given := self.target.given) is not None:
@@ -142,11 +126,10 @@ def select_records(
 
     `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
     and ``event`` and ``station`` as far as known. With a conditioning period every record is
-    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum, or to
-    a target that is a mean only; no factor is above `max_scale` or below its inverse. At most
-    `per_event` records are of one event. The same table, whatever the order of its rows, and the
-    same seed give the same set. RecordError if the flatfile lacks a column or period, or fewer
-    records than asked for may be selected, InputError for another argument.
+    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum; no
+    factor is above `max_scale` or below its inverse. The same table, whatever the order of its
+    rows, and the same seed give the same set. RecordError if the flatfile lacks a column or
+    period, or fewer records than asked for may be selected, InputError for another argument.
     """
     for name, value, least in (
         ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
@@ -154,25 +137,33 @@ def select_records(
     ):  # fmt: skip
         if not value >= least:
             raise InputError(f"{name} = {value} must be at least {least}")
+    for column in ("record",) if per_event is None else ("record", "event"):
+        if column not in table:
+            raise RecordError(f"the flatfile: column {column!r} is missing")
     limit = float(np.log(max_scale))
     records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
+
+    def scaled(spectrum: Array) -> Array:
+        return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
+
     found = []
-    for start in _simulated(target, count, np.random.default_rng(seed)):
-        chosen = _improved(ln_sa, target, start, _matched(ln_sa, target, start, limit, groups),
-                           limit, groups)  # fmt: skip
-        ln_factor = np.array([
-            _factors(ln_sa[[record]], target, start[place], limit)[0]
-            for place, record in enumerate(chosen)
-        ])  # fmt: skip
-        scaled = ln_sa[chosen] + ln_factor[:, None]
-        sd = scaled.std(axis=0, ddof=1) if len(chosen) > 1 else target.sd
-        found.append((float(_deviation(target, scaled.mean(axis=0), sd)), chosen, ln_factor))
-    _, chosen, ln_factor = min(found, key=lambda each: each[0])
+    for spectra in _simulated(target, count, np.random.default_rng(seed)):
+        chosen = np.empty(0, dtype=np.int64)
+        for spectrum in spectra:
+            apart = ((scaled(spectrum) - spectrum) ** 2).sum(axis=1)
+            apart[_excluded(groups, chosen)] = np.inf
+            chosen = np.append(chosen, int(apart.argmin()))
+        _improve(chosen, spectra, scaled, target, groups)
+        factors = np.array([_factors(ln_sa[[record]], target, spectrum, limit)[0]
+                            for record, spectrum in zip(chosen, spectra)])  # fmt: skip
+        held = ln_sa[chosen] + factors[:, None]
+        sd = held.std(axis=0, ddof=1) if count > 1 else target.sd
+        found.append((float(_deviation(target, held.mean(axis=0), sd)), chosen, factors, held))
+    _, chosen, factors, held = min(found, key=lambda each: each[0])
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
-    selected["scale"] = np.exp(ln_factor[order])
-    scaled = (ln_sa[chosen] + ln_factor[:, None])[order]
-    return Selection(selected, target, scaled, seed, len(records))
+    selected["scale"] = np.exp(factors[order])
+    return Selection(selected, target, held[order], seed, len(records))
 
 
 def _deviation(target: Target, mean: Array, sd: Array) -> Array:
@@ -188,7 +179,7 @@ def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
     # Published correlations are not quite positive definite. The symmetric root does not hang on
     # the signs of eigenvectors, which differ between machines.
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
-    drawn = target.ln_mean + rng.standard_normal((TRIALS, count, values.size)) @ root
+    drawn = target.ln_mean + rng.standard_normal((20, count, values.size)) @ root
     sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
     return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
 
@@ -208,32 +199,18 @@ def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
     return taken
 
 
-def _matched(ln_sa: Array, target: Target, start: Array, limit: float, groups: Groups) -> Rows:
-    """Record nearest to each simulated spectrum among those still allowed, shape (count,)."""
-    chosen = np.empty(0, dtype=np.int64)
-    for spectrum in start:
-        scaled = ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
-        apart = ((scaled - spectrum) ** 2).sum(axis=1)
-        apart[_excluded(groups, chosen)] = np.inf
-        chosen = np.append(chosen, int(apart.argmin()))
-    return chosen
-
-
-def _improved(
-    ln_sa: Array, target: Target, start: Array, chosen: Rows, limit: float, groups: Groups
-) -> Rows:
+def _improve(
+    chosen: Rows, spectra: Array, scaled: Callable[[Array], Array], target: Target, groups: Groups
+) -> None:
     """The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing."""
     count = len(chosen)
-
-    def scaled(place: int) -> Array:
-        return ln_sa + _factors(ln_sa, target, start[place], limit)[:, None] - target.ln_mean
-
-    held = np.array([scaled(place)[record] for place, record in enumerate(chosen)])
-    for _ in range(MOST_PASSES if count > 1 else 0):
+    held = np.array([scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)])
+    held -= target.ln_mean
+    for _ in range(50 if count > 1 else 0):
         before = chosen.copy()
-        for place in range(count):
+        for place, spectrum in enumerate(spectra):
+            candidates = scaled(spectrum) - target.ln_mean
             others = np.delete(held, place, axis=0)
-            candidates = scaled(place)
             mean = (others.sum(axis=0) + candidates) / count
             squares = (others**2).sum(axis=0) + candidates**2
             sd = np.sqrt(np.clip(squares - count * mean**2, 0.0, None) / (count - 1))
@@ -244,19 +221,16 @@ def _improved(
                 chosen[place], held[place] = best, candidates[best]
         if (chosen == before).all():
             break
-    return chosen
 
 
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
     """Records that may be selected, their ln Sa, and which of them may be together."""
-    ids = column_of(table, "record").astype(str)
-    if table.empty:
-        raise RecordError(f"{name_of(table)}: has no record")
+    ids = table["record"].astype(str)
     if ids.duplicated().any():
         twice = ids[ids.duplicated()].iloc[0]
-        raise RecordError(f"{name_of(table)}: record {twice!r} is there twice")
+        raise RecordError(f"the flatfile: record {twice!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
     ln_sa = _spectra(records, target.periods)
     usable = np.isfinite(ln_sa).all(axis=1)
@@ -271,17 +245,13 @@ def _candidates(
     groups, most = [(recording, 1)], len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
-        column_of(records, "event")
         event = _groups(records, ["event"])
         groups.append((event, per_event))
         of_event = Counter(dict(set(zip(recording, event))).values())
         most = sum(min(number, per_event) for number in of_event.values())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
-        raise RecordError(
-            f"{name_of(table)}: {count} records were asked for, but only {most} may be selected; "
-            f"{story}"
-        )
+        raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
     return records, ln_sa, groups
 
 
@@ -293,42 +263,18 @@ def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
 
 
-def _columns(table: pd.DataFrame) -> tuple[Array, list[str]]:
-    """Rising periods [s] and the names of their columns of Sa."""
+def _spectra(table: pd.DataFrame, periods: Array) -> Array:
+    """ln Sa [g] of records, (n_record, n_period); nan if it is missing or not positive (-999)."""
     matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    found = sorted((float(match[1]), match[0]) for match in matches if match)
-    return np.array([period for period, _ in found]), [name for _, name in found]
-
-
-def _spectra(table: pd.DataFrame, periods: ArrayLike) -> Array:
-    """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
-
-    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan if a
-    value is missing or not positive (-999 in NGA flatfiles).
-    """
-    have, names = _columns(table)
-    if not names:
-        raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
-    asked = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    outside = asked[(asked < have[0] * (1.0 - 1e-6)) | (asked > have[-1] * (1.0 + 1e-6))]
-    if outside.size:
-        given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
-        raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
-    place = np.interp(np.log(asked), np.log(have), np.arange(have.size))
-    near, after = np.rint(place).astype(int), np.ceil(place).astype(int)
-    before = np.maximum(after - 1, 0)
-    same = np.abs(np.log(have[near] / asked)) < SAME
-    apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
-    if apart.any():
-        first = int(apart.argmax())
-        raise RecordError(
-            f"{name_of(table)}: has no Sa between {have[before[first]]:g} and "
-            f"{have[after[first]]:g} s, too far apart to interpolate the target's "
-            f"{asked[first]:g} s"
-        )
-    ln_sa = np.column_stack([numbers(table, name) for name in names])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
-    part = place - before
-    between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
-    return np.where(same, ln_sa[:, near], between)
+    have = {float(match[1]): match[0] for match in matches if match}
+    names = []
+    for period in periods:
+        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
+        if abs(near - period) > 2e-3 * period:
+            raise RecordError(
+                f"the flatfile: no column T{period:.3f}S; measure at that period too"
+            )
+        names.append(have[near])
+    sa = np.column_stack([numbers(table, name) for name in names])
+    with np.errstate(invalid="ignore"):
+        return np.log(np.where(sa > 0.0, sa, np.nan))

@@ -2,7 +2,6 @@
 
 import io
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,10 @@ MODELS = {
     "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
     "ASB14": "AkkarSandikkayaBommer2014",
 }  # fmt: skip
-SHORTEST, LONGEST = 0.01, 10.0  # periods for which correlations were fitted [s]
 MECHANISMS = ("SS", "RS", "NS")
+PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
+LARGEST_TARGET = 10_000_000  # [bytes]
+SAME = 1e-6  # relative difference of periods that are the same
 _WORDS = {
     "mag": ("magnitude", ""), "dist_rup": ("distance", " km"), "v_s30": ("Vs30", " m/s"),
     "dist_jb": ("Joyner-Boore distance", " km"), "dip": ("dip", " degrees"),
@@ -33,25 +34,22 @@ _WORDS = {
 class Rupture:
     """An earthquake and a site, as ground-motion models for active shallow crust want them.
 
-    Moment magnitude, closest distance to the rupture [km], Vs30 of the site [m/s], mechanism
-    (``SS`` strike-slip, ``RS`` reverse, ``NS`` normal), dip of the fault [degrees] and a region
-    that the model knows (``italy``, ``japan``). The site is on the footwall's side; the top of
-    the rupture is its closest point, as deep as Chiou and Youngs (2014) expect.
+    The site is on the footwall's side; the top of the rupture is its closest point, as deep as
+    Chiou and Youngs (2014) expect.
     """
 
-    magnitude: float
-    distance_km: float
+    magnitude: float  # moment magnitude
+    distance_km: float  # closest distance to the rupture
     vs30_mps: float
-    mechanism: str = "SS"
-    dip: float = 90.0
-    region: str | None = None
+    mechanism: str = "SS"  # strike-slip, or RS (reverse), NS (normal)
+    dip: float = 90.0  # [degrees]
+    region: str | None = None  # that the model knows (italy, japan)
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
-            allowed = f"must be one of {', '.join(MECHANISMS)}"
-            raise InputError(f"mechanism {self.mechanism!r} of a rupture {allowed}")
+            raise InputError(f"mechanism {self.mechanism!r} is not in {', '.join(MECHANISMS)}")
         for name in ("magnitude", "distance_km", "vs30_mps"):
-            check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
+            _check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
 
     def parameters(self) -> dict[str, Any]:
         """What pygmm calls the facts of a rupture."""
@@ -73,21 +71,29 @@ def predict(
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
-    `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014)
-    or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12). Those of NGA-West2
-    (the first five) give RotD50, ASB14 the geometric mean of two components; a single component
-    varies somewhat more than either. Damping is 5 %; periods are in s. Notes name what of the
-    rupture is beyond what the model is recommended for. InputError if the model is unknown or
-    does not know the mechanism or region, or a period is outside the model's.
+    `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
+    these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
+    the geometric mean of two components); a single component varies somewhat more. Damping is
+    5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
+    unknown or does not know the mechanism or region, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
     pygmm = from_extra("pygmm", "select")
     kind, asked = getattr(pygmm, MODELS[model]), np.atleast_1d(np.asarray(periods, dtype=float))
-    facts = rupture.parameters()
-    notes = tuple(_beyond(kind, facts, model))
-    known = {parameter.name for parameter in kind.PARAMS}
-    scenario = pygmm.Scenario(**{k: v for k, v in facts.items() if k in known})
+    facts, known, notes = rupture.parameters(), {}, []
+    for parameter in (each for each in kind.PARAMS if each.name in facts):
+        known[parameter.name] = value = facts[parameter.name]
+        word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
+        options = getattr(parameter, "options", None)
+        if options and value not in options:
+            have = ", ".join(options)
+            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {have}")
+        low, high = (getattr(parameter, end, None) for end in ("min", "max"))
+        if (low is not None and value < low) or (high is not None and value > high):
+            limits = f"{low or 0} to {high or 'any'}{unit}"
+            notes.append(f"{model} is recommended for {word} {limits}, not {value:g}{unit}")
+    scenario = pygmm.Scenario(**known)
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in whose place are the notes
         prediction = kind(scenario)
@@ -95,22 +101,8 @@ def predict(
     # A period of the table's end may differ from the one typed by rounding.
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
-    return prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside), notes
-
-
-def _beyond(kind: Any, facts: dict[str, Any], model: str) -> Iterator[str]:
-    for parameter in (each for each in kind.PARAMS if each.name in facts):
-        value = facts[parameter.name]
-        word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
-        options = getattr(parameter, "options", None)
-        if options and value not in options:
-            known = ", ".join(options)
-            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {known}")
-        for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
-            limit = getattr(parameter, name, None)
-            if limit is not None and sign * value < sign * limit:
-                recommended = f"recommended for {word} {side} {limit:g}{unit}"
-                yield f"{model} is {recommended}, not {value:g}{unit}"
+    ln_median, sd = prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside)
+    return ln_median, sd, tuple(notes)
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> Array:
@@ -123,12 +115,12 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
     fitted = "for which the correlations of Baker and Jayaram (2008) were fitted"
     for periods in both:
-        _check_within(np.atleast_1d(periods).ravel(), SHORTEST, LONGEST, fitted)
+        _check_within(np.atleast_1d(periods).ravel(), 0.01, 10.0, fitted)
     return np.asarray(calc_correls(*both), dtype=np.float64)
 
 
-def check_positive(value: float, name: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
+def _check_positive(value: float, name: str) -> None:
+    if not 0.0 < value < np.inf:
         raise InputError(f"{name} must be a number above 0")
 
 
@@ -138,25 +130,15 @@ def _check_within(periods: Array, low: float, high: float, what: str) -> None:
         raise InputError(f"period {outside[0]:g} s is outside {low:g} to {high:g} s {what}")
 
 
-PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
-LARGEST_TARGET = 10_000_000  # [bytes]
-SAME = 1e-6  # relative difference of periods that are the same
-
-
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Distribution of ln Sa [ln g] at rising `periods` [s] that records are selected to.
+    """Distribution of ln Sa [ln g] that records are selected to."""
 
-    `ln_mean` (n_period,) and `covariance` (n_period, n_period), which is zero for a spectrum that
-    is a mean only. `conditioning` is the period [s] at which Sa is given, so that every record is
-    scaled to it; `notes` is what users of the target should know.
-    """
-
-    periods: Array
+    periods: Array  # rising, (n_period,) [s]
     ln_mean: Array
-    covariance: Array
-    conditioning: float | None = None
-    notes: tuple[str, ...] = ()
+    covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
+    conditioning: float | None = None  # period [s] at which Sa is given, to scale every record to
+    notes: tuple[str, ...] = ()  # what users of the target should know
 
     @property
     def median(self) -> Array:
@@ -192,19 +174,11 @@ def conditional_spectrum(
     27(3), 797-815.
 
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
-    of them. InputError if a number is not positive, a period occurs twice, or is outside the
+    of them. InputError if a number is not positive, or a period occurs twice or is outside the
     range of the model or of the correlation.
-
-    Examples
-    --------
-    >>> from archfrag.motions.selection import Rupture, conditional_spectrum
-    >>> crustal = Rupture(magnitude=7.0, distance_km=15.0, vs30_mps=500.0)
-    >>> target = conditional_spectrum(crustal, 0.4, 1.0, [0.2, 0.5, 1.0, 2.0])
-    >>> target.median.round(2), target.sd.round(2)
-    (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
     """
-    check_positive(level, f"level = {level} g of Sa({conditioning} s)")
-    check_positive(conditioning, f"conditioning period {conditioning} s")
+    _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
+    _check_positive(conditioning, f"conditioning period {conditioning} s")
     grid = _rising(periods, "periods")
     near = np.abs(np.log(grid / conditioning)) < SAME
     grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
@@ -224,24 +198,21 @@ def spectrum_target(
 ) -> Target:
     """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    `median` is exp of the mean of ln Sa, `sd` its standard deviation. Where that is 0 at one
-    period, this is the conditioning period. Without it, or with zeros only, the target is a mean:
-    records are sought that lie close to it. Correlations are those of Baker and Jayaram (2008).
-    InputError, beginning with `source`, for numbers that are missing, not positive or not finite,
-    a period that occurs twice, or an sd of 0 at several periods but not at all.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
+    period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
+    to which records are to be close. InputError, beginning with `source`, for numbers that are
+    missing or not positive, a period twice, or an sd of 0 at several periods but not at all.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    columns = {"median Sa": median, "sd": np.zeros(given.shape) if sd is None else sd}
-    rows = [np.asarray(column, dtype=np.float64) for column in columns.values()]
-    for name, row in zip(columns, rows):
+    scatter = np.zeros(given.shape) if sd is None else np.asarray(sd, dtype=np.float64)
+    rows = np.asarray(median, dtype=np.float64), scatter
+    for name, row in zip(("median Sa", "sd"), rows):
         if row.shape != given.shape or not np.isfinite(row).all():
-            needed = f"must be finite numbers, one for each of {given.size} periods"
-            raise InputError(f"{source}: {name} {row.tolist()} {needed}")
+            raise InputError(f"{source}: {name} {row.tolist()} needs {given.size} finite numbers")
     sa, scatter = (row[np.argsort(given)] for row in rows)
     if not (sa > 0.0).all() or (scatter < 0.0).any():
-        low = f"median Sa {sa.min():g} g must be above 0 and sd {scatter.min():g} not below 0"
-        raise InputError(f"{source}: {low}")
+        raise InputError(f"{source}: median Sa {sa.min():g} g or sd {scatter.min():g} is too low")
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
@@ -268,33 +239,20 @@ def read_target(path: str | Path) -> Target:
         rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    if rows.empty:
-        raise InputError(f"{path}: the target has no rows")
-    rows.attrs["source"] = path
-    sd = numbers(rows, "sd") if "sd" in rows else None
-    return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
+    source = str(path)
+    sd = numbers(rows, "sd", source) if "sd" in rows else None
+    periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
+    return spectrum_target(periods, median, sd, source)
 
 
-def numbers(table: pd.DataFrame, column: str) -> Array:
+def numbers(table: pd.DataFrame, column: str, source: str = "the flatfile") -> Array:
     """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
-    values = column_of(table, column)
-    converted = pd.to_numeric(values, errors="coerce")
-    wrong = values[converted.isna() & values.notna() & (values.astype(str).str.strip() != "")]
-    if len(wrong):
-        raise RecordError(f"{name_of(table)}: {column} = {wrong.iloc[0]!r} is not a number")
-    return converted.to_numpy(dtype=np.float64)
-
-
-def column_of(table: pd.DataFrame, column: str) -> pd.Series:
-    """A column; RecordError if it is missing."""
-    if column not in table.columns:
-        raise RecordError(f"{name_of(table)}: column {column!r} is missing")
-    return table[column]
-
-
-def name_of(table: pd.DataFrame) -> str:
-    """What messages call a table: its ``attrs["source"]`` where it has one."""
-    return str(table.attrs.get("source", "the flatfile"))
+    try:
+        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+    except KeyError:
+        raise RecordError(f"{source}: column {column!r} is missing") from None
+    except ValueError as error:
+        raise RecordError(f"{source}: {column}: {error}") from None
 
 
 def _rising(periods: ArrayLike, name: str) -> Array:
