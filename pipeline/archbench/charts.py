@@ -166,16 +166,20 @@ def fragility_chart(curves: pd.DataFrame) -> Figure:
 
 
 def knee_chart(settings: pd.DataFrame) -> Figure:
-    """Cost of a study against the error of theta, a panel for each arch."""
-    shown = settings[settings["rms"] > 0.0]  # the reference has no error
-    arches = list(dict.fromkeys(shown["arch"]))
+    """Error of theta, with its standard error, against the cost of a study; a panel an arch."""
+    arches = list(dict.fromkeys(settings["arch"]))
     figure, panels = _panels(2.9, 1, len(arches), len(arches))
     for axes, arch in zip(panels, arches, strict=True):
-        for method, group in shown[shown["arch"] == arch].groupby("method", sort=False):
-            _marked(axes, 100.0 * group["rms"], group["seconds"], [False] * len(group),
-                    style_of(str(method)))  # fmt: skip
-        _log(axes, "error of theta (%)", "CPU seconds of the study", arch)
-    _legend(figure, _ordered(shown["method"]), floor=False)
+        for method, group in settings[settings["arch"] == arch].groupby("method", sort=False):
+            shown = group[group["rms"] > 0.0].sort_values("seconds")  # the reference has no error
+            style = style_of(str(method))
+            percent = 100.0 * shown[["error", "standard_error"]]
+            axes.errorbar(shown["seconds"], *percent.to_numpy().T, color=style.colour,
+                          marker=style.marker, ms=4.0, lw=0.9)  # fmt: skip
+        axes.axhline(0.0, color=GREY, lw=0.7, zorder=1)
+        axes.set(xscale="log", title=arch, xlabel="CPU seconds of 450 runs",
+                 ylabel="error of theta (%)")  # fmt: skip
+    _legend(figure, _ordered(settings["method"]), floor=False)
     return figure
 
 

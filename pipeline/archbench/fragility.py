@@ -70,10 +70,13 @@ def scenes_of(folder: Path, arch: str, quick: bool) -> tuple[list[Scene], list[f
     return scenes, np.linspace(0.2, 3.0, 15)[:: 2 if quick else 1].round(12).tolist()
 
 
-def run_study(setting: Setting, repeat: int, folder: Path, arch: str, quick: bool) -> Row:
-    """Outcomes and CPU seconds of one study, as of `Study`."""
-    scenes, levels = scenes_of(folder, arch, quick)
-    factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels]
+def run_study(
+    setting: Setting, repeat: int, folder: Path, arch: str, quick: bool,
+    levels: Sequence[float] = (),
+) -> Row:  # fmt: skip
+    """Outcomes and CPU seconds of one study, as of `Study`; levels [g] if not the shipped ones."""
+    scenes, shipped = scenes_of(folder, arch, quick)
+    factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels or shipped]
     outcomes, seconds = [], 0.0
     for scene in scenes:
         runs = solve_many(scene, setting, factors)
