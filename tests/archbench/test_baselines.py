@@ -114,8 +114,8 @@ class TestFourLink:
             assert away < 1e-5 * (np.abs(slope).max() + 1.0)
             move_faces(model, state.position, work.rotated, work.face, work.tangent)
             apart = np.abs(work.face[:, 1] - work.face[:, 0]).max(axis=2)
-            assert apart[bars.touch > 0.5].max() < 1e-11
-            assert apart[bars.touch < 0.5].min() > 1e-4
+            assert apart[bars.contact > 0.5].max() < 1e-11
+            assert apart[bars.contact < 0.5].min() > 1e-4
             checked += 1
         assert checked >= 3
 
@@ -247,7 +247,7 @@ class TestPenalty:
         place[:2] -= [c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]]
 
         def energy(at):
-            work.touch[:] = springs.shear[:] = 0.0
+            work.contact[:] = springs.shear[:] = 0.0
             state.position[1] = at
             move_faces(model, state.position, work.rotated, work.face, work.tangent)
             press_joints(model, state, work, springs, 0.0)
@@ -256,7 +256,7 @@ class TestPenalty:
         energy(place)
         force, steps = springs.total[1].copy(), 1e-7 * np.eye(3)
         slope = np.array([energy(place + step) - energy(place - step) for step in steps]) / 2e-7
-        assert work.touch.sum() == 1
+        assert work.contact.sum() == 1
         np.testing.assert_allclose(force, -slope, atol=3e-3 * np.abs(force).max())
 
     def test_is_stable_below_the_critical_step_and_not_above(self):

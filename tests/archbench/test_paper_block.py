@@ -38,7 +38,7 @@ from archbench.paper.regions import (
 from archfrag.arch import STANDARD_GRAVITY as g
 from archfrag.mechanics.contact.modes import start_modes
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import Kick
+from archfrag.mechanics.ground import Impulse
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.common import clear
 from archfrag.methods.time_stepping.step import pose_step
@@ -193,8 +193,8 @@ class Standing:
         """Motion that one time step gives."""
         speed, model = STEP * self.model.gravity, self.model
         model.friction[0], model.ray[0] = friction, (1.0, friction)
-        kick = Kick(speed * ground_x, speed * ground_y)
-        pose_step(model, self.state, self.work, kick, STEP, STEP)
+        impulse = Impulse(speed * ground_x, speed * ground_y)
+        pose_step(model, self.state, self.work, impulse, STEP, STEP)
         start_modes(self.state, self.work, True, False)
         answer = solve(problem_in(model, self.work.position, self.work))
         return self.motion_of(answer.velocity[0] / speed) if answer.solved else None

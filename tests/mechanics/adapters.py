@@ -47,10 +47,10 @@ CLOSED = Mode((0, 1))
 PLUS, MINUS = 1, -1
 
 
-def set_modes(modes, touch, slide):
+def set_modes(modes, contact, slide):
     """Write modes in the layout of the package."""
     for j, mode in enumerate(modes):
-        touch[j] = [k in mode.corners for k in range(2)]
+        contact[j] = [k in mode.corners for k in range(2)]
         slide[j] = mode.slip
 
 
@@ -98,8 +98,8 @@ def wrench_of(reaction, pivot):
 
 def modes_of(work):
     return [
-        Mode(tuple(int(k) for k in np.flatnonzero(touch)), int(slide))
-        for touch, slide in zip(work.touch, work.slide)
+        Mode(tuple(int(k) for k in np.flatnonzero(contact)), int(slide))
+        for contact, slide in zip(work.contact, work.slide)
     ]
 
 
@@ -124,7 +124,7 @@ def posed(problem):
     work.side_normal[:] = np.stack([p.normal_plus, p.normal_minus], axis=2)
     work.candidate[:], work.known[:], work.bias[:] = p.touching, p.sliding, p.bias
     work.free[1:-1] = p.free
-    set_modes(p.start, work.touch, work.slide)
+    set_modes(p.start, work.contact, work.slide)
     return model, position, work
 
 
@@ -173,7 +173,7 @@ def residual(problem, solution, rates, scale):
     """
     model, _, work = posed(problem)
     reaction, pivot = solution.wrench, work.pivot
-    work.parting[:], work.reaction[:, :2] = rates, reaction[:, :2]
+    work.corner_rate[:], work.reaction[:, :2] = rates, reaction[:, :2]
     about = pivot[:, 0] * reaction[:, 1] - pivot[:, 1] * reaction[:, 0]
     work.reaction[:, 2] = reaction[:, 2] - about
     return contact_residual(model, work, scale, np.abs(reaction[:, :2]).max() or 1.0)
@@ -218,13 +218,13 @@ def proposed(joints, scale=1.0, force_scale=1.0, tolerance=1e-9):
         for c in range(2):
             arm = _in_frame(0.0, (2 * c - 1) * joint.half)
             work.point[j, c] = work.pivot[j] + arm
-            work.parting[j, c] = velocity + joint.motion[2] * np.array([-arm[1], arm[0]])
+            work.corner_rate[j, c] = velocity + joint.motion[2] * np.array([-arm[1], arm[0]])
             for side in range(2):
                 lean = joint.lean[side]
                 work.side_normal[j, c, side] = _in_frame(np.cos(lean), np.sin(lean))
         work.reaction[j, :2], work.reaction[j, 2] = _in_frame(*joint.force[:2]), joint.force[2]
     changed = ask_modes(model, work, tolerance * scale, tolerance * force_scale)
-    work.touch[:], work.slide[:] = work.asked_touch, work.asked_slide
+    work.contact[:], work.slide[:] = work.asked_contact, work.asked_slide
     return modes_of(work), bool(changed)
 
 
@@ -261,8 +261,8 @@ class Posed:
         self.position, self.velocity = framed(position), framed(velocity)
         move_faces(model, self.position, work.rotated, work.face, work.tangent)
         place_contacts(model, self.slip, work.face, work.tangent, work)
-        set_modes(modes, work.touch, work.slide)
-        work.candidate[:], work.known[:] = work.touch, work.slide
+        set_modes(modes, work.contact, work.slide)
+        work.candidate[:], work.known[:] = work.contact, work.slide
         work.free[1:-1] = -horizontal, -chain.gravity - vertical, 0.0
         centripetal_bias(self.position, self.velocity, self.slip, work.known, work)
         self.start = problem_in(model, self.position, work)
@@ -288,7 +288,7 @@ class Posed:
         """
         horizontal, vertical = self.given[3:5]
         model, work, mega = self.model, self.work, new_mega_voussoirs(self.model)
-        assemble(model, work.touch, work.slide, self.slip, mega)
+        assemble(model, work.contact, work.slide, self.slip, mega)
         gather_state(model, self.position, self.velocity, mega)
         mega = views_of(mega)
         solved = mega.count[0] > 0 and solve_first_level(

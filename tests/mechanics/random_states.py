@@ -45,8 +45,8 @@ def random_state(rng, n, mu, kind):
     work.rotated[-1] = np.cos(angle), np.sin(angle)
     move_faces(model, position, work.rotated, work.face, work.tangent)
     place_contacts(model, slip, work.face, work.tangent, work)
-    set_modes(modes, work.touch, work.slide)
-    work.candidate[:] = work.touch
+    set_modes(modes, work.contact, work.slide)
+    work.candidate[:] = work.contact
     work.free[1:-1] = rng.uniform(-9.81, 9.81), -9.81 * (1 + rng.uniform(-0.3, 0.3)), 0.0
     if kind == "impact":
         work.free[1:-1] = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * rng.uniform(0.01, 1)

@@ -7,7 +7,7 @@ import archfrag as af
 from archfrag.mechanics.ground import (
     end_rest,
     grounds_of,
-    kick_between,
+    impulse_between,
     one_of,
     rest_margin,
     segment_at,
@@ -30,7 +30,7 @@ def clock_at(time, motion=0, factor=1.0):
 def test_impulse_is_the_exact_integral_of_either_component():
     knots, rng = np.arange(50) * DT, np.random.default_rng(3)
     for start, end in rng.uniform(-0.1, 1.1, (50, 2)):
-        given = kick_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
+        given = impulse_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
         grid = np.union1d(knots, [start, end])
         grid = grid[(grid >= min(start, end)) & (grid <= max(start, end))]
         inside = (grid[:-1] >= 0.0) & (grid[1:] <= knots[-1] + 1e-12)
@@ -39,7 +39,7 @@ def test_impulse_is_the_exact_integral_of_either_component():
             pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(grid)
             expected = -1.5 * pieces[inside].sum() * np.sign(end - start)
             assert found == pytest.approx(expected, abs=1e-13)
-    alone = kick_between(GROUNDS, clock_at(0.0), 0.1, 0.5)
+    alone = impulse_between(GROUNDS, clock_at(0.0), 0.1, 0.5)
     assert abs(alone.x) > 1e-3
     assert alone.y == 0.0
 

@@ -22,8 +22,8 @@ from archfrag.mechanics.types import Options
 from archfrag.methods.common import (
     AT_END,
     BROKEN,
+    COLLAPSES,
     EXHAUSTED,
-    FALLEN,
     IDLE,
     UNSOLVED,
     clear,
@@ -39,14 +39,14 @@ WEIGHT = 10.0 * MASS
 LOSS_LIMIT = 0.5
 
 
-def placed(x=0.0, y=0.0, tilt=0.0, touch=(1.0, 1.0), slide=0.0):
+def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     """State and workspace of the block displaced by (x, y) with its joint in a mode."""
     state, work = new_state(MODEL), new_work(MODEL)
     clear(state)
     state.position[1] = [CHAIN.centroid[0, 0] + x, CHAIN.centroid[0, 1] + y, tilt]
     move_faces(MODEL, state.position, work.rotated, work.face, work.tangent)
     place_contacts(MODEL, state.slip, work.face, work.tangent, work)
-    work.touch[0], work.slide[0] = touch, slide
+    work.contact[0], work.slide[0] = contact, slide
     return state, work
 
 
@@ -54,21 +54,21 @@ def placed(x=0.0, y=0.0, tilt=0.0, touch=(1.0, 1.0), slide=0.0):
     ("place", "mode", "collapses", "slip"),
     [
         ((), {}, False, 0.0),
-        ((0.0, 0.3), {"touch": (0.0, 0.0)}, False, 0.0),  # in flight: it may land again
-        ((0.0, 0.6), {"touch": (0.0, 0.0)}, True, 0.0),  # the gap has passed the limit
+        ((0.0, 0.3), {"contact": (0.0, 0.0)}, False, 0.0),  # in flight: it may land again
+        ((0.0, 0.6), {"contact": (0.0, 0.0)}, True, 0.0),  # the gap has passed the limit
         ((0.7, 0.0), {"slide": 1.0}, False, -0.7),
         ((1.1, 0.0), {"slide": 1.0}, True, -1.1),  # the faces no longer overlap
-        ((0.0, 0.0, 1.6), {"touch": (0.0, 1.0)}, True, 0.0),  # rotated beyond 90 degrees
+        ((0.0, 0.0, 1.6), {"contact": (0.0, 1.0)}, True, 0.0),  # rotated beyond 90 degrees
     ],
 )
 def test_follow_joints(place, mode, collapses, slip):
     state, work = placed(*place, **mode)
     state.clock[Clock.TIME] = 2.0
     assert bool(follow_joints(MODEL, state, work, True, LOSS_LIMIT)) is collapses
-    assert list(state.touch[0]) == list(work.touch[0])
+    assert list(state.contact[0]) == list(work.contact[0])
     if len(place) < 3:
         assert state.slip[0] == pytest.approx(slip, abs=1e-12)
-    lost = mode.get("touch") == (0.0, 0.0)
+    lost = mode.get("contact") == (0.0, 0.0)
     assert (state.lost_since[0] == 2.0) == lost
     assert state.loss[Loss.WIDEST] == pytest.approx(place[1] if lost else 0.0)
     assert math.isnan(state.loss[Loss.TIME]) is not lost
@@ -96,7 +96,7 @@ def test_state_residual(place, force, expected):
 
 
 @pytest.mark.parametrize(
-    ("free", "touch", "slide", "velocity"),
+    ("free", "contact", "slide", "velocity"),
     [
         ((0.0, -10.0, 0.0), (1, 1), 0, (0.0, 0.0, 0.0)),  # rests
         ((4.0, -10.0, 0.0), (1, 1), 0, (0.0, 0.0, 0.0)),  # friction and base hold it
@@ -104,17 +104,17 @@ def test_state_residual(place, force, expected):
         ((1.0, 0.0, 0.0), (1, 1), 0, (1.0, 0.0, 0.0)),  # nothing presses
     ],
 )
-def test_solve_contact(free, touch, slide, velocity):
+def test_solve_contact(free, contact, slide, velocity):
     state, work = placed()
     work.free[1], work.candidate[:] = free, 1.0
-    solved, refused, active, rounds = solve_contact(
+    solved, refused, active, iterations = solve_contact(
         MODEL, state.position, work, True, 0.0, -1.0, EXACT
     )
     assert (solved, refused, active) == (True, False, False)
-    assert rounds >= 1.0
+    assert iterations >= 1.0
     assert work.solved[1] == pytest.approx(velocity, abs=1e-8)
     if free[1] < 0.0:
-        assert list(work.touch[0]) == list(touch)
+        assert list(work.contact[0]) == list(contact)
         assert work.slide[0] == slide
         assert work.reaction[0, :2] == pytest.approx([-free[0] * MASS, WEIGHT], rel=1e-9)
 
@@ -125,7 +125,7 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
     wide = MODEL._replace(friction=np.array([0.3]), ray=np.array([[1.0, 0.3]]))
     assert solve_contact(wide, state.position, work, True, 0.0, -1.0, EXACT)[0]
     assert work.reaction[0, 0] == pytest.approx(-0.3 * work.reaction[0, 1])
-    state, work = placed(0.0, 0.01, touch=(0.0, 0.0))
+    state, work = placed(0.0, 0.01, contact=(0.0, 0.0))
     work.free[1], work.candidate[:], work.bias[:, :, 1] = (0.0, -10.0, 0.0), 1.0, 1.0
     assert solve_contact(MODEL, state.position, work, True, 0.0, 0.0, EXACT)[1]
 
@@ -139,14 +139,14 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
         (UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
         (AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
         (AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight at the end
-        (FALLEN, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
-        (FALLEN, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
+        (COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
+        (COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
     ],
 )
 def test_end_run(code, place, status, how):
     state, work = placed(*place)
     if len(place) == 2:
-        state.touch[0], state.lost_since[0] = 0.0, 3.0
+        state.contact[0], state.lost_since[0] = 0.0, 3.0
     state.velocity[1, 0], state.clock[Clock.CODE], state.clock[Clock.TIME] = 2.0, code, 4.0
     options = Options(1e-3, 1e-3, 1e-3, 0.0, 10, LOSS_LIMIT, 64, 1e-2, 0.0)
     results = new_results(2)

@@ -190,11 +190,11 @@ class TestVertexOnVertex:
 class TestManyJoints:
     fine = Joint(CLOSED, STILL, pressing(1.0, 1.0))
     sliding = Joint(CLOSED, STILL, pressing(1.0, 1.0, 1.2))
-    parting = Joint(CLOSED, STILL, pressing(1.0, -0.7))
+    corner_rate = Joint(CLOSED, STILL, pressing(1.0, -0.7))
     landing = Joint(OPEN, opening(-0.3, 1.0), NO_FORCE)
 
     def test_every_joint_asks_for_its_own(self):
-        joints = [self.sliding, self.fine, self.parting, self.landing]
+        joints = [self.sliding, self.fine, self.corner_rate, self.landing]
         modes, changed = proposed(joints)
         assert modes == [Mode((0, 1), PLUS), CLOSED, Mode((0,)), Mode((0,))]
         assert changed

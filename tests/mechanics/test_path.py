@@ -80,7 +80,7 @@ class TestLaws:
             solution = solve(problem)
             unsolved += not solution.solved
             assert not solution.solved or measured(problem, solution) <= 1e-10
-        # One at rest, of 71 voussoirs that cannot slide; there `solve_anyhow` eases the contacts.
+        # One at rest, of 71 voussoirs that cannot slide; `solve_with_fallback` yields there.
         assert unsolved <= (kind == "resting")
 
     def test_hold_with_the_balance_and_the_motion_is_that_of_the_iteration_on_modes(self, kind):

@@ -49,10 +49,10 @@ class Moving:
     def __init__(self, chain, position, velocity, modes, ground, scheme=FIFTH_ORDER):
         model = model_of(chain)
         n_joint = model.friction.size
-        touch, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
-        set_modes(modes, touch, slide)
+        contact, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
+        set_modes(modes, contact, slide)
         self.ground, mega = Segment(np.inf, *ground), new_mega_voussoirs(model)
-        assemble(model, touch, slide, np.zeros(n_joint), mega)
+        assemble(model, contact, slide, np.zeros(n_joint), mega)
         gather_state(model, framed(position), framed(velocity), mega)
         self.mega = views_of(mega)
         self.resolved = 1e-3 * model.gravity
@@ -141,7 +141,7 @@ class Impact:
         run = new_run(model_of(chain), still, OPTIONS, (np.nan, np.nan))
         state, work = run.state, run.work
         state.position[1:-1], state.velocity[1:-1] = position, velocity
-        set_modes(modes, state.touch, state.slide)
+        set_modes(modes, state.contact, state.slide)
         moves = pose_impact(run, *closes)
         self.problem = problem_in(run.model, state.position, work)
         self.solved = not moves or bool(solve_posed(run.model, state, work, new_path(run.model)))

@@ -48,8 +48,8 @@ def random_scene(rng, dt=5e-4):
     waves = zip(rng.normal(size=6), rng.uniform(0.4, 6.0, 6), rng.uniform(0.0, 6.3, 6))
     across = sum(a * np.sin(2.0 * np.pi * f * time + p) for a, f, p in waves) * window
     across *= min(start.plus, 3.0) * g * rng.uniform(1.05, 2.5) / np.abs(across).max()
-    upward = 0.3 * g * rng.random() * np.sin(6.0 * np.pi * time) * window
-    return arch, af.Motion(across, dt, upward)
+    effective_gravity = 0.3 * g * rng.random() * np.sin(6.0 * np.pi * time) * window
+    return arch, af.Motion(across, dt, effective_gravity)
 
 
 def impulse(samples, dt, start, end):

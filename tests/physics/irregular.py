@@ -92,10 +92,10 @@ def _motion(rng, peak):
     dt = float(rng.choice([0.001, 0.002]))
     time = np.arange(0.0, rng.uniform(2.0, 4.0), dt)
     across = _waves(rng, time) * peak * STANDARD_GRAVITY
-    upward = None
+    effective_gravity = None
     if rng.random() < VERTICAL:
-        upward = _waves(rng, time) * rng.uniform(0.0, 0.3) * STANDARD_GRAVITY
-    return af.Motion(across, dt, upward)
+        effective_gravity = _waves(rng, time) * rng.uniform(0.0, 0.3) * STANDARD_GRAVITY
+    return af.Motion(across, dt, effective_gravity)
 
 
 def _waves(rng, time):

@@ -87,8 +87,8 @@ class TestInitialStates:
         assert (modes[0, [0, -1]] == 0).all()
         # Free fall until it lands, after 0.2 s.
         early = response.history.sel(time=slice(0.05, 0.15))
-        fallen = 0.2 - 0.5 * G * early.time.values**2
-        np.testing.assert_allclose(early.displacement.values[:, 3, 1], fallen, atol=2e-3)
+        collapsed = 0.2 - 0.5 * G * early.time.values**2
+        np.testing.assert_allclose(early.displacement.values[:, 3, 1], collapsed, atol=2e-3)
         np.testing.assert_allclose(
             early.velocity.values[:, 3, 1], -G * early.time.values, atol=2e-2
         )

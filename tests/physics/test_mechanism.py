@@ -64,11 +64,11 @@ class TestGrouping:
             arch = af.Arch.from_joints(side, side - [[1.0, 0.0]], 0.7, free_end=True)
         model = model_of(arch.chain)
         n_joint = model.friction.size
-        touch, slide, mega = np.ones((n_joint, 2)), np.zeros(n_joint), new_mega_voussoirs(model)
+        contact, slide, mega = np.ones((n_joint, 2)), np.zeros(n_joint), new_mega_voussoirs(model)
         modes = [pattern.get(j, CLOSED) for j in range(n_joint)]
-        set_modes(modes, touch, slide)
+        set_modes(modes, contact, slide)
         slip = np.random.default_rng(1).uniform(-slips, slips, n_joint)
-        assemble(model, touch, slide, slip, mega)
+        assemble(model, contact, slide, slip, mega)
         return model, modes, slip, views_of(mega)
 
     def test_as_many_bodies_as_move(self, pattern, free_end):

@@ -8,10 +8,10 @@ import pytest
 
 import archfrag as af
 from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.contact.path import solve_anyhow
+from archfrag.mechanics.contact.path import solve_with_fallback
 from archfrag.mechanics.contact.placing import move_faces, relative_velocity
 from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import Kick, grounds_of, kick_between
+from archfrag.mechanics.ground import Impulse, grounds_of, impulse_between
 from archfrag.mechanics.model import Clock, model_of
 from archfrag.mechanics.status import Count, Energy, Status
 from archfrag.mechanics.types import Options
@@ -44,12 +44,12 @@ def step_on(model, state, work, path, pushes, step, moved_by):
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     state.clock[Clock.STEP] = step
     for i in range(pushes.size):
-        kick = Kick(pushes[i], 0.0)
-        pose_step(model, state, work, kick, step, step)
-        solved, compliant = solve_anyhow(model, state, work, path)
+        impulse = Impulse(pushes[i], 0.0)
+        pose_step(model, state, work, impulse, step, step)
+        solved, compliant = solve_with_fallback(model, state, work, path)
         if compliant or not solved:
             return False
-        accept_step(model, state, work, kick, True, 0.5)
+        accept_step(model, state, work, impulse, True, 0.5)
         for j in range(1, state.position.shape[0] - 1):
             for c in range(2):
                 away = abs(state.position[j, c] - model.centroid[j, c])
@@ -72,9 +72,9 @@ def step_at_random(model, grounds, state, work, path, lengths, kinds):
         if kinds[0] % 3 == 0:  # reactions before an expected impact
             clock[Clock.IMPACT] = time + 0.5 * length
         span = time_before(state, length)
-        kick = kick_between(grounds, clock, time, time + length)
-        pose_step(model, state, work, kick, length, shortest)
-        solved, _ = solve_anyhow(model, state, work, path)
+        impulse = impulse_between(grounds, clock, time, time + length)
+        pose_step(model, state, work, impulse, length, shortest)
+        solved, _ = solve_with_fallback(model, state, work, path)
         if not solved:
             return np.inf
         kinetic, potential = energies_of(model, state)
@@ -83,7 +83,7 @@ def step_at_random(model, grounds, state, work, path, lengths, kinds):
         for i in range(1, state.position.shape[0] - 1):
             for c in range(2):
                 mean = 0.5 * (state.velocity[i, c] + work.solved[i, c])
-                done -= model.mass[i] * mean * (kick.x if c == 0 else kick.y)
+                done -= model.mass[i] * mean * (impulse.x if c == 0 else impulse.y)
         # The velocities of both instants at the contacts of the middle.
         relative_velocity(work.position, work.solved, work.pivot, work.relative)
         for j in range(state.slip.size):
@@ -93,14 +93,14 @@ def step_at_random(model, grounds, state, work, path, lengths, kinds):
         slides = makes = opens = corner = False
         for j in range(state.slip.size):
             slides = slides or work.slide[j] != 0.0
-            corner = corner or work.touch[j, 0] != work.touch[j, 1]
+            corner = corner or work.contact[j, 0] != work.contact[j, 1]
             for k in range(2):
-                makes = makes or work.touch[j, k] > state.touch[j, k]
-                opens = opens or work.touch[j, k] < state.touch[j, k]
+                makes = makes or work.contact[j, k] > state.contact[j, k]
+                opens = opens or work.contact[j, k] < state.contact[j, k]
         for kind, found in enumerate((True, slides, makes, opens, corner)):
             kinds[kind] += found
-        fallen, broken = accept_step(model, state, work, kick, True, 0.5)
-        if fallen or broken:
+        collapsed, broken = accept_step(model, state, work, impulse, True, 0.5)
+        if collapsed or broken:
             return worst
         kinetic, potential = energies_of(model, state)
         worst = max(worst, abs(kinetic + potential - before - done))

@@ -30,7 +30,7 @@ from archfrag.methods.time_stepping.run import (
     start_at_rest,
     start_given,
 )
-from archfrag.methods.time_stepping.service import serve
+from archfrag.methods.time_stepping.service import handle
 
 BY_REST = int(Cause.REST)
 
@@ -89,7 +89,7 @@ def integrate(
     while case.state.clock[Clock.CODE] == GO:
         advance()
         if case.state.clock[Clock.CODE] == PAUSE:
-            serve(*case[:-1])
+            handle(*case[:-1])
     return finish(case, position, velocity)
 
 

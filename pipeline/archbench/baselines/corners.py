@@ -25,7 +25,7 @@ from archfrag.mechanics.contact.placing import (
     PLUS,
     relative_velocity,
 )
-from archfrag.mechanics.ground import Grounds, end_of_motion, kick_between
+from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.mechanics.model import Clock, Model
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options
@@ -82,8 +82,8 @@ def pose_corners(case, corners):
     """Contacts in the middle of the next step, and the velocities of bodies without them."""
     model, state, work = case.model, case.state, case.work
     time, step = state.clock[Clock.TIME], state.clock[Clock.STEP]
-    kick = kick_between(case.grounds, state.clock, time, time + step)
-    free_fall(model, state, work, kick, step)
+    impulse = impulse_between(case.grounds, state.clock, time, time + step)
+    free_fall(model, state, work, impulse, step)
     go_to_middle(model, state, work, step)
     for j in range(state.slip.size):
         unslipped = abs(work.slip[j]) <= COINCIDENT * model.length[j]
@@ -99,7 +99,7 @@ def pose_corners(case, corners):
             corners.bias[j, k] = max(corners.gap[j, k], 0.0) / step
             px, py = work.point[j, k, 0], work.point[j, k, 1]
             write_rows(j, nx, ny, px, py, work.position, corners.row[j, k])
-    return kick
+    return impulse
 
 
 @kernel
@@ -118,7 +118,7 @@ def gather_joints(case, corners):
             work.reaction[j, 0] += fx
             work.reaction[j, 1] += fy
             work.reaction[j, 2] += px * fy - py * fx
-        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         first = corners.slide[j, 0] if at_0 else corners.slide[j, 1]
         second = corners.slide[j, 1] if at_1 else first
         work.slide[j] = first if (at_0 or at_1) and first == second else 0.0
@@ -126,17 +126,17 @@ def gather_joints(case, corners):
 
 
 @allocating
-def accept_corners(case, corners, kick, converged):
+def accept_corners(case, corners, impulse, converged):
     """Make a step whose contact problem is solved, and leave in the clock how it goes on."""
     model, state, options = case.model, case.state, case.options
     gather_joints(case, corners)
-    fallen, broken = accept_recorded(model, state, case.work, kick, options, case.output)
+    collapsed, broken = accept_recorded(model, state, case.work, impulse, options, case.output)
     if not converged:
         state.count[Count.UNCONVERGED] += 1.0
         measure_state(model, state, case.work)
     until = end_of_motion(case.grounds, state.clock, options.follow)
     next_step(state, options, True, until)
-    outcome = True, False, fallen, broken
+    outcome = True, False, collapsed, broken
     state.clock[Clock.CODE] = code_after(state, options, until, outcome)
-    if stands(state, options, until, corners.moved, REST_SPAN) and not (fallen or broken):
+    if stands(state, options, until, corners.moved, REST_SPAN) and not (collapsed or broken):
         end_at_rest(state, case.output)

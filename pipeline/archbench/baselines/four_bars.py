@@ -32,7 +32,7 @@ class Linkage(NamedTuple):
     sense: float  # sign of the first body's rotation that opens the joints
     rest: np.ndarray  # (n_bar + 1,) complex: pins at rest [m]
     sine: np.ndarray  # (n_bar - 1,) of the angles at the inner pins at rest, signed
-    touch: np.ndarray  # (n_joint, 2) one where a corner is in contact while it moves, else zero
+    contact: np.ndarray  # (n_joint, 2) one where a corner is in contact while it moves, else zero
 
 
 @inlined
@@ -53,8 +53,8 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     hinges = intrados | (mechanism[joint] == HINGE_EXTRADOS)
     if joint.size != (1 if free_end else 4) or not hinges.all():
         return None
-    touch = np.ones((model.friction.size, 2))
-    touch[joint, intrados.astype(int)] = 0.0
+    contact = np.ones((model.friction.size, 2))
+    contact[joint, intrados.astype(int)] = 0.0
     place = model.corner[joint, 1, 1 - intrados] + model.centroid[joint + 1]
     rest = place[:, 0] + 1j * place[:, 1]
     # A joint opens about its extrados where the later body rotates forwards.
@@ -62,7 +62,7 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     sense = float(opening[0])
     if free_end:
         end = np.append(joint, n_body)
-        return Linkage(end, sense, np.append(rest, rest), np.zeros(0), touch)
+        return Linkage(end, sense, np.append(rest, rest), np.zeros(0), contact)
     a, b, c = bars = np.diff(rest)
     area = np.array([(b.conj() * c).imag, (c.conj() * a).imag, (a.conj() * b).imag])
     rate = sense * area / area[0]
@@ -70,7 +70,7 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     if not (opens > OPENS * np.abs(rate).max()).all():
         return None
     unit = bars / np.abs(bars)
-    return Linkage(joint, sense, rest, (unit[1:] * unit[:-1].conj()).imag, touch)
+    return Linkage(joint, sense, rest, (unit[1:] * unit[:-1].conj()).imag, contact)
 
 
 @kernel

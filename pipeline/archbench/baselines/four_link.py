@@ -42,7 +42,7 @@ from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import NO_LIMIT, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import AT_END, EXHAUSTED, FALLEN, GO, IDLE, log_change, write_frame
+from archfrag.methods.common import AT_END, COLLAPSES, EXHAUSTED, GO, IDLE, log_change, write_frame
 from archfrag.methods.event_driven.phases import balance_energy
 from archfrag.methods.time_stepping.service import dominant_change, measure_state
 from archfrag.methods.time_stepping.step import count_changes, record_motion
@@ -109,7 +109,7 @@ def accelerate(case, linkage, motion, q, speed, late):
         work.slide[j] = 0.0
         before, after = state.velocity[j, 2] ** 2, state.velocity[j + 1, 2] ** 2
         for k in range(2):
-            work.touch[j, k] = linkage.touch[j, k]
+            work.contact[j, k] = linkage.contact[j, k]
             for c in range(2):
                 point = work.point[j, k, c]
                 work.bias[j, k, c] = before * (point - state.position[j, c])
@@ -146,7 +146,7 @@ def _weakest_pin(case, linkage):
     """The joint with the least compression, and its value by the mean normal [N]."""
     weakest, least = -1, np.inf
     for j in range(case.work.slide.size):
-        if linkage.touch[j, 0] + linkage.touch[j, 1] < 2.0:
+        if linkage.contact[j, 0] + linkage.contact[j, 1] < 2.0:
             press = case.work.reaction[j, 0] * case.work.normal[j, 0]
             press += case.work.reaction[j, 1] * case.work.normal[j, 1]
             if press < least:
@@ -168,7 +168,7 @@ def fall_margin(case, linkage, motion):
     joint, press = _weakest_pin(case, linkage)
     # Tension that the linkage may still return from: it rises in opening, or it closes.
     margin, mode = max(press / weight, rise / weight, -motion.then[1]), HINGING
-    for j in range(linkage.touch.shape[0]):
+    for j in range(linkage.contact.shape[0]):
         left = 0.5 * np.pi - abs(state.position[j + 1, 2] - state.position[j, 2])
         if left < margin:
             margin, joint, mode = left, j, OVERTURNING
@@ -227,7 +227,7 @@ def end_of_step(case, linkage, motion, step):
     if not np.isfinite(then[0]) or fall_margin(case, linkage, motion) < 0.0:
         size = locate(case, linkage, motion, OF_COLLAPSE, step)
         fall_margin(case, linkage, motion)
-        return size, FALLEN
+        return size, COLLAPSES
     if motion.now[1] > 0.0 > then[1]:
         locate(case, linkage, motion, OF_ROTATION, step)
         record_motion(case.model, case.state, True)
@@ -290,19 +290,19 @@ def move(case, linkage, motion, grounds, largest, stop, most):
 
 
 @kernel
-def change_modes(case, touch, cause, rung):
+def change_modes(case, contact, cause, level):
     """Take over which corners touch, count what joints did, and note it in the log."""
     state, work = case.state, case.work
     for j in range(work.slide.size):
-        work.slide[j], work.touch[j, 0], work.touch[j, 1] = 0.0, touch[j, 0], touch[j, 1]
+        work.slide[j], work.contact[j, 0], work.contact[j, 1] = 0.0, contact[j, 0], contact[j, 1]
     by, joint = dominant_change(state, work)
     count_changes(case.model, state, work, True)
     for j in range(work.slide.size):
-        state.touch[j, 0], state.touch[j, 1] = touch[j, 0], touch[j, 1]
+        state.contact[j, 0], state.contact[j, 1] = contact[j, 0], contact[j, 1]
     if cause >= 0:
         by, joint = cause, -1
     state.count[Count.EVENTS] += 1.0
-    log_change(state, state.clock[Clock.TIME], by, joint, rung, case.output)
+    log_change(state, state.clock[Clock.TIME], by, joint, level, case.output)
 
 
 class Run:
@@ -327,7 +327,7 @@ class Run:
         for sense in (1.0, -1.0):
             limit = rest_limit(
                 model.mass[1:-1], model.centroid[1:-1].copy(), work.point, work.normal,
-                np.ones(work.touch.shape, np.int8), model.friction, model.gravity, sense,
+                np.ones(work.contact.shape, np.int8), model.friction, model.gravity, sense,
             )  # fmt: skip
             self.limits.append(sense * limit.load_factor if limit.found else -NO_LIMIT)
             self.linkages.append(linkage_of(model, limit.mechanism))
@@ -367,14 +367,14 @@ class Run:
         shake_at(self.ground, leave, self.motion.shake)
         x, y = self.motion.shake[0]
         # An arch lifts off where the ground falls away faster than gravity.
-        upward = model.gravity + y
-        self.side = int(self.limits[1] * upward + x < self.limits[0] * upward - x)
+        down = model.gravity + y
+        self.side = int(self.limits[1] * down + x < self.limits[0] * down - x)
         linkage = self.linkages[self.side]
-        if upward <= 0.0 or linkage is None:
+        if down <= 0.0 or linkage is None:
             return NOT_APPLICABLE
         if leave > time:
             self.write()
-        change_modes(self.case, linkage.touch, BY_START, FOUR_HINGES)
+        change_modes(self.case, linkage.contact, BY_START, FOUR_HINGES)
         return GO
 
     def move(self) -> int:
@@ -411,9 +411,9 @@ class Run:
         now[:] = 0.0, speed, 0.0
         place_linkage(model, new, 0.0, speed, state)
         if speed > 0.0:
-            change_modes(self.case, new.touch, -1, FOUR_HINGES)
+            change_modes(self.case, new.contact, -1, FOUR_HINGES)
             return
-        change_modes(self.case, np.ones_like(new.touch), BY_REST, AT_REST)
+        change_modes(self.case, np.ones_like(new.contact), BY_REST, AT_REST)
         state.count[Count.RESTS] += 1
         self.write()
 
@@ -426,7 +426,7 @@ class Run:
         results.model_time[0, FOUR_HINGES] = results.end_time[0] - self.clock[Clock.RESTING]
         if code == NOT_APPLICABLE:
             results.status[0] = int(Status.NOT_APPLICABLE)
-        elif code == FALLEN:
+        elif code == COLLAPSES:
             results.status[0] = int(Status.COLLAPSED)
             results.collapse_time[0] = results.end_time[0]
             results.collapse_joint[0], results.collapse_mode[0] = self.motion.collapse
@@ -454,7 +454,7 @@ def run(
     this.write()
     linkage = this.linkages[this.side]
     if linkage is not None and this.now.any():
-        change_modes(case, linkage.touch, BY_START, FOUR_HINGES)
+        change_modes(case, linkage.contact, BY_START, FOUR_HINGES)
     while code == GO:
         if not this.now.any():
             code = this.rest()

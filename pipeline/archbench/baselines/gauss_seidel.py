@@ -112,7 +112,7 @@ def sweep(case, corners, delassus, backward):
             w_nn, w_nt, w_tt, free_n, free_t, case.model.friction[j]
         )
         more_n, more_t = r_n - old_n, r_t - old_t
-        work.touch[j, k], corners.slide[j, k] = 1.0 if touches else 0.0, slide
+        work.contact[j, k], corners.slide[j, k] = 1.0 if touches else 0.0, slide
         if more_n != 0.0 or more_t != 0.0:
             impulse[j, k, 0], impulse[j, k, 1] = r_n, r_t
             _push(j, normal, corners.inverse[j], more_n, solved)
@@ -127,7 +127,7 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
     """Step until something is due, or the run is over; see `run` and `prepare_sweeps`."""
     clock = case.state.clock
     while clock[Clock.CODE] == GO:
-        kick = pose_corners(case, corners)
+        impulse = pose_corners(case, corners)
         prepare_sweeps(case, corners, delassus)
         done, converged = 0, False
         while done < sweeps and not converged:
@@ -135,7 +135,7 @@ def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
             change, total = sweep(case, corners, delassus, done % 2 == 0)
             converged = change <= sweep_tolerance * sweep_tolerance * total
         case.state.count[Count.SWEEPS] += done
-        accept_corners(case, corners, kick, converged)
+        accept_corners(case, corners, impulse, converged)
 
 
 def run(

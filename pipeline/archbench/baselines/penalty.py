@@ -29,7 +29,7 @@ from archbench.baselines.springs import (
 )
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
-from archfrag.mechanics.ground import Grounds, Kick, end_of_motion, kick_between
+from archfrag.mechanics.ground import Grounds, Impulse, end_of_motion, impulse_between
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count, Energy
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
@@ -37,8 +37,8 @@ from archfrag.methods.common import (
     ALL,
     AT_END,
     BROKEN,
+    COLLAPSES,
     EXHAUSTED,
-    FALLEN,
     GO,
     IDLE,
     PAUSE,
@@ -62,7 +62,7 @@ ROUNDING = 1e-12
 # critical step again.
 SHIFT = 0.02
 # Iterations to static equilibrium, and the part of their stiffness that open corners keep in it.
-NEWTON_ROUNDS = 200
+NEWTON_ITERATIONS = 200
 OPEN_STIFFNESS = 0.02
 
 
@@ -71,17 +71,17 @@ def pose_springs(case, springs):
     """Forces in the middle of the next step, and the velocities after it."""
     model, state, work = case.model, case.state, case.work
     time, step = state.clock[Clock.TIME], state.clock[Clock.STEP]
-    kick = kick_between(case.grounds, state.clock, time, time + step)
+    impulse = impulse_between(case.grounds, state.clock, time, time + step)
     go_to_middle(model, state, work, step)
     press_joints(model, state, work, springs, step)
     for i in range(1, state.position.shape[0] - 1):
-        fall = kick.y + step * model.gravity
+        fall = impulse.y + step * model.gravity
         for c in range(3):
             mass = model.inertia[i] if c == 2 else model.mass[i]
-            outer = kick.x if c == 0 else (fall if c == 1 else 0.0)
-            impulse = step * springs.total[i, c] - mass * outer
-            work.solved[i, c] = state.velocity[i, c] + impulse / mass
-    return kick
+            outer = impulse.x if c == 0 else (fall if c == 1 else 0.0)
+            momentum = step * springs.total[i, c] - mass * outer
+            work.solved[i, c] = state.velocity[i, c] + momentum / mass
+    return impulse
 
 
 @kernel
@@ -92,7 +92,7 @@ def gather_reactions(case, springs, span):
     reaction[:, :] = 0.0
     for j in range(work.slide.size):
         for k in range(2):
-            if work.touch[j, k] > 0.5:
+            if work.contact[j, k] > 0.5:
                 fx, fy = span * springs.force[j, k, 0], span * springs.force[j, k, 1]
                 px = springs.point[j, k, 0] - work.pivot[j, 0]
                 py = springs.point[j, k, 1] - work.pivot[j, 1]
@@ -102,7 +102,7 @@ def gather_reactions(case, springs, span):
 
 
 @kernel
-def balance_energy(case, springs, kick):
+def balance_energy(case, springs, impulse):
     """Bring the energy balance up to the middle of the next step; False if the run diverges.
 
     The kinetic energy is that which central differences conserve with the elastic one: half the
@@ -121,7 +121,7 @@ def balance_energy(case, springs, kick):
         has += 0.5 * model.inertia[i] * old[2] * new[2]
         has += m * model.gravity * (case.work.position[i, 1] - model.centroid[i, 1])
         # Half of this kick's work belongs to the time before.
-        has += 0.5 * m * (kick.x * old[0] + kick.y * old[1])
+        has += 0.5 * m * (impulse.x * old[0] + impulse.y * old[1])
         weight += m * model.gravity
     given = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
     energy[Energy.BALANCE_ERROR] = has - given
@@ -147,9 +147,9 @@ def make_steps(case, springs, most, shifted):
     clock, options = state.clock, case.options
     until = end_of_motion(case.grounds, clock, options.follow)
     while clock[Clock.CODE] == GO:
-        kick, time = pose_springs(case, springs), clock[Clock.TIME]
+        impulse, time = pose_springs(case, springs), clock[Clock.TIME]
         checks = int(state.count[Count.STEPS]) % options.check_interval == 0
-        if checks and not balance_energy(case, springs, kick):
+        if checks and not balance_energy(case, springs, impulse):
             clock[Clock.CODE] = BROKEN
             return
         if checks or (output.frames.time.size > 0 and time >= output.due[0]):
@@ -157,13 +157,13 @@ def make_steps(case, springs, most, shifted):
         write_if_due(model, state, work, output)
         cause, joint = dominant_change(state, work)
         count_changes(model, state, work, True)
-        fallen, broken = make_step(model, state, work, kick, True, options.loss_limit)
+        collapsed, broken = make_step(model, state, work, impulse, True, options.loss_limit)
         if checks:
             measure_state(model, state, work)
         if cause >= 0:
             log_change(state, time, cause, joint, ALL, output)
-        if broken or fallen:
-            clock[Clock.CODE] = BROKEN if broken else FALLEN
+        if broken or collapsed:
+            clock[Clock.CODE] = BROKEN if broken else COLLAPSES
         elif stands(state, options, until, springs.moved, REST_SPAN):
             end_at_rest(state, output)
         elif clock[Clock.TIME] >= until:
@@ -178,11 +178,11 @@ def make_steps(case, springs, most, shifted):
 def end_steps(case, springs):
     """Bring the energy balance up to the end."""
     model, state, work, clock = case.model, case.state, case.work, case.state.clock
-    if int(clock[Clock.CODE]) not in (FALLEN, AT_END, IDLE):
+    if int(clock[Clock.CODE]) not in (COLLAPSES, AT_END, IDLE):
         return
     work.position[:], work.solved[:] = state.position, state.velocity
     press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
-    if not balance_energy(case, springs, Kick(0.0, 0.0)):
+    if not balance_energy(case, springs, Impulse(0.0, 0.0)):
         clock[Clock.CODE] = BROKEN
         return
     gather_reactions(case, springs, 1.0)
@@ -199,21 +199,21 @@ def damp(case: Case, springs: Springs) -> None:
     weight = model.gravity * np.stack([0.0 * model.mass, model.mass, 0.0 * model.mass], axis=1)
     rounding = springs.normal_stiffness.max() * model.rounding
     undamped, start = springs._replace(damping=0.0), state.position.copy()
-    for number in range(NEWTON_ROUNDS):
-        work.touch[:] *= number > 0
+    for number in range(NEWTON_ITERATIONS):
+        work.contact[:] *= number > 0
         work.position[:] = state.position
         press_joints(model, state, work, undamped, 1.0)
         force = (springs.total - weight)[1:-1] if number > 0 else -weight[1:-1]
         if np.abs(force / (1.0, 1.0, model.length[0])).max() < rounding:
             break
-        part = np.maximum(work.touch, OPEN_STIFFNESS if number > 0 else 1.0)
+        part = np.maximum(work.contact, OPEN_STIFFNESS if number > 0 else 1.0)
         stiffness = stiffness_matrix(model, state, work, springs, part)
         state.velocity[1:-1] = np.linalg.solve(stiffness, force.ravel()).reshape(-1, 3)
         state.position[:] += state.velocity
         move_faces(model, state.position, work.rotated, work.face, work.tangent)
     else:
         state.position[:] = start
-        for array in (springs.shear, springs.dashpot, work.touch):
+        for array in (springs.shear, springs.dashpot, work.contact):
             array[:] = 0.0
     state.velocity[:] = 0.0
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
@@ -235,10 +235,10 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
     model, state, work = case.model, case.state, case.work
     if from_rest:
         damp(case, springs)
-    work.touch[:], work.slide[:] = state.touch, state.slide
+    work.contact[:], work.slide[:] = state.contact, state.slide
     work.position[:] = state.position
     press_joints(model, state, work, springs, 0.0)
-    state.touch[:], state.slide[:] = work.touch, work.slide
+    state.contact[:], state.slide[:] = work.contact, work.slide
     elastic, springs.sums[:] = float(springs.sums[Sum.ELASTIC]), 0.0
     height = (state.position[1:-1, 1] - model.centroid[1:-1, 1]) @ model.mass[1:-1]
     state.clock[Clock.START] = elastic + model.gravity * height

@@ -24,7 +24,7 @@ import numpy as np
 
 from archbench.baselines.common import Case, integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
-from archfrag.mechanics.ground import Grounds, Kick
+from archfrag.mechanics.ground import Grounds, Impulse
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
@@ -73,10 +73,10 @@ class Programme:
         )
         return matrix, source[matrix.data.astype(int)]
 
-    def pose(self) -> Kick:
+    def pose(self) -> Impulse:
         """Write the programme of the next step."""
         case, corners = self.case, self.corners
-        kick = Kick(*pose_corners(case, corners))
+        impulse = Impulse(*pose_corners(case, corners))
         self.unit = case.model.gravity * float(case.state.clock[Clock.STEP])
         normal, tangential = corners.row[:, :, 0], corners.row[:, :, 1]
         mu, rough = self._mu[..., None], self.rough[:, None]
@@ -90,7 +90,7 @@ class Programme:
         self.sticks = np.zeros(self.low.shape, bool)
         self.sticks[..., 1] = rough & (corners.gap <= TOUCHING * case.model.length[:, None])
         self.linear = -self._root * case.work.free[1:-1].ravel() / self.unit
-        return kick
+        return impulse
 
     def _set_up(self) -> None:
         """A solver for the corners that stick now."""
@@ -159,7 +159,7 @@ class Programme:
         speed = np.einsum("jkc,jc->jk", corners.row[:, :, 1], both)
         slides = ~rough & (abs(speed) > NEGLIGIBLE * unit)
         sense = np.where(second <= least, 1.0, np.where(first <= least, -1.0, 0.0))
-        work.touch[:] = touches = normal > least
+        work.contact[:] = touches = normal > least
         corners.slide[:] = np.where(touches & slides, sense, 0.0)
         corners.impulse[..., 0] = np.where(touches, normal, 0.0)
         corners.impulse[..., 1] = np.where(touches, tangential, 0.0)
@@ -167,7 +167,7 @@ class Programme:
     def make_step(self) -> None:
         """Solve and make one step, and leave in the clock how it goes on."""
         state = self.case.state
-        kick = self.pose()
+        impulse = self.pose()
         iterations, solved, usable = self.solve()
         while usable and self.rough.any() and self.close_rough():
             more, solved, usable = self.solve()
@@ -177,7 +177,7 @@ class Programme:
             state.clock[Clock.CODE] = UNSOLVED
             return
         self.take_solution()
-        accept_corners(self.case, self.corners, kick, solved)
+        accept_corners(self.case, self.corners, impulse, solved)
 
 
 def run(

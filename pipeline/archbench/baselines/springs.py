@@ -96,12 +96,12 @@ def _corner_rates(j, tx, ty, px, py, position, state):
 
 
 @inlined
-def _law(kn, ks, friction, damping, gap, parting, sliding, shear):
+def _law(kn, ks, friction, damping, gap, corner_rate, sliding, shear):
     """Forces of a contact that overlaps: springs without tension, dashpots, Coulomb's limit.
 
     Returns normal, tangential, shear, slide.
     """
-    normal = max(-kn * gap - damping * kn * parting, 0.0)
+    normal = max(-kn * gap - damping * kn * corner_rate, 0.0)
     tangential = shear - damping * ks * sliding
     slide = 0.0
     if abs(tangential) > friction * normal:
@@ -128,24 +128,24 @@ def _add_force(j, k, fx, fy, position, springs):
 @kernel
 def press_joints(model, state, work, springs, step):
     """Forces of all joints at the end of a step, into `springs`; modes into `work`."""
-    sums, touch = springs.sums, work.touch
+    sums, contact = springs.sums, work.contact
     springs.total[:, :] = 0.0
     sums[Sum.ELASTIC] = 0.0
-    for j in range(touch.shape[0]):
+    for j in range(contact.shape[0]):
         kn, ks, slides = springs.normal_stiffness[j], springs.shear_stiffness[j], (0.0, 0.0)
         for k in range(2):
             tx, ty, gap, px, py = _contact_frame(j, k, work, springs.rounding[j])
             normal = tangential = shear = slide = spring = 0.0
-            if gap >= 0.0 and touch[j, k] == 0.0:
+            if gap >= 0.0 and contact[j, k] == 0.0:
                 continue
             springs.point[j, k, 0], springs.point[j, k, 1] = px, py
-            parting, sliding = _corner_rates(j, tx, ty, px, py, work.position, state)
+            corner_rate, sliding = _corner_rates(j, tx, ty, px, py, work.position, state)
             before, dashpot = springs.shear[j, k], springs.dashpot[j, k]
-            touch[j, k] = 1.0 if gap < 0.0 else 0.0
+            contact[j, k] = 1.0 if gap < 0.0 else 0.0
             if gap < 0.0:
                 spring = -kn * gap
                 normal, tangential, shear, slide = _law(
-                    kn, ks, model.friction[j], springs.damping, gap, parting, sliding,
+                    kn, ks, model.friction[j], springs.damping, gap, corner_rate, sliding,
                     before - ks * sliding * step,
                 )  # fmt: skip
                 sums[Sum.ELASTIC] += 0.5 * (kn * gap * gap + shear * shear / ks)
@@ -155,12 +155,12 @@ def press_joints(model, state, work, springs, step):
             # By the trapezoidal rule, with which central differences balance energy.
             slip = sliding * step + (shear - before) / ks
             sums[Sum.FRICTION] += 0.5 * (shear + before) * slip
-            sums[Sum.DAMPING] += 0.5 * (dashpot[0] + normal - spring) * parting * step
+            sums[Sum.DAMPING] += 0.5 * (dashpot[0] + normal - spring) * corner_rate * step
             sums[Sum.DAMPING] += 0.5 * (dashpot[1] + tangential - shear) * sliding * step
             springs.shear[j, k] = shear
             dashpot[0], dashpot[1] = normal - spring, tangential - shear
-        first = slides[0] if touch[j, 0] > 0.5 else slides[1]
-        second = slides[1] if touch[j, 1] > 0.5 else first
+        first = slides[0] if contact[j, 0] > 0.5 else slides[1]
+        second = slides[1] if contact[j, 1] > 0.5 else first
         work.slide[j] = first if first == second else 0.0
 
 
@@ -195,5 +195,5 @@ def highest_frequency(model: Model, state: State, work: Work, springs: Springs) 
     Fewer contacts only lower it (Rayleigh).
     """
     root = np.sqrt(np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]).ravel()
-    stiffness = stiffness_matrix(model, state, work, springs, np.ones(work.touch.shape))
+    stiffness = stiffness_matrix(model, state, work, springs, np.ones(work.contact.shape))
     return float(np.sqrt(np.linalg.eigvalsh(stiffness / np.outer(root, root))[-1]))

@@ -26,7 +26,7 @@ SLID = int(CollapseMode.SLIDING)
 
 
 @inlined
-def _note_loss(j, model, state, lost, rotation, time):
+def _record_loss(j, model, state, lost, rotation, time):
     """Remember the state in which joint j loses its contact."""
     state.lost_since[j] = select(lost, time, state.lost_since[j])
     by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
@@ -43,7 +43,7 @@ def loss_mode(j, state):
 
 
 @inlined
-def note_gap(j, state, gap, where):
+def record_gap(j, state, gap, where):
     """Remember a gap, over the joint's length, at both corners of joint j."""
     loss = state.loss
     loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
@@ -63,29 +63,29 @@ def follow_joints(model, state, work, where, loss_limit):
     or rotated too far: the chain has collapsed.
     """
     time = state.clock[Clock.TIME]
-    fallen = False
+    collapsed = False
     for j in range(state.slip.shape[0]):
-        is_0, is_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         none = where & opposite(is_0 | is_1)
         slides = where & (work.slide[j] != 0.0)
         rotation = state.position[j + 1, 2] - state.position[j, 2]
         if some(none | slides):
             unit = 1.0 / model.length[j]
-            had = (state.touch[j, 0] > 0.5) | (state.touch[j, 1] > 0.5)
-            _note_loss(j, model, state, none & had, rotation, time)
+            had = (state.contact[j, 0] > 0.5) | (state.contact[j, 1] > 0.5)
+            _record_loss(j, model, state, none & had, rotation, time)
             slip, gap = slip_and_gap(j, is_0, is_1, work.face, work.tangent)
             state.slip[j] = select(none | slides, slip, state.slip[j])
             gap = gap * unit
-            note_gap(j, state, gap, none)
-            fallen = fallen | (none & (gap > loss_limit))
-        fallen = fallen | (where & (abs(state.slip[j]) >= model.length[j]))
-        fallen = fallen | (where & (abs(rotation) >= RIGHT_ANGLE))
-        bears = where & (is_0 | is_1)
-        state.bore_face[j] = select(bears, flag(is_0 & is_1), state.bore_face[j])
-        state.touch[j, 0] = select(where, work.touch[j, 0], state.touch[j, 0])
-        state.touch[j, 1] = select(where, work.touch[j, 1], state.touch[j, 1])
+            record_gap(j, state, gap, none)
+            collapsed = collapsed | (none & (gap > loss_limit))
+        collapsed = collapsed | (where & (abs(state.slip[j]) >= model.length[j]))
+        collapsed = collapsed | (where & (abs(rotation) >= RIGHT_ANGLE))
+        in_contact = where & (is_0 | is_1)
+        state.bore_face[j] = select(in_contact, flag(is_0 & is_1), state.bore_face[j])
+        state.contact[j, 0] = select(where, work.contact[j, 0], state.contact[j, 0])
+        state.contact[j, 1] = select(where, work.contact[j, 1], state.contact[j, 1])
         state.slide[j] = select(where, work.slide[j], state.slide[j])
-    return fallen
+    return collapsed
 
 
 @kernel
@@ -95,7 +95,7 @@ def collapse_of(model, state, work, loss_limit):
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]
         rotation = state.position[j + 1, 2] - state.position[j, 2]
-        none = state.touch[j, 0] < 0.5 and state.touch[j, 1] < 0.5
+        none = state.contact[j, 0] < 0.5 and state.contact[j, 1] < 0.5
         gap = 0.0
         if none:
             first = clearance(j, 0, work.face, work.tangent)

@@ -12,7 +12,6 @@ import functools
 import hashlib
 import inspect
 import os
-import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterator
@@ -32,8 +31,6 @@ from numba.core.types import unliteral
 from archfrag.kernel_cache import use_kernel_cache
 
 HOME = Path(__file__).resolve().parent.parent
-# After this a kernel that another process has begun to compile is compiled here too [s].
-PATIENCE = 600.0
 
 
 class KernelCache(NullCache):
@@ -103,7 +100,8 @@ class KernelCache(NullCache):
             yield
             return
         try:
-            _wait_for(file, path)
+            with contextlib.suppress(OSError):  # without locks at worst it is compiled twice
+                fcntl.flock(file, fcntl.LOCK_EX)
             yield
         finally:
             with contextlib.suppress(OSError):
@@ -149,19 +147,6 @@ def _digest_of(files: tuple[Path, ...]) -> str:
 @functools.cache
 def _warn_once(message: str) -> None:
     warnings.warn(message, RuntimeWarning, stacklevel=2)
-
-
-def _wait_for(file: int, made: Path) -> None:
-    """Lock a file, or wait until its present holder has made what it is about."""
-    until = time.monotonic() + PATIENCE
-    while not made.exists() and time.monotonic() < until:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        except BlockingIOError:
-            time.sleep(0.02)
-        except OSError:  # a file system without locks: at worst it is compiled twice
-            return
 
 
 class _ForLinking(JITCodeLibrary):

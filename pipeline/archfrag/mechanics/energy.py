@@ -21,7 +21,8 @@ def contact_works(state, work):
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
         u = 0.5 * (work.earlier[j, 2] + work.relative[j, 2])
-        made = (work.touch[j, 0] > state.touch[j, 0]) | (work.touch[j, 1] > state.touch[j, 1])
+        now, before = work.contact, state.contact
+        made = (now[j, 0] > before[j, 0]) | (now[j, 1] > before[j, 1])
         done, fresh = fx * ux + fy * uy + moment * u, made | (state.impact[j] > 0.0)
         hits = hits | fresh
         impact += select(fresh, done, 0.0)

@@ -14,7 +14,7 @@ from archfrag.mechanics.numbers import lane, width, with_lane
 BEYOND = 1e-11
 
 
-class Kick(NamedTuple):
+class Impulse(NamedTuple):
     """What the ground takes from the velocities of free bodies in a step."""
 
     x: float  # integral of the ground acceleration [m/s]
@@ -107,7 +107,7 @@ def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step
 
 
 @kernel
-def kick_between(grounds, clock, start, end):
+def impulse_between(grounds, clock, start, end):
     """What the ground motion takes from the velocities between two instants [s]."""
     x = y = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
@@ -123,7 +123,7 @@ def kick_between(grounds, clock, start, end):
         wave, total = grounds.vertical, grounds.impulse_y
         late = _impulse_until(b, wave, total, first, last, per, dt)
         y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
-    return Kick(x, y)
+    return Impulse(x, y)
 
 
 @inlined
@@ -158,12 +158,12 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     limit_plus``, a convex cone, so that a force linear in time between two samples inside it
     stays inside.
     """
-    upward = gravity + vertical
-    margin = upward
+    effective_gravity = gravity + vertical
+    margin = effective_gravity
     if not np.isinf(limit_plus):
-        margin = min(margin, limit_plus * upward - horizontal)
+        margin = min(margin, limit_plus * effective_gravity - horizontal)
     if not np.isinf(limit_minus):
-        margin = min(margin, limit_minus * upward + horizontal)
+        margin = min(margin, limit_minus * effective_gravity + horizontal)
     return margin
 
 

@@ -74,19 +74,7 @@ def _type_of_lane_array(value: LaneArray, context: Any) -> types.Array:
 
 
 def lane_array(shape: tuple[int, ...]) -> LaneArray:
-    """Zeros for four runs.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Of one run's array.
-
-    Examples
-    --------
-    >>> from archfrag.mechanics.lanes import lane_array, runs_of
-    >>> runs_of(lane_array((7, 3))).shape
-    (7, 3, 4)
-    """
+    """Zeros for four runs, of the shape of one run's array."""
     size = 8 * LANES * math.prod(shape)
     memory = np.zeros(size + _ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % _ALIGNMENT

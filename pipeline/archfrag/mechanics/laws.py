@@ -16,9 +16,9 @@ PLUS, MINUS = 0, 1
 
 
 @inlined
-def mode_number(touch_0, touch_1, slide):
+def mode_number(contact_0, contact_1, slide):
     """Mode of a joint by which corners touch and the sense of its friction."""
-    corners = int(touch_0) + 2 * int(touch_1)
+    corners = int(contact_0) + 2 * int(contact_1)
     sense = 0 if slide == 0.0 else (1 if slide > 0.0 else 2)
     return 3 * corners - 2 + sense if corners > 0 else OPEN
 
@@ -31,9 +31,9 @@ def corner_mode(corner, slide):
 
 @inlined
 def set_mode(work, j, mode):
-    """Write a mode into ``work.touch`` and ``work.slide``."""
+    """Write a mode into ``work.contact`` and ``work.slide``."""
     corners, sense = (mode + 2) // 3, (mode + 2) % 3
-    work.touch[j, 0], work.touch[j, 1] = corners & 1, corners >> 1
+    work.contact[j, 0], work.contact[j, 1] = corners & 1, corners >> 1
     work.slide[j] = 0.0 if corners == 0 or sense == 0 else (1.0 if sense == 1 else -1.0)
 
 
@@ -58,7 +58,7 @@ def slip_normal(j, k, backwards, work):
 @inlined
 def contact_of(j, work):
     """Normal and contact point of a joint in its present mode; nx, ny, px, py."""
-    at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+    at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
     closed, second, backwards = at_0 & at_1, at_1 & opposite(at_0), work.slide[j] < 0.0
     ax, ay = slip_normal(j, 0, backwards, work)
     bx, by = slip_normal(j, 1, backwards, work)
@@ -103,7 +103,7 @@ def functions_if_open(j, work, value, target):
             if sense == 0.0:
                 sense = 1.0 - 2.0 * c
             nx, ny = slip_normal(j, k, sense < 0.0, work)
-            value[2 * k + c] = nx * work.parting[j, k, 0] + ny * work.parting[j, k, 1]
+            value[2 * k + c] = nx * work.corner_rate[j, k, 0] + ny * work.corner_rate[j, k, 1]
             target[2 * k + c] = corner_mode(k, sense)
 
 
@@ -118,15 +118,15 @@ def functions_if_closed(j, model, work, value, target):
         value[2], target[2] = limit - tangential, CLOSED_STICK + 1
         value[3], target[3] = limit + tangential, CLOSED_STICK + 2
     elif work.known[j] == 0.0:
-        ux = work.parting[j, 0, 0] + work.parting[j, 1, 0]
-        uy = work.parting[j, 0, 1] + work.parting[j, 1, 1]
+        ux = work.corner_rate[j, 0, 0] + work.corner_rate[j, 1, 0]
+        uy = work.corner_rate[j, 0, 1] + work.corner_rate[j, 1, 1]
         value[2], target[2] = -0.5 * slide * (nx * uy - ny * ux), CLOSED_STICK
 
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
     """Margins of the cones about both normals, or force and slip rate; then the other corner."""
-    k = 0 if work.touch[j, 0] > 0.5 else 1
+    k = 0 if work.contact[j, 0] > 0.5 else 1
     other, slide = 1 - k, work.slide[j]
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
@@ -139,9 +139,9 @@ def functions_if_corner(j, model, work, value, target):
         nx, ny = slip_normal(j, k, slide < 0.0, work)
         value[0], target[0] = (fx * hx + fy * hy if slide > 0.0 else fx * lx + fy * ly), OPEN
         if work.known[j] == 0.0:
-            ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
+            ux, uy = work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
             value[1], target[1] = -slide * (nx * uy - ny * ux), corner_mode(k, 0)
     if work.candidate[j, other] > 0.5:
         nx, ny = work.normal[j, 0], work.normal[j, 1]
-        value[2] = nx * work.parting[j, other, 0] + ny * work.parting[j, other, 1]
+        value[2] = nx * work.corner_rate[j, other, 0] + ny * work.corner_rate[j, other, 1]
         target[2] = mode_number(1, 1, slide)

@@ -48,7 +48,7 @@ class State(NamedTuple):
 
     position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
     velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
-    touch: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
+    contact: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
     force: np.ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
     slide: np.ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
     slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
@@ -78,7 +78,7 @@ class Clock(IntEnum):
     FACTOR = 7  # on that ground motion
     CODE = 8  # why the run waits; zero: it goes on
     START = 9  # potential energy of the initial state [J]
-    ROUNDS = 10  # linear problems solved so far for a step whose modes still change
+    ITERATIONS = 10  # linear problems solved so far for a step whose modes still change
 
 
 class Work(NamedTuple):
@@ -97,9 +97,9 @@ class Work(NamedTuple):
     bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
     free: np.ndarray  # (n_body + 2, 3) velocities without reactions
     solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
-    touch: np.ndarray  # (n_joint, 2) modes that the contact problem is solved for
+    contact: np.ndarray  # (n_joint, 2) modes that the contact problem is solved for
     slide: np.ndarray  # (n_joint,)
-    asked_touch: np.ndarray  # (n_joint, 2) modes that the solution asks for
+    asked_contact: np.ndarray  # (n_joint, 2) modes that the solution asks for
     asked_slide: np.ndarray  # (n_joint,)
     row: np.ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
     column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
@@ -113,7 +113,7 @@ class Work(NamedTuple):
     reaction: np.ndarray
     relative: np.ndarray  # (n_joint, 3) relative velocity at the pivot
     earlier: np.ndarray  # (n_joint, 3) the same before the step
-    parting: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
+    corner_rate: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
     position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
 
 
@@ -122,10 +122,10 @@ N_CLOCK = len(Clock)
 OF_JOINTS = {
     "face": (2, 2, 2), "tangent": (2, 2), "slip": (),
     "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
-    "candidate": (2,), "known": (), "bias": (2, 2), "touch": (2,), "slide": (),
-    "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
+    "candidate": (2,), "known": (), "bias": (2, 2), "contact": (2,), "slide": (),
+    "asked_contact": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
     "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
-    "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
+    "reaction": (3,), "relative": (3,), "earlier": (3,), "corner_rate": (2, 2),
 }  # fmt: skip
 OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
 WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)

@@ -19,7 +19,7 @@ TOUCHING = 1e-6
 @inlined
 def _approach(j, k, work, scale):
     """Rate at which a corner that may touch closes, by the law that is kept more nearly (Eq 5)."""
-    rate = opening_rate(j, k, work.parting[j, k, 0], work.parting[j, k, 1], work)
+    rate = opening_rate(j, k, work.corner_rate[j, k, 0], work.corner_rate[j, k, 1], work)
     return max(0.0, -rate) / scale if work.candidate[j, k] > 0.5 else 0.0
 
 
@@ -37,7 +37,7 @@ def _if_corner(j, k, model, work, scale, force):
     fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
     moment = work.reaction[j, 2] / force
     common = max(abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale))
-    ux, uy = work.parting[j, k, 0] / scale, work.parting[j, k, 1] / scale
+    ux, uy = work.corner_rate[j, k, 0] / scale, work.corner_rate[j, k, 1] / scale
     size = 1.0 / math.sqrt(model.ray[j, 0] ** 2 + model.ray[j, 1] ** 2)
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
     hx, hy, lx, ly = cone_rays(j, model, n[0], n[1], m[0], m[1])
@@ -65,7 +65,7 @@ def _if_closed(j, model, work, scale, force):
     force_0, force_1, normal, tangential = closed_forces(j, work)
     normal, tangential = normal / force, tangential / force
     tension = max(0.0, -force_0 / force, -force_1 / force)
-    parts = work.parting[j]
+    parts = work.corner_rate[j]
     rate = max(abs(nx * parts[0, 0] + ny * parts[0, 1]), abs(nx * parts[1, 0] + ny * parts[1, 1]))
     slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
     common, slip = max(tension, rate / scale), 0.5 * slip / scale
@@ -87,7 +87,7 @@ def _if_closed(j, model, work, scale, force):
 def contact_residual(model, work, scale, force):
     """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws [1].
 
-    From contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions;
+    From contacts, `candidate`, `known`, velocities of the corners in `corner_rate` and reactions;
     `scale` and `force` count as one in velocity and in force.
     """
     largest = 0.0
@@ -120,7 +120,7 @@ def _move_moments(work, sense):
 def state_residual(model, state, work):
     """How far one instant of a motion is from the contact laws; as `contact_residual`.
 
-    With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
+    With the faces where the bodies are; contacts, `candidate`, `known` and `corner_rate` are
     overwritten.
     """
     length = model.length
@@ -141,11 +141,11 @@ def state_residual(model, state, work):
             gap = placing.clearance(j, k, work.face, work.tangent) / length[j]
             if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
                 # Only the gap counts; how the faces slide past each other does not.
-                work.parting[j, k, 0], work.parting[j, k, 1] = gap * nx, gap * ny
+                work.corner_rate[j, k, 0], work.corner_rate[j, k, 1] = gap * nx, gap * ny
                 continue
             ux, uy = placing.corner_velocity(j, k, work.relative, work)
             rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
             ex, ey = placing.corner_offset(j, k, work.face, work.tangent, state.slip[j])
-            work.parting[j, k, 0] = ex / length[j] - rate * ny
-            work.parting[j, k, 1] = ey / length[j] + rate * nx
+            work.corner_rate[j, k, 0] = ex / length[j] - rate * ny
+            work.corner_rate[j, k, 1] = ey / length[j] + rate * nx
     return contact_residual(model, work, 1.0, force)

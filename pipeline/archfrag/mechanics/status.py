@@ -37,7 +37,7 @@ class Loss(IntEnum):
 
 
 class Model(IntEnum):
-    """Rungs of the ladder of models, from the smallest."""
+    """Models of a chain, from the smallest to that of all voussoirs."""
 
     REST = 0
     FOUR_HINGES = 1
@@ -77,7 +77,7 @@ class Count(IntEnum):
     RESTS = 9
     EVENTS = 10  # instants located at which the mechanism changed
     LEVELS = 11  # contact problems solved by the first and second level
-    LEVEL_ITERATIONS = 12  # of these, those that needed more than one round
+    LEVEL_ITERATIONS = 12  # of these, those that needed more than one iteration
     GENERAL = 13  # contact problems that were left to the general solver
     SWITCHES = 14  # times that event-driven integration switched to time stepping
     FRAMES = 15  # frames of the history written

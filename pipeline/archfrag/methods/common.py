@@ -14,17 +14,17 @@ from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.laws import mode_number
 from archfrag.mechanics.model import Clock, Model, model_of
 from archfrag.mechanics.status import Count, Energy, Loss, Peak, Status
-from archfrag.mechanics.status import Model as Rung
+from archfrag.mechanics.status import Model as ModelLevel
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 
 # Nothing; modes that are not reconciled; something is due between steps; collapse; the time is
 # up, or the work allowed is spent; positions overflowed; at rest for good. Up to PAUSE a run
 # goes on.
-GO, UNSOLVED, PAUSE, FALLEN, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
+GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
 STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
 UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
 NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
-AT_REST, ALL = int(Rung.REST), int(Rung.ALL_VOUSSOIRS)
+AT_REST, ALL = int(ModelLevel.REST), int(ModelLevel.ALL_VOUSSOIRS)
 # Gap over joint length below which a corner is closed in a chain at rest [1].
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
@@ -38,11 +38,10 @@ OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     """Options with what follows from them, from the model, and from its range of rest [g]."""
+    largest = max(float(options.largest_step), float(options.time_step))
+    still = float(STILL * np.sqrt(model.gravity * model.length.max()))
     return options._replace(
-        largest_step=max(float(options.largest_step), float(options.time_step)),
-        still=float(STILL * np.sqrt(model.gravity * model.length.max())),
-        rest_plus=rest[0],
-        rest_minus=rest[1],
+        largest_step=largest, still=still, rest_plus=rest[0], rest_minus=rest[1]
     )
 
 
@@ -57,7 +56,7 @@ def new_results(n_run: int) -> Results:
         loss=np.zeros((n_run, len(Loss))),
         count=np.zeros((n_run, len(Count))),
         energy=np.zeros((n_run, len(Energy))),
-        model_time=np.zeros((n_run, len(Rung))),
+        model_time=np.zeros((n_run, len(ModelLevel))),
         peak=np.zeros((n_run, len(Peak))),
     )
 
@@ -110,11 +109,11 @@ def write_frame(model, state, work, output):
     for j in range(state.slip.size):
         for c in range(3):
             frames.reaction[n, j, c] = work.reaction[j, c]
-        frames.mode[n, j] = mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
+        frames.mode[n, j] = mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
 
 
 @kernel
-def log_change(state, time, cause, joint, rung, output):
+def log_change(state, time, cause, joint, level, output):
     """Note a change of the mechanism, or of its model, if there is place for it."""
     log, entry = output.log, output.written[1]
     output.written[1] += 1
@@ -123,16 +122,16 @@ def log_change(state, time, cause, joint, rung, output):
     log.time[entry] = time
     log.cause[entry] = cause
     log.joint[entry] = joint
-    log.model[entry] = rung
+    log.model[entry] = level
     for j in range(state.slip.size):
-        log.mode[entry, j] = mode_number(state.touch[j, 0], state.touch[j, 1], state.slide[j])
+        log.mode[entry, j] = mode_number(state.contact[j, 0], state.contact[j, 1], state.slide[j])
 
 
 @kernel
 def clear(state):
     """Forget all that a run remembers, and close all joints; positions and velocities stay."""
     for j in range(state.slip.size):
-        state.touch[j, 0] = state.touch[j, 1] = state.bore_face[j] = 1.0
+        state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
         state.slide[j] = state.slip[j] = state.impact[j] = 0.0
         state.lost_since[j] = np.nan
         state.lost_slip[j] = state.lost_rotation[j] = 0.0
@@ -156,10 +155,10 @@ def read_joints(model, state, work):
         slip, _ = slip_and_gap(j, False, False, work.face, work.tangent)
         state.slip[j] = 0.0 if abs(slip) < CLOSED_GAP * length else slip
         if max(gaps) > CLOSED_GAP * length:
-            state.touch[j, 1 - k] = 0.0
+            state.contact[j, 1 - k] = 0.0
             state.bore_face[j] = 0.0
         if min(gaps) > CLOSED_GAP * length:
-            state.touch[j, k] = 0.0
+            state.contact[j, k] = 0.0
             state.bore_face[j] = 1.0
             state.lost_since[j] = 0.0
             state.lost_slip[j] = abs(state.slip[j]) / length
@@ -225,10 +224,10 @@ def end_run(model, state, work, options, output, results, row):
         status = NOT_FINITE
     elif code == EXHAUSTED:
         status = WORK_BOUND
-    elif code in (FALLEN, AT_END):
+    elif code in (COLLAPSES, AT_END):
         status = UNFINISHED
         write_frame(model, state, work, output)
-        limit = options.loss_limit if code == FALLEN else NOTED_GAP
+        limit = options.loss_limit if code == COLLAPSES else NOTED_GAP
         joint, how, since = collapse_of(model, state, work, limit)
         if joint >= 0:
             status = COLLAPSED

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError
-from archfrag.mechanics.contact.path import new_path, solve_anyhow
+from archfrag.mechanics.contact.path import new_path, solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
@@ -99,7 +99,7 @@ def onset(arch: Arch) -> Onset:
     chain = arch.chain
     model, state, work = _placed(arch)
     place_contacts(model, state.slip, work.face, work.tangent, work)
-    work.candidate[:], state.touch[:] = 1.0, 1.0
+    work.candidate[:], state.contact[:] = 1.0, 1.0
     closed = np.ones(work.candidate.shape, np.int8)
     plus, minus = (
         rest_limit(
@@ -190,7 +190,7 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
 def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.float64]:
     """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
     work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
-    solve_anyhow(model, state, work, new_path(model))
+    solve_with_fallback(model, state, work, new_path(model))
     reaction = work.reaction.copy()
     reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]
     return reaction

@@ -45,8 +45,8 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 @inlined
 def _set_rows_of(j, model, position, work):
     """Constrained and reaction directions of a joint in its present mode."""
-    touch, slide, point = work.touch, work.slide, work.point
-    at_0, at_1, sticks = touch[j, 0] > 0.5, touch[j, 1] > 0.5, slide[j] == 0.0
+    contact, slide, point = work.contact, work.slide, work.point
+    at_0, at_1, sticks = contact[j, 0] > 0.5, contact[j, 1] > 0.5, slide[j] == 0.0
     closed, none = at_0 & at_1, opposite(at_0 | at_1)
     nx, ny, px, py = contact_of(j, work)
     nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
@@ -242,7 +242,7 @@ def substitute(model, position, work, where):
 def measure_residual(position, work):
     """Velocities of the corners, and along the constrained directions; the largest of these.
 
-    ``work.relative``, ``work.parting`` and ``work.residual`` are overwritten.
+    ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
     """
     relative_velocity(position, work.solved, work.pivot, work.relative)
     row, bias, point, residual = work.row, work.bias, work.point, work.residual
@@ -253,9 +253,9 @@ def measure_residual(position, work):
         px, py = point[j, 0, 0] - work.pivot[j, 0], point[j, 0, 1] - work.pivot[j, 1]
         x0, y0 = fused(-w, py, ux) + bias[j, 0, 0], fused(w, px, uy) + bias[j, 0, 1]
         x1, y1 = fused(w, py, ux) + bias[j, 1, 0], fused(-w, px, uy) + bias[j, 1, 1]
-        work.parting[j, 0, 0], work.parting[j, 0, 1] = x0, y0
-        work.parting[j, 1, 0], work.parting[j, 1, 1] = x1, y1
-        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1] = x0, y0
+        work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1] = x1, y1
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         first = at_0 | opposite(at_1)
         vx, vy = select(first, x0, x1), select(first, y0, y1)
         a = fused(row[j, 0, 0], vx, row[j, 0, 1] * vy)
@@ -295,11 +295,11 @@ def correct(model, position, work, enough):
 
 @kernel
 def solve_modes(model, position, work, scale, precision):
-    """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.touch`` and ``work.slide``.
+    """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and ``work.slide``.
 
     From contacts and velocities without reactions in ``work.free``, the largest relative one of
-    which is `scale`; `solved`, `reaction`, `relative` and `parting` are overwritten. Returns what
-    `correct` does.
+    which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.
+    Returns what `correct` does.
     """
     set_up(model, position, work, precision.compliance, 0)
     return correct(model, position, work, precision.left * scale)

@@ -18,7 +18,7 @@ from archfrag.mechanics.numbers import count_of, flag, larger, opposite, select,
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
 # Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
-MOST_ROUNDS, ROUND_PER_JOINTS = 8, 16
+MOST_ITERATIONS, ITERATION_PER_JOINTS = 8, 16
 
 
 @inlined
@@ -80,9 +80,9 @@ def ask_modes(model, work, slack, slack_force):
     """
     changed = False
     for j in range(work.slide.shape[0]):
-        at_0, at_1, slide = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5, work.slide[j]
-        ux_0, uy_0 = work.parting[j, 0, 0], work.parting[j, 0, 1]
-        ux_1, uy_1 = work.parting[j, 1, 0], work.parting[j, 1, 1]
+        at_0, at_1, slide = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5, work.slide[j]
+        ux_0, uy_0 = work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1]
+        ux_1, uy_1 = work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1]
         closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (work.candidate[j, 0] > 0.5)
         closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (work.candidate[j, 1] > 0.5)
         closed, one = at_0 & at_1, at_0 ^ at_1
@@ -109,7 +109,7 @@ def ask_modes(model, work, slack, slack_force):
         if math.isinf(model.friction[j]):
             known = select(asks_0 & asks_1, 0.0, known)
         asked = select(asks_0 | asks_1, select(known == 0.0, asked, known), 0.0)
-        work.asked_touch[j, 0], work.asked_touch[j, 1] = flag(asks_0), flag(asks_1)
+        work.asked_contact[j, 0], work.asked_contact[j, 1] = flag(asks_0), flag(asks_1)
         work.asked_slide[j] = asked
         changed = changed | (asks_0 ^ at_0) | (asks_1 ^ at_1) | (asked != slide)
     return changed
@@ -148,10 +148,10 @@ def largest_force(work):
 @inlined
 def closes_soon(j, k, work, ahead):
     """Where a corner that does not touch will, `ahead` of its bias's own time after that."""
-    ux = (1.0 + ahead) * work.parting[j, k, 0] - ahead * work.bias[j, k, 0]
-    uy = (1.0 + ahead) * work.parting[j, k, 1] - ahead * work.bias[j, k, 1]
-    asks = (work.asked_touch[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
-    return (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
+    ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
+    uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
+    asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
+    return (work.contact[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
 
 
 @inlined
@@ -166,44 +166,44 @@ def start_modes(state, work, where, expects):
             ux, uy = corner_velocity(j, k, work.earlier, work)
             gap = work.normal[j, 0] * (ux + work.bias[j, k, 0])
             gap = gap + work.normal[j, 1] * (uy + work.bias[j, k, 1])
-            touch = state.touch[j, k]
-            closes = expects & (touch < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
-            touch, slide = select(closes, 1.0, touch), select(closes, 0.0, slide)
-            work.touch[j, k] = select(where, touch, work.touch[j, k])
+            contact = state.contact[j, k]
+            closes = expects & (contact < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
+            contact, slide = select(closes, 1.0, contact), select(closes, 0.0, slide)
+            work.contact[j, k] = select(where, contact, work.contact[j, k])
         work.slide[j] = select(where, slide, work.slide[j])
 
 
 @kernel
-def solve_contact(model, position, work, live, rounds, ahead, precision):
+def solve_contact(model, position, work, live, iterations, ahead, precision):
     """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
 
-    A run whose modes are not reconciled after `MOST_ROUNDS` is given up: hardly any is later.
+    A run whose modes are not reconciled after `MOST_ITERATIONS` is given up: hardly any is later.
     Of runs side by side the slower half does not keep the others waiting: it goes on in the next
-    call, from the modes that it has reached; `rounds` counts the linear problems of each, calls
-    before included. Where `ahead` is larger than -1, a step in which a corner closes, or so many
-    of the times for which its bias stands later, is refused after the first round.
-    Returns the masks solved, refused and active (those that go on), and rounds.
+    call, from the modes that it has reached; `iterations` counts the linear problems of each,
+    calls before included. Where `ahead` is larger than -1, a step in which a corner closes, or so
+    many of the times for which its bias stands later, is refused after the first one.
+    Returns the masks solved, refused and active (those that go on), and iterations.
     """
     scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
-    limit = float(MOST_ROUNDS + n_joint // ROUND_PER_JOINTS)
+    limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
     active, reconciled, refused = live, False, False
     while True:
         left = solve_modes(model, position, work, scale, precision)
         slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
-        looks = active & (rounds == 0.0) & (ahead > -1.0)
+        looks = active & (iterations == 0.0) & (ahead > -1.0)
         if some(looks):
             for j in range(n_joint):
                 for k in range(2):
                     refused = refused | (looks & closes_soon(j, k, work, ahead))
-        rounds = rounds + flag(active)
+        iterations = iterations + flag(active)
         active = active & opposite(refused)
         reconciled = reconciled | (active & opposite(changed))
-        active = active & changed & (rounds < limit)
+        active = active & changed & (iterations < limit)
         for j in range(n_joint):
             for k in range(2):
-                work.touch[j, k] = select(active, work.asked_touch[j, k], work.touch[j, k])
+                work.contact[j, k] = select(active, work.asked_contact[j, k], work.contact[j, k])
             work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
         if 2 * count_of(active) <= count_of(live):
             break
-    return reconciled & (left <= precision.left * scale), refused, active, rounds
+    return reconciled & (left <= precision.left * scale), refused, active, iterations

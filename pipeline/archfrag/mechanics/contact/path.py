@@ -54,7 +54,7 @@ class Path(NamedTuple):
     bias: np.ndarray  # (n_joint, 2, 2)
     push: np.ndarray  # (n_body + 2, 3) what the start has beside the problem's own velocities
     opening: np.ndarray  # (n_joint, 2, 2) and bias
-    touch: np.ndarray  # (n_joint, 2) modes in which a path has ended
+    contact: np.ndarray  # (n_joint, 2) modes in which a path has ended
     slide: np.ndarray  # (n_joint,)
     at_start: np.ndarray  # (n_joint, 4) functions of each joint's piece at tau = 0
     at_end: np.ndarray  # (n_joint, 4) and at tau = 1
@@ -109,7 +109,7 @@ def piece_functions(position, work, path, tau, value):
     for j in range(work.slide.size):
         for f in range(N_FUNCTION):
             value[j, f], path.target[j, f] = np.inf, NONE
-        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         if at_0 and at_1:
             laws.functions_if_closed(j, path.model, work, value[j], path.target[j])
         elif at_0 or at_1:
@@ -146,12 +146,12 @@ def set_start(position, work, path, scale):
     relative_velocity(position, path.free, work.pivot, work.relative)
     for j in range(n_joint):
         size, slide = 1.0 + j / n_joint, work.slide[j]
-        closed = work.touch[j, 0] + work.touch[j, 1] > 1.5
+        closed = work.contact[j, 0] + work.contact[j, 1] > 1.5
         unknown[j, 0] = unknown[j, 1] = unknown[j, 2] = 0.0
         for k in range(2):
             nx, ny = _corner_normal(work, j, k, closed, slide)
             vx, vy = scale * size * nx, scale * size * ny
-            if work.touch[j, k] > 0.5:
+            if work.contact[j, k] > 0.5:
                 vx, vy = slide * vy, -slide * vx
                 if closed or slide != 0.0:
                     unknown[j, k if closed else 0] = -force * size
@@ -219,7 +219,7 @@ def next_break(work, path, tau, direction, crossed):
     first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
-        if work.touch[j, 0] + work.touch[j, 1] < 0.5:
+        if work.contact[j, 0] + work.contact[j, 1] < 0.5:
             for k in range(2):
                 if work.candidate[j, k] > 0.5:
                     found = _closing_of_corner(work, path, j, k, tau, direction, left)
@@ -250,7 +250,7 @@ def follow_path(position, work, path, scale, compliance):
         left += piece_functions(position, work, path, 1.0, path.at_end)
         j = crossed[0]
         if j >= 0:
-            mode = laws.mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
+            mode = laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
             direction = direction_after(path, j, mode, crossed[1])
         if direction == 0.0 or not math.isfinite(left):
             break
@@ -263,9 +263,9 @@ def follow_path(position, work, path, scale, compliance):
         if k >= 0:
             piece_functions(position, work, path, tau, path.at_start)
             n = work.side_normal[j, k, laws.PLUS]
-            slipping = n[0] * work.parting[j, k, 1] - n[1] * work.parting[j, k, 0]
+            slipping = n[0] * work.corner_rate[j, k, 1] - n[1] * work.corner_rate[j, k, 0]
             mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
-        crossed = j, laws.mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
+        crossed = j, laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
         laws.set_mode(work, j, mode)
         first, breaks = j, breaks + 1
     _set_problem(work, path, 0.0)
@@ -274,16 +274,17 @@ def follow_path(position, work, path, scale, compliance):
 
 @inlined
 def copy_modes(of, to):
-    """Take the modes in ``touch`` and ``slide`` over."""
+    """Take the modes in ``contact`` and ``slide`` over."""
     for j in range(to.slide.size):
-        to.touch[j, 0], to.touch[j, 1], to.slide[j] = of.touch[j, 0], of.touch[j, 1], of.slide[j]
+        to.contact[j, 0], to.contact[j, 1] = of.contact[j, 0], of.contact[j, 1]
+        to.slide[j] = of.slide[j]
 
 
 @kernel
 def _stick_rough(model, work):
     """Closed joints without friction limit stick again, whatever a path took them through."""
     for j in range(work.slide.size):
-        if math.isinf(model.friction[j]) and work.touch[j, 0] + work.touch[j, 1] > 1.5:
+        if math.isinf(model.friction[j]) and work.contact[j, 0] + work.contact[j, 1] > 1.5:
             work.slide[j] = 0.0
 
 
@@ -304,9 +305,9 @@ def solve_by_path(model, position, work, path, exact):
     for j in range(work.slide.size):
         for k in range(2):
             path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
-    rounds, breaks = 0.0, 0
+    iterations, breaks = 0.0, 0
     if not math.isfinite(scale):
-        return False, False, rounds, breaks
+        return False, False, iterations, breaks
     for attempt in range(RIGID if exact else len(PATHS)):
         (compliance, size), soft = PATHS[attempt], attempt >= RIGID
         if attempt == 1:
@@ -324,14 +325,14 @@ def solve_by_path(model, position, work, path, exact):
             if soft:
                 precision = Precision(compliance, slack, np.inf)
             solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
-            rounds += more
+            iterations += more
             if solved:
-                return True, soft, rounds, breaks
-    return False, False, rounds, breaks
+                return True, soft, iterations, breaks
+    return False, False, iterations, breaks
 
 
 @kernel
-def solve_anyhow(model, state, work, path):
+def solve_with_fallback(model, state, work, path):
     """Solve a posed contact problem along paths, the first from the state's own modes.
 
     Returns solved, and compliant where the solution is that of slightly compliant joints.
@@ -340,8 +341,8 @@ def solve_anyhow(model, state, work, path):
     copy_modes(state, work)
     for j in range(work.slide.size):
         work.known[j] = 0.0
-    solved, compliant, rounds, breaks = solve_by_path(model, work.position, work, path, False)
-    count[Count.ITERATIONS] += rounds + breaks
+    solved, compliant, iterations, breaks = solve_by_path(model, work.position, work, path, False)
+    count[Count.ITERATIONS] += iterations + breaks
     count[Count.PATHS] += breaks > 0
     count[Count.COMPLIANT] += compliant
     return solved, compliant

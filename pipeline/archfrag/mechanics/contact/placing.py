@@ -139,7 +139,7 @@ def place_chain(model, position, joints, least, slip, work):
     """
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):
-        at_0, at_1 = joints.touch[j, 0] > 0.5, joints.touch[j, 1] > 0.5
+        at_0, at_1 = joints.contact[j, 0] > 0.5, joints.contact[j, 1] > 0.5
         moves = (joints.slide[j] != 0.0) | opposite(at_0 | at_1)
         slip[j] = joints.slip[j]
         if some(moves):
@@ -163,7 +163,7 @@ def corner_velocity(j, k, relative, work):
 
 
 @inlined
-def parting_at(j, px, py, position, velocity):
+def corner_rate_at(j, px, py, position, velocity):
     """Velocity at a point of the body after joint j relative to the one before it (Eq 22)."""
     w, v = velocity[j + 1, 2], velocity[j, 2]
     ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
@@ -177,5 +177,5 @@ def parting_at(j, px, py, position, velocity):
 def relative_velocity(position, velocity, pivot, out):
     """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22)."""
     for j in range(pivot.shape[0]):
-        out[j, 0], out[j, 1] = parting_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
+        out[j, 0], out[j, 1] = corner_rate_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
         out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]

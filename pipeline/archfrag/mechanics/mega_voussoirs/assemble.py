@@ -68,11 +68,11 @@ def in_use(mega):
         face=w.face[:m], tangent=w.tangent, slip=w.slip[:m], rotated=w.rotated, point=w.point,
         pivot=w.pivot[:m], normal=w.normal, side_normal=w.side_normal, candidate=w.candidate,
         known=w.known, bias=w.bias,
-        free=w.free[:n], solved=w.solved, touch=w.touch, slide=w.slide[:m],
-        asked_touch=w.asked_touch, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
+        free=w.free[:n], solved=w.solved, contact=w.contact, slide=w.slide[:m],
+        asked_contact=w.asked_contact, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
         block=w.block, lower=w.lower, upper=w.upper, unknown=w.unknown[:m],
         residual=w.residual[:m], reaction=w.reaction, relative=w.relative, earlier=w.earlier,
-        parting=w.parting, position=w.position,
+        corner_rate=w.corner_rate, position=w.position,
     )  # fmt: skip
     return MegaVoussoirs(
         count=mega.count, first=mega.first, last=mega.last, joint=mega.joint, group=mega.group,
@@ -84,18 +84,18 @@ def in_use(mega):
 
 
 @inlined
-def is_rigid(j, touch, slide):
+def is_rigid(j, contact, slide):
     """Whether a joint is closed and sticks."""
-    return touch[j, 0] > 0.5 and touch[j, 1] > 0.5 and slide[j] == 0.0
+    return contact[j, 0] > 0.5 and contact[j, 1] > 0.5 and slide[j] == 0.0
 
 
 @inlined
-def _group(model, touch, slide, mega):
+def _group(model, contact, slide, mega):
     """Join voussoirs across rigid joints."""
     n_row, n_joint = mega.group.size, slide.size
     m = 0
     for j in range(n_joint):
-        if not is_rigid(j, touch, slide):
+        if not is_rigid(j, contact, slide):
             mega.joint[m] = j
             m += 1
     n = m if n_joint == n_row - 2 else max(m - 1, 0)
@@ -154,11 +154,11 @@ def _sum_masses(model, mega):
 
 
 @inlined
-def _place_joints(model, touch, slide, slip, mega):
+def _place_joints(model, contact, slide, slip, mega):
     """Joints between and inside mega-voussoirs, in the axes at rest."""
     out, k = mega.model, 0
     for j in range(slip.size):
-        if is_rigid(j, touch, slide):
+        if is_rigid(j, contact, slide):
             tx, ty = model.tangent[j, BEFORE, 0], model.tangent[j, BEFORE, 1]
             mega.inner_normal[j, 0], mega.inner_normal[j, 1] = ty, -tx
             for c in range(2):
@@ -170,7 +170,7 @@ def _place_joints(model, touch, slide, slip, mega):
         mega.work.slip[k], mega.work.slide[k] = slip[j], slide[j]
         out.length[k], out.friction[k] = model.length[j], model.friction[j]
         for c in range(2):
-            out.ray[k, c], mega.work.touch[k, c] = model.ray[j, c], touch[j, c]
+            out.ray[k, c], mega.work.contact[k, c] = model.ray[j, c], contact[j, c]
             mega.work.candidate[k, c] = 1.0
             for side in range(2):
                 out.tangent[k, side, c] = model.tangent[j, side, c]
@@ -181,12 +181,12 @@ def _place_joints(model, touch, slide, slip, mega):
 
 
 @kernel
-def assemble(model, touch, slide, slip, mega):
+def assemble(model, contact, slide, slip, mega):
     """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`."""
-    _group(model, touch, slide, mega)
+    _group(model, contact, slide, mega)
     _place_at_rest(model, slip, mega)
     _sum_masses(model, mega)
-    _place_joints(model, touch, slide, slip, mega)
+    _place_joints(model, contact, slide, slip, mega)
     # The ground behind the last of them stands where a body may have been before.
     end, out, work = mega.count[0] + 1, mega.model, mega.work
     out.mass[end] = out.inverse_mass[end] = out.inverse_inertia[end] = 0.0

@@ -55,9 +55,9 @@ def centripetal_bias(position, velocity, slip, sense, work):
             x = before * before * bx - after * after * ax
             y = before * before * by - after * after * ay
             if sense[j] != 0.0:
-                ux, uy = placing.parting_at(j, px, py, position, velocity)
+                ux, uy = placing.corner_rate_at(j, px, py, position, velocity)
                 nx, ny = work.normal[j, 0], work.normal[j, 1]
-                if work.touch[j, 0] < 0.5 or work.touch[j, 1] < 0.5:
+                if work.contact[j, 0] < 0.5 or work.contact[j, 1] < 0.5:
                     nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
                 place = slip[j] if slip[j] != 0.0 else -sense[j]
                 face = before if placing.later_vertex_meets(k, place) else after
@@ -72,14 +72,14 @@ def is_four_hinges(work, n_row):
     if n_row != 5 or work.slide.shape[0] != 4:
         return False
     for j in range(4):
-        if work.touch[j, 0] + work.touch[j, 1] != 1.0 or work.slide[j] != 0.0:
+        if work.contact[j, 0] + work.contact[j, 1] != 1.0 or work.slide[j] != 0.0:
             return False
     return True
 
 
 @inlined
 def _hinge(j, work):
-    k = 0 if work.touch[j, 0] > 0.5 else 1
+    k = 0 if work.contact[j, 0] > 0.5 else 1
     return work.point[j, k, 0], work.point[j, k, 1]
 
 
@@ -249,7 +249,7 @@ def project(mega, position, velocity, enough, limit):
         for k in range(2):
             ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
             work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
-            apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
+            apart = max(apart, work.contact[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):
             for d in range(4):
                 work.column[j, a, d] = work.row[j, a, d]

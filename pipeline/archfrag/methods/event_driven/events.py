@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import clearance, move_faces, parting_at
+from archfrag.mechanics.contact.placing import clearance, corner_rate_at, move_faces
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import (
@@ -37,7 +37,7 @@ NONE = -1
 THRESHOLD = 1e-9
 GAP_WEIGHT = 1e4
 SLIP_WEIGHT = 1e2
-MOST_ROUNDS = 60
+MOST_ITERATIONS = 60
 # A corner that overlaps by less than this part of the joint's length and parts has closed a
 # rounding too late; one that overlaps by more has been missed.
 ROUNDING = 1e-9
@@ -119,14 +119,14 @@ def margins_between(mega, motion, position, velocity):
     work = mega.work
     for k in range(mega.work.slip.shape[0]):
         value = motion.value[mega.joint[k]]
-        at = work.touch[k, 0] > 0.5, work.touch[k, 1] > 0.5
+        at = work.contact[k, 0] > 0.5, work.contact[k, 1] > 0.5
         per_length = 1.0 / mega.model.length[k]
         for c in range(2):
             motion.gap[k, c, 0] = motion.gap[k, c, 1] = np.inf
             if not at[c]:
                 gap = clearance(k, c, work.face, work.tangent)
                 x, y = work.point[k, c, 0], work.point[k, c, 1]
-                ux, uy = parting_at(k, x, y, position, velocity)
+                ux, uy = corner_rate_at(k, x, y, position, velocity)
                 rate = work.normal[k, 0] * ux + work.normal[k, 1] * uy
                 motion.gap[k, c, 0], motion.gap[k, c, 1] = gap, rate
                 late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
@@ -239,7 +239,7 @@ def _root(motion, mega, step, ground, end, joint, law):
     elif low_value <= 0.0:
         return 0.0
     side, part = 0, end
-    for number in range(MOST_ROUNDS):
+    for number in range(MOST_ITERATIONS):
         part = (low * high_value - high * low_value) / (high_value - low_value)
         if number % 4 == 3 or not low < part < high:
             part = 0.5 * (low + high)
@@ -266,7 +266,7 @@ def locate(motion, mega, step, ground, end):
     next state and the last solution are those at that instant.
     """
     trigger, part = motion.trigger, end
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_ITERATIONS):
         joint, law = trigger[0], trigger[1]
         part = _root(motion, mega, step, ground, part, joint, law)
         least = margins_at(motion, mega, part, step, ground)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import RIGHT_ANGLE, note_gap
+from archfrag.mechanics.collapse import RIGHT_ANGLE, record_gap
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
@@ -36,7 +36,7 @@ from archfrag.methods.event_driven.events import (
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
 # allowed spent, or where the equations of motion have no solution.
-STOPPED, EVENT, FALLEN, BOUND, BROKEN = 0, 1, 2, 3, 4
+STOPPED, EVENT, COLLAPSES, BOUND, BROKEN = 0, 1, 2, 3, 4
 # Largest step, over the time of a fall through a joint's length; first step after an event.
 LONGEST = 0.1
 FIRST = 0.02
@@ -110,7 +110,7 @@ def look_outward(run, mega, position, velocity):
 
 
 @inlined
-def note_place(run, mega, position):
+def record_place(run, mega, position):
     """Largest displacement and rotation up to now."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
@@ -125,19 +125,20 @@ def note_place(run, mega, position):
 
 
 @inlined
-def _is_fallen(run, mega, position):
+def _has_collapsed(run, mega, position):
     """Whether a joint cannot come to bear again; notes the gaps of those without contact."""
-    fallen, work = False, mega.work
+    collapsed, work = False, mega.work
     for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
-        if work.touch[k, 0] < 0.5 and work.touch[k, 1] < 0.5:
+        if work.contact[k, 0] < 0.5 and work.contact[k, 1] < 0.5:
             gap = clearance(k, 0, work.face, work.tangent)
             gap = min(gap, clearance(k, 1, work.face, work.tangent)) * per_length
-            note_gap(mega.joint[k], run.state, gap, True)
-            fallen = fallen or gap > run.options.loss_limit
+            record_gap(mega.joint[k], run.state, gap, True)
+            collapsed = collapsed or gap > run.options.loss_limit
         rotation = position[k + 1, 2] - position[k, 2]
-        fallen = fallen or abs(work.slip[k]) * per_length >= 1.0 or abs(rotation) >= RIGHT_ANGLE
-    return fallen
+        collapsed = collapsed or abs(work.slip[k]) * per_length >= 1.0
+        collapsed = collapsed or abs(rotation) >= RIGHT_ANGLE
+    return collapsed
 
 
 @kernel
@@ -181,7 +182,7 @@ def recover_reactions(run, mega, position, velocity, x, y):
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
     joint_reactions(mega, work)
     for j in range(state.slip.size):
-        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
+        work.contact[j, 0], work.contact[j, 1] = state.contact[j, 0], state.contact[j, 1]
         work.slide[j] = state.slide[j]
     return True
 
@@ -217,7 +218,7 @@ def _accept(run, mega, part, peaks):
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     # The end, and if a body may have reversed, also between.
     for sample in range(PEAK_SAMPLES if peaks else 1):
-        note_place(run, mega, mega.next_position)
+        record_place(run, mega, mega.next_position)
         inside = part * (sample + 1) / PEAK_SAMPLES
         runge_kutta.dense_state(stages, inside, mega.next_position, mega.next_velocity)
 
@@ -301,7 +302,7 @@ def integrate(run, mega, stop, output):
             if progress[Progress.STEP] < SHORTEST * unit:
                 return BROKEN
             continue
-        fallen = not event and _is_fallen(run, mega, mega.next_position)
+        collapsed = not event and _has_collapsed(run, mega, mega.next_position)
         comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
         # One that lands where it left has no rate at either end.
         _accept(run, mega, part, comes_back or event)
@@ -317,8 +318,8 @@ def integrate(run, mega, stop, output):
         progress[Progress.STEP] = (
             max(step * factor, progress[Progress.STEP]) if cut else step * factor
         )
-        if fallen:
-            return FALLEN
+        if collapsed:
+            return COLLAPSES
         if clock[Clock.TIME] >= stop:
             return STOPPED
     return BOUND

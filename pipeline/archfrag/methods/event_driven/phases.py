@@ -27,14 +27,14 @@ from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
-from archfrag.mechanics.status import Model as Rung
+from archfrag.mechanics.status import Model as ModelLevel
 from archfrag.methods import common
 from archfrag.methods.event_driven import transitions
 from archfrag.methods.event_driven.events import NONE
 from archfrag.methods.event_driven.integrate import (
     BOUND,
+    COLLAPSES,
     EVENT,
-    FALLEN,
     REGROUPED,
     STOPPED,
     Progress,
@@ -50,7 +50,7 @@ from archfrag.methods.time_stepping.step import record_overlap
 
 BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
 BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR, MEGA = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS)
+FOUR, MEGA = int(ModelLevel.FOUR_HINGES), int(ModelLevel.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
 IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
 STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
@@ -125,7 +125,7 @@ def assemble_mega_voussoirs(run, output):
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
         service.measure_state(model, state, work)
         record_overlap(model, state, work, True)
-    assemble(model, state.touch, state.slide, state.slip, run.mega)
+    assemble(model, state.contact, state.slide, state.slip, run.mega)
     mega = in_use(run.mega)
     gather_state(model, state.position, state.velocity, mega)
     split_state(mega, mega.position, mega.velocity, work.position, work.solved)
@@ -141,9 +141,9 @@ def assemble_mega_voussoirs(run, output):
         recover_voussoirs(mega, mega.position, mega.velocity, run.state)
         left, _ = energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
-    rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
+    level = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
     cause, joint = int(progress[Progress.CAUSE]), int(progress[Progress.JOINT])
-    common.log_change(state, clock[Clock.TIME], cause, joint, rung, output)
+    common.log_change(state, clock[Clock.TIME], cause, joint, level, output)
     return INTEGRATE
 
 
@@ -155,8 +155,8 @@ def integrate_to_next_event(run, output):
     record_end = end_of_motion(run.grounds, clock, 0.0)
     end = record_end + run.options.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)
-    rung = is_four_hinges(mega.work, mega.position.shape[0])
-    spent = Progress.FOUR_HINGES if rung else Progress.MEGA_VOUSSOIRS
+    level = is_four_hinges(mega.work, mega.position.shape[0])
+    spent = Progress.FOUR_HINGES if level else Progress.MEGA_VOUSSOIRS
     run.progress[spent] += clock[Clock.TIME] - before
     pose(mega, mega.position)
     recover_voussoirs(mega, mega.position, mega.velocity, run.state)
@@ -166,15 +166,15 @@ def integrate_to_next_event(run, output):
     transitions.place_voussoirs(run.model, run.state, run.work)
     if code == STOPPED and clock[Clock.TIME] < end:
         return MODES
-    if code != STOPPED and code != FALLEN and code != BOUND:
+    if code != STOPPED and code != COLLAPSES and code != BOUND:
         return ALL_VOUSSOIRS
     balance_energy(model, state)
     ground = segment_at(clock[Clock.TIME], run.grounds)
     recover_reactions(run, mega, mega.position, mega.velocity, ground.x, ground.y)
     clock[Clock.CODE] = common.AT_END if code == STOPPED else common.EXHAUSTED
-    if code == FALLEN:
+    if code == COLLAPSES:
         follow_joints(model, state, work, True, run.options.loss_limit)
-        clock[Clock.CODE] = common.FALLEN
+        clock[Clock.CODE] = common.COLLAPSES
     written, frames = output.written, output.frames
     if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
         written[0] -= 1  # the last frame is written again
@@ -224,12 +224,14 @@ def step_until(run, until, output):
     end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
     while clock[Clock.CODE] == common.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
-        kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
-        fallen = broken = False
+        impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
+        collapsed = broken = False
         if solved:
-            fallen, broken = service.accept_recorded(model, state, work, kick, options, output)
+            collapsed, broken = service.accept_recorded(
+                model, state, work, impulse, options, output
+            )
             next_step(state, options, True, end)
-        code = service.code_after(state, options, end, (solved, unsolved, fallen, broken))
+        code = service.code_after(state, options, end, (solved, unsolved, collapsed, broken))
         clock[Clock.CODE] = code
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
@@ -261,7 +263,7 @@ def step_all_voussoirs(run, output):
     while not quiescent:
         quiescent = step_until(run, until, output)
         if clock[Clock.CODE] != common.GO:
-            code = service.serve(model, run.grounds, state, work, run.path, run.options, output)
+            code = service.handle(model, run.grounds, state, work, run.path, run.options, output)
             if code != common.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
@@ -277,7 +279,7 @@ def rest_if_still(run, output):
     """Rest until the ground moves the chain, if that leaves it where it is now."""
     state, rests = run.state, run.state.count[Count.RESTS]
     model, work, options = run.model, run.work, run.options
-    code = service.serve_pause(model, run.grounds, state, work, run.path, options, output)
+    code = service.handle_pause(model, run.grounds, state, work, run.path, options, output)
     run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import parting_at
+from archfrag.mechanics.contact.placing import corner_rate_at
 from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 
@@ -92,7 +92,7 @@ def ground_after(ground, time):
 def sliding_rate(j, position, velocity, work):
     """Tangential velocity of the later body at a sliding joint [m/s], and the normal there."""
     nx, ny, px, py = contact_of(j, work)
-    ux, uy = parting_at(j, px, py, position, velocity)
+    ux, uy = corner_rate_at(j, px, py, position, velocity)
     return nx * uy - ny * ux, nx, ny
 
 

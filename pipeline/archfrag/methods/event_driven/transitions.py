@@ -1,8 +1,8 @@
 """What follows an event: impacts, and the mechanism from then on.
 
 Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
-of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over; what
-Newton's iteration on the modes does not solve in several rounds is solved along solution paths.
+of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over. What
+Newton's iteration on the modes does not solve is solved along solution paths.
 """
 
 import math
@@ -37,7 +37,7 @@ IMPOSSIBLE = 300.0
 # Corners that overlap by more than this part of the joint's length are not taken as closed.
 OVERLAP = 1e-6
 # Relative velocities below this part of it are rounding: nothing is left to an impact.
-PARTING = 1e-8
+LEAST_SPEED = 1e-8
 # Rocking slower than this times the root of the tolerance, over the speed of a fall, is over:
 # what is left out is of the second order. Below the other its flights are shorter than the gaps
 # to which impacts are located.
@@ -66,19 +66,19 @@ def pose_impact(run, joint, corner):
     for j in range(state.slip.size):
         for k in range(2):
             near = placing.clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
-            held = state.touch[j, k] > 0.5 or (j == joint and k == corner)
-            work.candidate[j, k] = work.touch[j, k] = 1.0 if near or held else 0.0
+            held = state.contact[j, k] > 0.5 or (j == joint and k == corner)
+            work.candidate[j, k] = work.contact[j, k] = 1.0 if near or held else 0.0
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
         work.slide[j] = work.known[j] = 0.0
     for i in range(1, state.velocity.shape[0] - 1):
         for c in range(3):
             work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
-    return velocity_scale(state.position, work) > PARTING * run.motion.speed
+    return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
 
 
 @inlined
 def _close_slow_joints(run):
-    """End in ``work.touch`` and ``work.slide`` what is so slow that its end is as good as reached.
+    """End in ``work.contact`` and ``work.slide`` motions so slow that they are nearly over.
 
     A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
     is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
@@ -87,7 +87,7 @@ def _close_slow_joints(run):
     model, work, motion, changed = run.model, run.work, run.motion, False
     slow = motion.speed * max(SLOW * math.sqrt(motion.tolerance), SLOWEST)
     for j in range(work.slide.size):
-        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         if not (at_0 or at_1):
             continue
         nx, ny = work.normal[j, 0], work.normal[j, 1]
@@ -97,7 +97,7 @@ def _close_slow_joints(run):
             ux, uy = placing.corner_velocity(j, k, work.relative, work)
             near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
             if near and nx * ux + ny * uy < slow:
-                work.touch[j, k], changed = 1.0, True
+                work.contact[j, k], changed = 1.0, True
                 if math.isinf(model.friction[j]):
                     work.slide[j] = 0.0
         rate = nx * work.relative[j, 1] - ny * work.relative[j, 0]
@@ -113,7 +113,7 @@ def _approaches(run):
     approaches = False
     for j in range(work.slide.size):
         for k in range(2):
-            ux, uy = work.parting[j, k, 0], work.parting[j, k, 1]
+            ux, uy = work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
             closes = opening_rate(j, k, ux, uy, work) < limit
             approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
     return approaches
@@ -125,8 +125,8 @@ def take_impact(run):
     model, state, work = run.model, run.state, run.work
     had = kinetic_energy(model, state.velocity)
     for j in range(state.slip.size):
-        made_0 = work.touch[j, 0] > state.touch[j, 0]
-        made = made_0 or work.touch[j, 1] > state.touch[j, 1]
+        made_0 = work.contact[j, 0] > state.contact[j, 0]
+        made = made_0 or work.contact[j, 1] > state.contact[j, 1]
         state.count[Count.IMPACTS] += 1.0 if made else 0.0
     _take_velocities(run)
     if _close_slow_joints(run):
@@ -152,7 +152,7 @@ def _take_velocities(run):
     for j in range(state.slip.size):
         state.slide[j] = work.slide[j]
         for k in range(2):
-            state.touch[j, k] = work.touch[j, k]
+            state.contact[j, k] = work.contact[j, k]
 
 
 @inlined
@@ -163,7 +163,7 @@ def _find_touching(j, run):
     for k in range(2):
         work.candidate[j, k] = 0.0
         ux, uy = placing.corner_velocity(j, k, work.relative, work)
-        if state.touch[j, k] < 0.5:
+        if state.contact[j, k] < 0.5:
             if placing.clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
                 continue
             if opening_rate(j, k, ux, uy, work) > STAYING * speed:
@@ -205,10 +205,10 @@ def pose_accelerations(run, ground_x, ground_y):
         rough = math.isinf(model.friction[j])
         jammed = jammed or (slips and rough)
         for k in range(2):
-            work.touch[j, k] = state.touch[j, k]
+            work.contact[j, k] = state.contact[j, k]
         work.known[j] = (-1.0 if rate > 0.0 else 1.0) if slips and not rough else 0.0
         work.slide[j] = work.known[j] if work.known[j] != 0.0 else state.slide[j]
-        if state.touch[j, 0] + state.touch[j, 1] == (2.0 if rough else 0.0):
+        if state.contact[j, 0] + state.contact[j, 1] == (2.0 if rough else 0.0):
             work.slide[j] = 0.0
     for i in range(1, state.velocity.shape[0] - 1):
         work.free[i, 0] = -ground_x
@@ -226,16 +226,16 @@ def solve_posed(model, state, work, path):
     """
     count = state.count
     copy_modes(work, path)
-    solved, _, _, rounds = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
+    solved, _, _, iterations = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
     count[Count.LEVELS] += 1.0
-    count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
+    count[Count.LEVEL_ITERATIONS] += 1.0 if iterations > 1.0 else 0.0
     if not solved:
         count[Count.GENERAL] += 1.0
         copy_modes(path, work)
         solved, _, more, breaks = solve_by_path(model, state.position, work, path, True)
-        rounds += more
+        iterations += more
         count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
-    count[Count.ITERATIONS] += rounds
+    count[Count.ITERATIONS] += iterations
     return solved
 
 
@@ -247,10 +247,10 @@ def take_modes(run):
         if not abs(work.solved[i, 0]) + abs(work.solved[i, 1]) <= IMPOSSIBLE * model.gravity:
             return False
     for j in range(state.slip.size):
-        touches = work.touch[j, 0] + work.touch[j, 1]
+        touches = work.contact[j, 0] + work.contact[j, 1]
         if work.known[j] != 0.0 and touches > 0.0 and work.slide[j] != work.known[j]:
             return False
-        before = state.touch[j, 0] + state.touch[j, 1]
+        before = state.contact[j, 0] + state.contact[j, 1]
         slides = work.slide[j] != 0.0 and state.slide[j] == 0.0
         state.count[Count.SLIDES] += 1.0 if slides else 0.0
         state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
@@ -263,12 +263,12 @@ def take_modes(run):
 def cause_of(run):
     """Why the mechanism ends: cause, and joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
-    touch = run.state.touch
+    contact = run.state.contact
     if law == second_level.SLIP_END:
         return BY_STICK, joint
     if law in (second_level.GAP_0, second_level.GAP_1):
         return BY_IMPACT, joint
-    if touch[joint, 0] > 0.5 and touch[joint, 1] > 0.5:
+    if contact[joint, 0] > 0.5 and contact[joint, 1] > 0.5:
         return (BY_HINGE if law < second_level.FRICTION_PLUS else BY_SLIDE), joint
     rough = math.isinf(run.model.friction[joint])
     return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
@@ -277,15 +277,15 @@ def cause_of(run):
 @inlined
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended: where the search for modes starts."""
-    touch, slide = run.work.touch, run.work.slide
+    contact, slide = run.work.contact, run.work.slide
     if cause == BY_STICK:
         slide[joint] = 0.0
     elif cause == BY_HINGE:
-        touch[joint, law - second_level.FORCE_0] = 0.0
+        contact[joint, law - second_level.FORCE_0] = 0.0
     elif cause == BY_SLIDE:
         slide[joint] = 1.0 if law == second_level.FRICTION_PLUS else -1.0
     elif cause == BY_LOSS:
-        touch[joint, 0] = touch[joint, 1] = slide[joint] = 0.0
+        contact[joint, 0] = contact[joint, 1] = slide[joint] = 0.0
 
 
 @inlined

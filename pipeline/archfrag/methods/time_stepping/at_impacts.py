@@ -103,7 +103,7 @@ def errors_of_step(model, state, work, tolerance):
     closes = False
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            closes = closes | (work.touch[j, k] > state.touch[j, k])
+            closes = closes | (work.contact[j, k] > state.contact[j, k])
     friction, impact, balance_error = contact_works(state, work)
     error = abs(unexplained_work(friction, impact, balance_error))
     kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved))

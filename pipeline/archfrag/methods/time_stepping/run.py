@@ -15,7 +15,7 @@ from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import Grounds, end_of_motion, kick_between
+from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.mechanics.lanes import LANES, lane_array, runs_of
 from archfrag.mechanics.model import (
     Clock,
@@ -60,20 +60,20 @@ UNKNOWN = (np.nan, np.nan)
 def try_step(model, grounds, state, work, options, live):
     """Pose the next step of every run, solve it, and shorten it where that is due.
 
-    Returns kick, solved, unsolved. What is neither has been shortened, or its modes go on
+    Returns impulse, solved, unsolved. What is neither has been shortened, or its modes go on
     changing in the next call.
     """
     clock = state.clock
     step, time, stops = clock[Clock.STEP], clock[Clock.TIME], locates(state, options, live)
-    kick = kick_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, kick, step, options.time_step)
-    start_modes(state, work, clock[Clock.ROUNDS] == 0.0, opposite(stops))
+    impulse = impulse_between(grounds, clock, time, time + step)
+    pose_step(model, state, work, impulse, step, options.time_step)
+    start_modes(state, work, clock[Clock.ITERATIONS] == 0.0, opposite(stops))
     ahead = select(stops, beyond(step, options.time_step, LEAD * options.time_step), -1.0)
-    solved, refused, active, rounds = solve_contact(
-        model, work.position, work, live, clock[Clock.ROUNDS], ahead, FOR_STEPS
+    solved, refused, active, iterations = solve_contact(
+        model, work.position, work, live, clock[Clock.ITERATIONS], ahead, FOR_STEPS
     )
-    clock[Clock.ROUNDS] = select(active, rounds, 0.0)
-    state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
+    clock[Clock.ITERATIONS] = select(active, iterations, 0.0)
+    state.count[Count.ITERATIONS] += select(live & opposite(active), iterations, 0.0)
     failed = live & opposite(solved | refused | active)
     poor = failed & (step > 1.5 * options.time_step)
     unsolved = failed & opposite(poor)
@@ -82,7 +82,7 @@ def try_step(model, grounds, state, work, options, live):
     expect_impact(model, state, work, options, solved)
     if some(refused | poor):
         shorten(model, state, work, options, refused, poor)
-    return kick, solved, unsolved
+    return impulse, solved, unsolved
 
 
 @kernel
@@ -94,12 +94,14 @@ def step_four(model, grounds, state, work, options):
     waits = False
     while not waits:
         live = clock[Clock.CODE] == common.GO
-        kick, solved, unsolved = try_step(model, grounds, state, work, options, live)
-        fallen = broken = clock[Clock.CODE] != clock[Clock.CODE]
+        impulse, solved, unsolved = try_step(model, grounds, state, work, options, live)
+        collapsed = broken = clock[Clock.CODE] != clock[Clock.CODE]
         if some(solved):
-            fallen, broken = accept_step(model, state, work, kick, solved, options.loss_limit)
+            collapsed, broken = accept_step(
+                model, state, work, impulse, solved, options.loss_limit
+            )
             next_step(state, options, solved, until)
-        code = service.code_after(state, options, until, (solved, unsolved, fallen, broken))
+        code = service.code_after(state, options, until, (solved, unsolved, collapsed, broken))
         clock[Clock.CODE] = code
         waits = some((code != common.GO) & (code != common.IDLE))
 
@@ -110,13 +112,15 @@ def step_one(model, grounds, state, work, options, output):
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     while clock[Clock.CODE] == common.GO:
-        kick, solved, unsolved = try_step(model, grounds, state, work, options, True)
-        fallen = broken = False
+        impulse, solved, unsolved = try_step(model, grounds, state, work, options, True)
+        collapsed = broken = False
         if solved:
-            fallen, broken = service.accept_recorded(model, state, work, kick, options, output)
+            collapsed, broken = service.accept_recorded(
+                model, state, work, impulse, options, output
+            )
             next_step(state, options, True, until)
         clock[Clock.CODE] = service.code_after(
-            state, options, until, (solved, unsolved, fallen, broken)
+            state, options, until, (solved, unsolved, collapsed, broken)
         )
 
 
@@ -128,7 +132,7 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
         step_one(model, grounds, state, work, options, output)
         code = int(state.clock[Clock.CODE])
         if code in (common.UNSOLVED, common.PAUSE):
-            code = service.serve(model, grounds, state, work, path, options, output)
+            code = service.handle(model, grounds, state, work, path, options, output)
     end_run(model, state, work, options, output, results, row)
 
 
@@ -254,7 +258,7 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
             if code in (common.UNSOLVED, common.PAUSE):
-                code = service.serve(model, grounds, state, one.work, one.path, options, output)
+                code = service.handle(model, grounds, state, one.work, one.path, options, output)
             if code != common.GO:
                 end_run(model, state, one.work, options, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, options, jobs, output, results)

@@ -7,20 +7,17 @@ contact residual.
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, inlined, kernel
-from archfrag.mechanics.contact.path import solve_anyhow
+from archfrag.mechanics.contact.path import solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, place_contacts
 from archfrag.mechanics.energy import kinetic_energy, record_work
-from archfrag.mechanics.ground import end_of_motion, end_rest, kick_between
+from archfrag.mechanics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import nearest, select
 from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Peak
 from archfrag.methods import common
-from archfrag.methods.common import (
-    log_change,
-    write_frame,
-)
+from archfrag.methods.common import log_change, write_frame
 from archfrag.methods.time_stepping.at_impacts import next_step
 from archfrag.methods.time_stepping.step import accept_step, pose_step
 
@@ -32,14 +29,14 @@ BY_START = int(Cause.START)
 SHORTEST = 1.0 / 100.0
 # Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
 # or several linear problems each; so many on average mean no advance.
-MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
+MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
 
 
 @kernel
 def is_as_built(model, state):
     """Whether all joints are closed and none has slipped: the chain is in its own geometry."""
     for j in range(state.slip.size):
-        if state.touch[j, 0] < 0.5 or state.touch[j, 1] < 0.5:
+        if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
             return False
         if abs(state.slip[j]) > common.CLOSED_GAP * model.length[j]:
             return False
@@ -90,20 +87,20 @@ def write_rest(model, grounds, state, work, path, output):
     place_contacts(model, state.slip, work.face, work.tangent, work)
     tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
     time = clock[Clock.TIME]
-    kick = kick_between(grounds, clock, time - tiny, time + tiny)
+    impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
     for i in range(1, state.position.shape[0] - 1):
-        work.free[i, 0] = -kick.x / (2.0 * tiny)
-        work.free[i, 1] = -kick.y / (2.0 * tiny) - model.gravity
+        work.free[i, 0] = -impulse.x / (2.0 * tiny)
+        work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
         work.free[i, 2] = 0.0
         for c in range(3):
             work.position[i, c] = state.position[i, c]
     for j in range(state.slip.size):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
-            work.candidate[j, k] = state.touch[j, k]
+            work.candidate[j, k] = state.contact[j, k]
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
-    solved, _ = solve_anyhow(model, state, work, path)
+    solved, _ = solve_with_fallback(model, state, work, path)
     # A history does not change what a run has taken.
     count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
     if not solved:
@@ -165,9 +162,9 @@ def dominant_change(state, work):
     """What joints do in a solved step, before it is made; cause, joint."""
     cause, joint, rank = -1, -1, 0
     for j in range(state.slip.size):
-        was = state.touch[j, 0] + state.touch[j, 1]
-        now = work.touch[j, 0] + work.touch[j, 1]
-        made = work.touch[j, 0] > state.touch[j, 0] or work.touch[j, 1] > state.touch[j, 1]
+        was = state.contact[j, 0] + state.contact[j, 1]
+        now = work.contact[j, 0] + work.contact[j, 1]
+        made = work.contact[j, 0] > state.contact[j, 0] or work.contact[j, 1] > state.contact[j, 1]
         changed = made or now != was or work.slide[j] != state.slide[j]
         if not changed:
             continue
@@ -187,18 +184,18 @@ def dominant_change(state, work):
 
 
 @kernel
-def accept_recorded(model, state, work, kick, options, output):
+def accept_recorded(model, state, work, impulse, options, output):
     """Make a solved step of one run, and write what is due; as `accept_step`."""
     write_if_due(model, state, work, output)
     cause, joint, time = -1, -1, state.clock[Clock.TIME]
     if output.log.time.size > 0:
         cause, joint = dominant_change(state, work)
     step = state.clock[Clock.STEP]
-    fallen, broken = accept_step(model, state, work, kick, True, options.loss_limit)
+    collapsed, broken = accept_step(model, state, work, impulse, True, options.loss_limit)
     keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, common.ALL, output)
-    return fallen, broken
+    return collapsed, broken
 
 
 @kernel
@@ -209,21 +206,21 @@ def measure_state(model, state, work):
 
 
 @kernel
-def serve_unsolved(model, grounds, state, work, path, options, output):
+def handle_unsolved(model, grounds, state, work, path, options, output):
     """Make a step whose modes are not reconciled, or halve it; returns the code."""
     clock = state.clock
     time, step = clock[Clock.TIME], clock[Clock.STEP]
-    kick = kick_between(grounds, clock, time, time + step)
-    pose_step(model, state, work, kick, step, options.time_step)
-    solved, compliant = solve_anyhow(model, state, work, path)
+    impulse = impulse_between(grounds, clock, time, time + step)
+    pose_step(model, state, work, impulse, step, options.time_step)
+    solved, compliant = solve_with_fallback(model, state, work, path)
     if solved:
-        fallen, broken = accept_recorded(model, state, work, kick, options, output)
+        collapsed, broken = accept_recorded(model, state, work, impulse, options, output)
         next_step(state, options, True, end_of_motion(grounds, clock, options.follow))
         if compliant:
             measure_state(model, state, work)
         if broken:
             return common.BROKEN
-        return common.FALLEN if fallen else common.PAUSE
+        return common.COLLAPSES if collapsed else common.PAUSE
     if clock[Clock.STEP] < SHORTEST * options.time_step:
         return common.UNSOLVED
     clock[Clock.STEP] *= 0.5
@@ -232,7 +229,7 @@ def serve_unsolved(model, grounds, state, work, path, options, output):
 
 
 @kernel
-def serve_pause(model, grounds, state, work, path, options, output):
+def handle_pause(model, grounds, state, work, path, options, output):
     """Between two steps: measure what is due, and see whether the chain rests; the code."""
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
@@ -259,13 +256,13 @@ def serve_pause(model, grounds, state, work, path, options, output):
 
 
 @kernel
-def serve(model, grounds, state, work, path, options, output):
+def handle(model, grounds, state, work, path, options, output):
     """Do for one run what stopped it; the code that it goes on with, or ends with."""
     code = int(state.clock[Clock.CODE])
     if code == common.UNSOLVED:
-        code = serve_unsolved(model, grounds, state, work, path, options, output)
+        code = handle_unsolved(model, grounds, state, work, path, options, output)
     if code == common.PAUSE:
-        code = serve_pause(model, grounds, state, work, path, options, output)
+        code = handle_pause(model, grounds, state, work, path, options, output)
     state.clock[Clock.CODE] = code
     return code
 
@@ -274,19 +271,19 @@ def serve(model, grounds, state, work, path, options, output):
 def code_after(state, options, until, outcome):
     """Why runs wait after an attempt at a step: of what holds, what is last below.
 
-    `outcome` are masks: solved, unsolved, fallen, broken.
+    `outcome` are masks: solved, unsolved, collapsed, broken.
     """
     clock, count = state.clock, state.count
-    solved, unsolved, fallen, broken = outcome
+    solved, unsolved, collapsed, broken = outcome
     checks = count[Count.STEPS] * (1.0 / options.check_interval)
     due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
     over = clock[Clock.TIME] >= until
     most = options.first_steps + until * (MOST_STEPS / options.time_step)
-    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
+    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most)
     code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
     code = select(solved & due, float(common.PAUSE), code)
     code = select(spent, float(common.EXHAUSTED), code)
     code = select(over, float(common.AT_END), code)
     code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
-    code = select(fallen, float(common.FALLEN), code)
+    code = select(collapsed, float(common.COLLAPSES), code)
     return select(broken, float(common.BROKEN), code)

@@ -101,7 +101,7 @@ def aim_contacts(model, state, work, step, shortest):
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
         for k in range(2):
-            beyond = select(state.touch[j, k] > 0.5, half, smaller(half, 0.5 * shortest))
+            beyond = select(state.contact[j, k] > 0.5, half, smaller(half, 0.5 * shortest))
             span = half + beyond
             rate, bend = 1.0 / span, step * (0.125 * step + 0.5 * beyond)
             ex, ey = offset_of(j, k, model, work)
@@ -123,11 +123,11 @@ def aim_contacts(model, state, work, step, shortest):
 
 
 @inlined
-def free_fall(model, state, work, kick, span):
+def free_fall(model, state, work, impulse, span):
     """Velocities without reactions after a time `span` [s], into ``work.free``."""
-    fall = kick.y + span * model.gravity
+    fall = impulse.y + span * model.gravity
     for i in range(1, state.position.shape[0] - 1):
-        work.free[i, 0] = state.velocity[i, 0] - kick.x
+        work.free[i, 0] = state.velocity[i, 0] - impulse.x
         work.free[i, 1] = state.velocity[i, 1] - fall
         work.free[i, 2] = state.velocity[i, 2]
 
@@ -159,7 +159,7 @@ def carry_on(model, state, work, span):
     """Let the reactions of the last step act for a time before an impact, into ``work.free``.
 
     Else joints that the impact opens would bear nothing in that time, and the impact would take
-    what the kick gives against them: a part of the energy of the order of the step, each time.
+    what the ground gives against them: a part of the energy of the order of the step, each time.
     """
     for j in range(state.slip.shape[0]):
         fx, fy = span * state.force[j, 0], span * state.force[j, 1]
@@ -173,9 +173,9 @@ def carry_on(model, state, work, span):
 
 
 @kernel
-def pose_step(model, state, work, kick, step, shortest):
+def pose_step(model, state, work, impulse, step, shortest):
     """Set up the contact problem of a step, but for the modes to start from."""
-    free_fall(model, state, work, kick, step)
+    free_fall(model, state, work, impulse, step)
     go_to_middle(model, state, work, step)
     span = time_before(state, step)
     if some(span > 0.0):
@@ -184,13 +184,13 @@ def pose_step(model, state, work, kick, step, shortest):
 
 
 @kernel
-def take_velocities(model, state, work, kick, where):
+def take_velocities(model, state, work, impulse, where):
     """Take the solved velocities over, and record the work of the ground."""
     given = 0.0
     for i in range(1, state.position.shape[0] - 1):
         mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
         mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
-        given -= model.mass[i] * (kick.x * mean_x + kick.y * mean_y)
+        given -= model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
         for c in range(3):
             state.velocity[i, c] = select(where, work.solved[i, c], state.velocity[i, c])
     state.energy[Energy.GROUND] += select(where, given, 0.0)
@@ -208,7 +208,7 @@ def _is_complete(j, model, state, work):
         ex, ey = offset_of(j, k, model, work)
         hx, hy = bend_of(j, k, state.velocity, work)
         off = nx * ex + ny * ey - 0.125 * step * step * (nx * hx + ny * hy)
-        complete = complete & ((work.touch[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step))
+        complete = complete & ((work.contact[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step))
     return complete
 
 
@@ -217,8 +217,8 @@ def count_changes(model, state, work, where):
     """Count what joints do in a step, and remember impacts that go on after it."""
     count = state.count
     for j in range(state.slip.shape[0]):
-        was_0, was_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
-        is_0, is_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
+        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
         differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
         differs = differs & where
         hits = where & (state.impact[j] > 0.5)
@@ -276,7 +276,7 @@ def record_overlap(model, state, work, where):
 
 
 @kernel
-def make_step(model, state, work, kick, where, loss_limit):
+def make_step(model, state, work, impulse, where, loss_limit):
     """Take solved velocities and the positions that they reach over; as `accept_step`."""
     clock, count = state.clock, state.count
     step, changes = clock[Clock.STEP], False
@@ -284,7 +284,7 @@ def make_step(model, state, work, kick, where, loss_limit):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    take_velocities(model, state, work, kick, where)
+    take_velocities(model, state, work, impulse, where)
     hit = 0.0 * step
     for j in range(state.slip.shape[0]):
         hit = larger(hit, state.impact[j])
@@ -292,23 +292,23 @@ def make_step(model, state, work, kick, where, loss_limit):
         state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
         state.slip[j] = select(where, work.slip[j], state.slip[j])
         for k in range(2):
-            changes = changes | (work.touch[j, k] != state.touch[j, k])
+            changes = changes | (work.contact[j, k] != state.contact[j, k])
         for c in range(3):
             work.reaction[j, c] = work.reaction[j, c] / step
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
     placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    fallen = follow_joints(model, state, work, where, loss_limit)
+    collapsed = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
     clock[Clock.MOVING] += select(where, step, 0.0)
     count[Count.STEPS] += flag(where)
     eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
     # Faces that have turned past a right angle or left each other have no overlap that counts.
-    looks = where & opposite(fallen) & (changes | (eighth == nearest(eighth)))
+    looks = where & opposite(collapsed) & (changes | (eighth == nearest(eighth)))
     if some(looks):
         record_overlap(model, state, work, looks)
-    return fallen, broken
+    return collapsed, broken
 
 
 @kernel
@@ -320,8 +320,8 @@ def add_carried(state, work, span):
 
 
 @kernel
-def accept_step(model, state, work, kick, where, loss_limit):
-    """Make a step whose contact problem is solved, and record what it did; fallen, broken.
+def accept_step(model, state, work, impulse, where, loss_limit):
+    """Make a step whose contact problem is solved, and record what it did; collapsed, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
     """
@@ -332,4 +332,4 @@ def accept_step(model, state, work, kick, where, loss_limit):
     record_step(state, work, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
-    return make_step(model, state, work, kick, where, loss_limit)
+    return make_step(model, state, work, impulse, where, loss_limit)
