@@ -57,6 +57,15 @@ def tarred(content):
     return buffer.getvalue()
 
 
+def flipped(content, seed, count=8):
+    """The content with some of its bits flipped."""
+    random = np.random.default_rng(seed)
+    changed = bytearray(content)
+    for _ in range(count):
+        changed[random.integers(len(changed))] ^= 1 << int(random.integers(8))
+    return bytes(changed)
+
+
 def crash():
     """GSE2 with lines of more than 82 characters: obspy copies them into a buffer of that size."""
     head, body = record("GSE2").split(b"DAT2\n")
@@ -75,8 +84,10 @@ ATTACKS = {
     "payload.tar": lambda marker: tarred(payload(marker)),
     "record.bz2": lambda _: bz2.compress(record("SLIST")),
     "cut.gse2": lambda _: record("GSE2")[:300],
+    "flipped.gse2": lambda _: flipped(record("GSE2"), 53),
     "crash.gse2": lambda _: crash(),
     "cut.mseed": lambda _: record("MSEED")[:-100],
+    "flipped.mseed": lambda _: flipped(record("MSEED"), 0, 400),
     "long.sac": lambda _: with_count(record("SAC"), 2**31 - 1),
     "negative.sac": lambda _: with_count(record("SAC"), -5),
     "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
