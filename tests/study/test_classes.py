@@ -57,7 +57,7 @@ class TestCube:
         meets[4:8] = [[True, False], [True, False], [False, True], [False, True]]
         np.testing.assert_array_equal(simulated.all(axis=2), meets)
         np.testing.assert_array_equal(simulated.any(axis=2), meets)
-        assert classes.log.runs == meets.sum() * 6
+        assert classes.log["runs"] == meets.sum() * 6
 
 
 def test_arches_and_classes_have_a_curve_each_unless_an_arch_has_one_record(classes):
@@ -146,7 +146,7 @@ class TestGrowing:
 
     def test_more_samples_run_alone(self, classes, copied):
         grown = made(write(copied, TEXT.replace("samples: 4", "samples: 8")))
-        assert (grown.log.runs, grown.log.kept) == (108 + 48, 108)
+        assert (grown.log["runs"], grown.log["kept"]) == (108 + 48, 108)
         names = classes.cube["arch"].values
         for name in ("verdict", "peak_rotation", "arch_width"):
             before = classes.cube[name].set_index(arch="arch").sel(arch=names)

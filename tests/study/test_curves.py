@@ -27,7 +27,7 @@ from archfrag.study.answer.fits import (
     undecided,
 )
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.design import Stripes
+from archfrag.study.runs import Stripes
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 LEVELS = np.geomspace(0.1, 10.0, 60)

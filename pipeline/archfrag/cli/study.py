@@ -67,11 +67,11 @@ def run(
 
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
-        with stoppable() as stop, contextlib.ExitStack() as stack:
+        with stoppable() as check, contextlib.ExitStack() as stack:
             study = load_study(study_file, overrides)
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
-            anything = run_study(study, study_file, Options(_report, cores, quiet), stop)
+            anything = run_study(study, study_file, Options(_report, cores, quiet), check)
     except Stopped as stopped:
         warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
         click.get_current_context().exit(128 + stopped.number)

@@ -1,12 +1,17 @@
-"""Files that a study reads and writes: by content, complete or not at all, known as ours."""
+"""Files that a study reads and writes, known by their content; and what results are made with."""
 
 import contextlib
 import functools
 import hashlib
 import json
+import math
 import os
+import platform
 import re
+import socket
+import subprocess
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +33,7 @@ _RESULT = re.compile(
 )
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
+_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -177,3 +183,70 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
                 what = f"has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
             lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results pass through."""
+    found = {"archfrag": archfrag.__version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+@functools.cache
+def commit() -> str:
+    """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
+
+    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
+    environment, which those who install from an archive may set, or else "unknown".
+    """
+    checkout = PACKAGE.parents[1]
+    if (checkout / ".git").exists():
+        command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            return subprocess.check_output(
+                command, cwd=checkout, stderr=subprocess.DEVNULL, text=True, timeout=20
+            ).strip()
+    built_from = PACKAGE / "commit.txt"
+    if built_from.is_file():
+        return built_from.read_text().strip()
+    return os.environ.get("ARCHFRAG_COMMIT", "unknown")
+
+
+def strict_json(value: Any) -> str:
+    """JSON that every reader takes: infinity as "inf"."""
+    return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
+
+
+def finite(value: Any, none: Any = str) -> Any:
+    """The value with text, or with `none`, in the place of floats that JSON does not know."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value) if none is str else none
+    if isinstance(value, dict):
+        return {key: finite(entry, none) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry, none) for entry in value]
+    return value
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def machine() -> dict[str, Any]:
+    """Where it runs, for the log."""
+    host, system = socket.gethostname(), platform.platform()
+    return {"host": host, "system": system, "cores": available_cores()}
+
+
+def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
+    """Add an entry to ``run_log.json`` in a folder."""
+    path = folder / "run_log.json"
+    entries: list[Any] = []
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        entries = list(read_json(path))
+    write_text(path, json.dumps([*entries, entry], indent=1) + "\n")

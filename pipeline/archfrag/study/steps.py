@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
+from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start, refuse_foreign_results
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
-from archfrag.study.provenance import attributes, versions
-from archfrag.study.running import Stop, only_run
+from archfrag.study.files import versions
+from archfrag.study.running import only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
 
 if TYPE_CHECKING:
@@ -106,13 +107,11 @@ def make_step(
         make_folder(path.parent)
         write_csv(path, [table])
         note(
-            f"batch {batch + 1} of {batches}: {counted(log.runs, 'run')}, {log.kept} kept from "
-            f"before, {log.runs - log.kept} new; {log.wall_time:.1f} s on "
-            f"{counted(log.workers, 'core')}"
+            f"batch {batch + 1} of {batches}: {counted(log['runs'], 'run')}, {log['kept']} kept "
+            f"from before, {log['runs'] - log['kept']} new; {log['wall_time']:.1f} s on "
+            f"{counted(log['workers'], 'core')}"
         )
     elif step == "cube":
-        from archfrag.study.answer.cube import write_cube
-
         note(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
@@ -239,7 +238,9 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
     return {name: files.digest_of(value) for name, value in found.items()}
 
 
-def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> bool:
+def run_study(
+    study: Study, study_file: Path, options: Options, check_stopped: Callable[[], None]
+) -> bool:
     """Do all of a study that is not done yet; whether there was anything to do.
 
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
@@ -267,7 +268,7 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
             note(f"what follows from it is made again; {kept}")
         plan = None
         for step in stale:
-            stop.check()
+            check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
             make_step(study, step, note, options, plan)
