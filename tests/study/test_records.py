@@ -33,13 +33,16 @@ def study_with(tmp_path, motions, **changes):
     return load_study(small_study(tmp_path, text))
 
 
+@pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
 @pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
-def test_factors_bring_the_record_to_each_level(tmp_path, name):
+def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
+    text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
     unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
-    text = TEXT.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
+    text = text.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
     study = load_study(small_study(tmp_path, text))
     for record in prepare_motions(study):
         motion = load_record(study.work, record)
+        assert record.dt == motion.dt == pytest.approx(0.01 if steps == "[]" else 0.005)
         reached = [measure(motion.scaled(f), name) for f in plan_factors(study, record)]
         np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
 

@@ -8,7 +8,6 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,16 +30,7 @@ REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8
 Note = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Options:
-    """How steps are made."""
-
-    report: Callable[[Study, Path | None], Path] | None = None  # writes it: of a layer above
-    cores: int | None = None  # processes that make runs, in the place of the study's
-    quiet: bool = False  # show nothing but errors
-    compared: Path | None = None  # another study's file, for the report
+Report = Callable[[Study, Path | None], Path]  # writes it: of a layer above
 
 
 def batch_step(batch: int, batches: int) -> str:
@@ -83,11 +73,15 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, note: Note, options: Options = Options(), plan: Plan | None = None
-) -> None:
+    study: Study, step: str, note: Note, plan: Plan | None = None, *,
+    report: Report | None = None, cores: int | None = None, quiet: bool = False,
+    compared: Path | None = None,
+) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `note` takes a line for the user; `plan` is that of the study, if it is known.
+    `note` takes a line for the user; `plan` is that of the study, if it is known; `cores`
+    processes make runs, in the place of the study's; `compared` is another study's file, for the
+    report.
     """
     if step == "motions":
         if current_plan(study)[0] is not None:
@@ -96,13 +90,13 @@ def make_step(
         note(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
-    if options.compared is None and not out_of_date(study, step, plan):
+    if compared is None and not out_of_date(study, step, plan):
         return None
     if step.startswith("batch"):
         from archfrag.study.runs.execute import run_batch
 
         batch, batches = map(int, step.removeprefix("batch-").split("of"))
-        log, table = run_batch(study, batch, options.cores, options.quiet, plan)
+        log, table = run_batch(study, batch, cores, quiet, plan)
         (path,) = products(study, step)
         make_folder(path.parent)
         write_csv(path, [table])
@@ -119,8 +113,8 @@ def make_step(
         require(study, "cube", plan)
         for line in fit_lines(study, fit_cube(study)):
             note(line)
-    elif options.report is not None:
-        note(f"report: {options.report(study, options.compared)}")
+    elif report is not None:
+        note(f"report: {report(study, compared)}")
     return finish(study, step, plan)
 
 
@@ -239,8 +233,9 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
 
 
 def run_study(
-    study: Study, study_file: Path, options: Options, check_stopped: Callable[[], None]
-) -> bool:
+    study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
+    cores: int | None = None, quiet: bool = False,
+) -> bool:  # fmt: skip
     """Do all of a study that is not done yet; whether there was anything to do.
 
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
@@ -252,7 +247,7 @@ def run_study(
         return False
 
     def note(text: str) -> None:
-        if not options.quiet:
+        if not quiet:
             print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
 
     check_start(study)
@@ -271,7 +266,7 @@ def run_study(
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
-            make_step(study, step, note, options, plan)
+            make_step(study, step, note, plan, report=report, cores=cores, quiet=quiet)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
