@@ -25,12 +25,8 @@ def plan_factors(study, record):
     return plan.factors(cases)
 
 
-def study_with(tmp_path, motions, **changes):
-    text = TEXT.replace(f"  {FILES}", f"  {motions}")
-    for old, new in changes.items():
-        text = text.replace(old, new)
-    assert motions in text
-    return load_study(small_study(tmp_path, text))
+def study_with(tmp_path, motions):
+    return load_study(small_study(tmp_path, TEXT.replace(f"  {FILES}", f"  {motions}")))
 
 
 @pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
