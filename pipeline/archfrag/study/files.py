@@ -10,7 +10,6 @@ import platform
 import re
 import socket
 import subprocess
-from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,11 +17,9 @@ from typing import TYPE_CHECKING, Any
 import archfrag
 from archfrag.errors import OutputError
 from archfrag.files import entries, opened, replacing, sha256_of, sweep
-from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
-    from archfrag.study.file.sources import Source
 
 PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
@@ -145,31 +142,6 @@ def refuse_foreign_cube(study: "Study") -> None:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"
         raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
-
-
-def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) -> Inputs:
-    """All files that the motions of a study follow from.
-
-    Paths are relative to the folder of the results, so that a study may be moved with them.
-    """
-    partners = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
-    records = [*(source.path for source in sources), *partners]
-    places = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
-    if index is not None:
-        given = Path(index)
-        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
-    names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
-    for place in places:
-        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
-        every = sorted(place.glob("*.xml"))
-        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
-    inputs: Inputs = {}
-    for kind, paths in zip(KINDS, (records, indices, inventories)):
-        digests = {os.path.relpath(path, folder): sha256_if_there(path) for path in paths}
-        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
-    return inputs
 
 
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:

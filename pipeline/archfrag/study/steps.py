@@ -17,8 +17,9 @@ from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start, refuse_foreign_results
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
+from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest
 from archfrag.study.file.schema import Study
+from archfrag.study.file.sources import study_inputs
 from archfrag.study.files import versions
 from archfrag.study.running import only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
