@@ -14,8 +14,8 @@ from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.quoted import shared_events
-from archfrag.study.runs import design_of
-from archfrag.study.runs.design import Design
+from archfrag.study.runs import Design
+from archfrag.study.runs.ida import design_of
 
 if TYPE_CHECKING:
     import xarray as xr
