@@ -102,14 +102,6 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
         Codes of `Verdict`; all but survived and collapsed decide nothing.
     levels : array_like, (n_level,) or (n_record, n_level)
         Intensity or scale factor, > 0, in any order.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.brackets import find_brackets
-    >>> verdict = [[0, 0, 0, 1, 1], [0, 1, 0, 0, 1]]
-    >>> found = find_brackets(verdict, [0.1, 0.2, 0.3, 0.4, 0.5])
-    >>> found.lower.tolist(), found.upper.tolist(), found.contradictions.tolist()
-    ([0.3, 0.4], [0.4, 0.5], [0, 1])
     """
     codes, level = np.asarray(verdict), positive(levels, "levels")
     if codes.ndim != 2 or codes.size == 0:

@@ -198,7 +198,6 @@ def _compare_records(
         if exact[used].sum() >= 4:
             part = low[:, used], high[:, used], expected[:, used]
             columns[[2 + j, 4 + j]] = _slope_test(*part, value, place)
-
     return columns, expected
 
 
