@@ -11,8 +11,7 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import Brackets
-from archfrag.fragility.counts import draws_of_records
+from archfrag.fragility.counts import Brackets, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import Lines, binomial_lines
