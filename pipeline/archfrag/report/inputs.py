@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from archfrag.fragility.brackets import Brackets
+from archfrag.fragility.counts import Brackets
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section
 

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import Brackets, find_brackets
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section, refuse
 from archfrag.study.runs import Cases, Cloud, Design, Grid, Requests, Stripes, Verdicts
