@@ -10,7 +10,7 @@ from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.quoted import quoted_band, quoted_runs
 
 Array = NDArray[np.float64]

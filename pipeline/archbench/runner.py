@@ -23,7 +23,7 @@ from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
 from archfrag.kernel_cache import kernel_hash
 from archfrag.simulation.checks import available_methods
-from archfrag.study.provenance import commit, machine, strict_json, versions
+from archfrag.study.files import commit, machine, strict_json, versions
 from archfrag.warmup import warmup
 
 Key = tuple[Any, ...]

@@ -6,7 +6,7 @@ from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, norm, t
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 
 INF = np.inf

@@ -7,8 +7,7 @@ from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import clopper_pearson, draws_of_records, wilson
+from archfrag.fragility.counts import clopper_pearson, draws_of_records, find_brackets, wilson
 from archfrag.fragility.quoted import (
     check_lognormal,
     independent_records,

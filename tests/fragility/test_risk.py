@@ -7,14 +7,13 @@ import pytest
 from scipy.integrate import quad
 
 from archfrag.errors import InputError
-from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.contributions import (
     contributions,
     deaggregate,
     implied_collapses,
     level_edges,
 )
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.fragility.risk import HazardCurve, collapse_rate, parameter_draws, rate_by_level

@@ -15,7 +15,7 @@ from archfrag.study.answer.cube import write_cube
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import Study, load_study
-from archfrag.study.runs.execute import BatchLog, run_batch
+from archfrag.study.runs.execute import run_batch
 from archfrag.study.steps import finish, step_names
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,7 +66,7 @@ def files_below(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def make_runs(study: Study) -> BatchLog:
+def make_runs(study: Study) -> dict:
     """Make all runs that are missing, in this process."""
     return run_batch(study, workers=1, quiet=True)[0]
 
@@ -75,7 +75,7 @@ class Made(NamedTuple):
     """A study with its cube and its curves, all up to date."""
 
     study: Study
-    log: BatchLog
+    log: dict
     cube: xr.Dataset
     fits: dict
 

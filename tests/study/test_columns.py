@@ -1,12 +1,12 @@
 """Columns of many runs straight from the kernels' arrays, and the keys of runs."""
 
 import numpy as np
-import pytest
 
 import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
-from archfrag.simulate import results_of_runs, simulate_runs
+from archfrag.simulate import results_of_runs
+from archfrag.simulation.response import response_of
 from archfrag.study.runs.outcome import COLUMNS, columns_of, tabulate_cases
 
 FACTORS = [0.0, 0.5, 2.0, 6.0]
@@ -16,15 +16,6 @@ def ring_and_wave():
     arch = af.Arch.circular(radius=10.0, thickness=1.5, embrace=157.5, voussoirs=7, friction=0.7)
     time = np.arange(100) * 0.01
     return arch, af.Motion(5.0 * np.sin(9.0 * time) * np.sin(np.pi * time), 0.01)
-
-
-@pytest.fixture(scope="module")
-def both():
-    """Runs that stand and that collapse: their arrays, and a response of each."""
-    arch, motion = ring_and_wave()
-    options = {"method": "time_stepping", "dt": 2e-3, "follow": 1.0}
-    given = arch, [motion] * len(FACTORS), FACTORS
-    return results_of_runs(*given, **options)[0], simulate_runs(*given, **options)
 
 
 VERDICTS = {None: Verdict.UNFINISHED, False: Verdict.STANDING, True: Verdict.COLLAPSED}
@@ -52,11 +43,11 @@ def assert_equal(first, second):
         np.testing.assert_array_equal(values, second[name], err_msg=name)
 
 
-def test_every_column_has_a_value_of_its_own(both):
+def test_every_column_has_a_value_of_its_own():
     """Arrays in which every entry differs, so that no two could be mixed up."""
-    from archfrag.simulation.response import response_of
-
-    results, count = both[0], 0
+    arch, motion = ring_and_wave()
+    options = {"method": "time_stepping", "dt": 2e-3, "follow": 1.0}
+    results, count = results_of_runs(arch, [motion] * 4, FACTORS, **options)[0], 0
     for array in (results.loss, results.count, results.energy, results.model_time, results.peak):
         array[:] = count + np.arange(array.size).reshape(array.shape)
         count += array.size

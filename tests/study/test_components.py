@@ -8,7 +8,6 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
 from archfrag.study.answer.cube import write_cube
 from archfrag.study.checks import check_study, uncorrected
@@ -17,7 +16,6 @@ from archfrag.study.file.schema import load_study
 from tests.motions.helpers import at2_text, wave
 from tests.motions.samples import geonet_text
 from tests.study.small import TEXT, make_runs, small_study
-from tests.study.test_records import plan_factors
 
 G = 9.80665
 FILES = 'files: ["records/*.AT2"]'
@@ -125,16 +123,6 @@ class TestPairs:
 
 
 class TestProcessing:
-    def test_the_measure_is_that_of_the_processed_record(self, tmp_path):
-        text = TEXT.replace("measure: PGA", "measure: Arias").replace("unit: g", "unit: m/s")
-        steps = "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"
-        study = study_with(tmp_path, f"{FILES}\n  processing: {steps}", text)
-        for record in prepare_motions(study):
-            motion = load_record(study.work, record)
-            assert record.dt == motion.dt == pytest.approx(0.005)
-            reached = [measure(motion.scaled(f), "Arias") for f in plan_factors(study, record)]
-            np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
-
     def test_rotation_makes_one_motion_of_two_files(self, tmp_path):
         study = study_with(
             tmp_path,

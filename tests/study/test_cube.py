@@ -10,7 +10,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.answer.cube import build_cube, write_cube
 from archfrag.study.answer.fits import fit_cube, fit_text, load_fits
-from archfrag.study.provenance import finite
+from archfrag.study.files import finite
 from archfrag.study.runs.outcome import COLUMNS
 from archfrag.study.runs.store import gather
 
@@ -28,19 +28,19 @@ def cube(cube_file):
 
 class TestContent:
     def test_each_run_stands_where_its_part_states(self, done, cube):
-        runs = gather(done.plan)
-        place = tuple(runs.cases[name] for name in ("arch", "record", "place"))
+        cases, table, _ = gather(done.plan)
+        place = tuple(cases[name] for name in ("arch", "record", "place"))
         for name in (*(column.name for column in COLUMNS), "model_time"):
-            np.testing.assert_array_equal(cube[name].values[place], runs.table[name])
-        assert len(runs.table) == cube["verdict"].size == 12
+            np.testing.assert_array_equal(cube[name].values[place], table[name])
+        assert len(table) == cube["verdict"].size == 12
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done):
-        runs, shape = gather(done.plan), (2, 2, 3)
-        runs.table["verdict"][:] = Verdict.STANDING
-        runs.table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
-        runs.table["lost_contact_time"][:] = np.nan
-        runs.table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
-        cube = build_cube(done.study, done.plan, runs)
+        (cases, table, notes), shape = gather(done.plan), (2, 2, 3)
+        table["verdict"][:] = Verdict.STANDING
+        table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
+        table["lost_contact_time"][:] = np.nan
+        table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
+        cube = build_cube(done.study, done.plan, cases, table, notes)
         assert cube["lost_contact_and_stand"].values.tolist() == [[0, 0, 0], [0, 2, 1]]
         assert cube.attrs["loss_limit"] == "0.5"
 

@@ -27,7 +27,7 @@ from archfrag.study.answer.fits import (
     undecided,
 )
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.design import Stripes
+from archfrag.study.runs import Stripes
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
@@ -188,20 +188,6 @@ class TestDispersionOfAClass:
             dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
 
 
-NAMED = ["1 g", "2 g", "3 g"]
-
-
-@pytest.mark.parametrize("kind", [Verdict.UNFINISHED, Verdict.SOLVER_FAILURE])
-@pytest.mark.parametrize(("lost", "expected"), [(5, False), (6, True)])
-def test_more_than_five_per_cent_at_any_level_is_reported(kind, lost, expected):
-    verdict = np.zeros((100, 3), dtype=int)
-    verdict[:lost, 2] = kind
-    message = undecided(count_verdicts(verdict), NAMED)
-    assert bool(message) is expected
-    if expected:
-        assert "at 1 of 3 levels (most: 6 of 100 at 3 g)" in message
-
-
 def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     with_verdicts(copied.study, all_survive)
     none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
@@ -242,9 +228,22 @@ def of_events(count):
     return events_caution(xr.Dataset({"event": ("record", names)}))
 
 
+def of_lost(count, kind):
+    verdict = np.zeros((100, 3), dtype=int)
+    verdict[:count, 2] = kind
+    return undecided(count_verdicts(verdict), ["1 g", "2 g", "3 g"])
+
+
+LOST = (
+    "more than 5 % of the runs are unfinished or failed at 1 of 3 levels (most: 6 of 100 at 3 g)"
+)
+
+
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
+        *((of_lost(5, kind), "") for kind in (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE)),
+        *((of_lost(6, kind), LOST) for kind in (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE)),
         (non_monotone(AGAIN), ""),
         (non_monotone(MORE), "3 of 10 records do not cause"),
         (coarse_levels(np.array([1.0, 1.2, 1.5]), CURVE), ""),

@@ -12,17 +12,16 @@ import pytest
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
-from archfrag.study.runs import execute
-from archfrag.study.runs.design import CASE
+from archfrag.study.runs import CASE, execute
 from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
 
 
 def assert_same(results, expected):
     """The same runs with the same results, however they were cut into parts."""
-    np.testing.assert_array_equal(results.cases, expected.cases)
-    for name in set(results.table.dtype.names) - {"wall_time"}:
-        np.testing.assert_array_equal(results.table[name], expected.table[name])
+    np.testing.assert_array_equal(results[0], expected[0])
+    for name in set(results[1].dtype.names) - {"wall_time"}:
+        np.testing.assert_array_equal(results[1][name], expected[1][name])
 
 
 def worker_processes():
@@ -88,13 +87,13 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     torn.write_bytes(b"torn")
     before = kept.stat()
     log, table = run_batch(copied.study, quiet=True)
-    assert (log.runs, log.kept) == (12, 8)
+    assert (log["runs"], log["kept"]) == (12, 8)
     assert kept.stat().st_mtime_ns == before.st_mtime_ns
     assert_same(gather(copied.plan), gather(done.plan))
     assert table["arch"].tolist() == ["ring"] * 6 + ["slab"] * 6
     assert (table["wall_time"] > 0.0).all()
     log, _ = run_batch(copied.study, quiet=True)
-    assert (log.kept, log.workers) == (12, 0)
+    assert (log["kept"], log["workers"]) == (12, 0)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +117,7 @@ def test_workers_make_the_same_runs_and_one_that_is_killed_costs_nothing_but_tim
     killer.start()
     log, _ = run_batch(study, workers=2, quiet=True)
     killer.join(10.0)
-    assert (killer.killed, log.workers) == (1, 2)
+    assert (killer.killed, log["workers"]) == (1, 2)
     assert not worker_processes()
     plan = make_plan(study)
     disturbed = gather(plan)

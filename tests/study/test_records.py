@@ -8,7 +8,7 @@ from archfrag.motions.measures import measure
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
-from archfrag.study.runs.design import CASE
+from archfrag.study.runs import CASE
 from archfrag.study.runs.store import make_plan
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
@@ -25,21 +25,20 @@ def plan_factors(study, record):
     return plan.factors(cases)
 
 
-def study_with(tmp_path, motions, **changes):
-    text = TEXT.replace(f"  {FILES}", f"  {motions}")
-    for old, new in changes.items():
-        text = text.replace(old, new)
-    assert motions in text
-    return load_study(small_study(tmp_path, text))
+def study_with(tmp_path, motions):
+    return load_study(small_study(tmp_path, TEXT.replace(f"  {FILES}", f"  {motions}")))
 
 
+@pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
 @pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
-def test_factors_bring_the_record_to_each_level(tmp_path, name):
+def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
+    text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
     unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
-    text = TEXT.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
+    text = text.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
     study = load_study(small_study(tmp_path, text))
     for record in prepare_motions(study):
         motion = load_record(study.work, record)
+        assert record.dt == motion.dt == pytest.approx(0.01 if steps == "[]" else 0.005)
         reached = [measure(motion.scaled(f), name) for f in plan_factors(study, record)]
         np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
 

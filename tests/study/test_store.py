@@ -12,7 +12,7 @@ from archfrag.errors import InputError
 from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
-from archfrag.study.runs.design import CASE
+from archfrag.study.runs import CASE
 from archfrag.study.runs.store import (
     DECIDING,
     KEY,
@@ -76,7 +76,7 @@ class TestPlan:
 class TestParts:
     def test_a_damaged_part_is_ignored_and_made_again(self, copied):
         plan = copied.plan
-        before = gather(plan)
+        _, before, _ = gather(plan)
         parts = sorted(plan.parts.glob("*.npy"))
         full = parts[0].read_bytes()
         for spoilt in (b"", full[:-40], full[:300] + b"\x01" * 8 + full[308:],
@@ -86,9 +86,9 @@ class TestParts:
             with pytest.raises(InputError, match="runs of iteration 1 are missing or damaged"):
                 gather(plan)
         make_runs(copied.study)
-        after = gather(plan)
+        _, after, _ = gather(plan)
         for name in set(ROW.names) - {"wall_time"}:
-            np.testing.assert_array_equal(after.table[name], before.table[name])
+            np.testing.assert_array_equal(after[name], before[name])
 
     def test_a_part_of_other_columns_counts_as_missing(self, copied):
         path = next(copied.plan.parts.glob("*.npy"))

@@ -97,5 +97,5 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
         slurm.ask("scancel", "--full", "--state=RUNNING")
         scheduler.send_signal(signal.SIGTERM)
         scheduler.wait(20)
-    assert [log.runs for log in logs] == [6, 6]
+    assert [log["runs"] for log in logs] == [6, 6]
     xr.testing.assert_identical(xr.load_dataset(write_cube(study)), alone)

@@ -49,7 +49,7 @@ class _Group(click.Group):
 def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
     if requested and not ctx.resilient_parsing:
         import archfrag
-        from archfrag.study.provenance import commit
+        from archfrag.study.files import commit
 
         echo(f"archfrag {archfrag.__version__} (commit {commit()})")
         ctx.exit()

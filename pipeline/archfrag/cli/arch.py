@@ -112,7 +112,7 @@ def onset(arch: Any, as_json: bool) -> None:
     The acceleration is steady. The mechanism in which the arch begins to move is shown too.
     """
     from archfrag.simulate import onset as find_onset
-    from archfrag.study.provenance import finite
+    from archfrag.study.files import finite
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
@@ -185,7 +185,7 @@ def onset_text(start: "Onset") -> str:
 
 def response_facts(response: "Response", scale: float) -> dict[str, Any]:
     """Results of one run, ready for JSON."""
-    from archfrag.study.provenance import finite
+    from archfrag.study.files import finite
 
     facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}
     mechanism, _ = facts.pop("mechanism"), facts.pop("history")

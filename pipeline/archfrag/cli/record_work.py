@@ -29,7 +29,7 @@ from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
 from archfrag.motions.synthetic import Plan, make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
-from archfrag.study.provenance import available_cores
+from archfrag.study.files import available_cores
 
 SHOWN_PERIODS = np.geomspace(0.02, 5.0, 80)  # of a record's spectrum [s]
 MOST = 24  # channels in a figure

@@ -76,8 +76,7 @@ def inspect(
     from archfrag.errors import RecordError
     from archfrag.motions.channels import inspect_record
     from archfrag.motions.index import goes_with_records
-    from archfrag.study.files import write_text
-    from archfrag.study.provenance import finite
+    from archfrag.study.files import finite, write_text
 
     found, facts, unreadable = [], [], []
     for file in files:

@@ -63,15 +63,15 @@ def run(
     from archfrag.files import counted
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import Stopped, stoppable, without_dask
-    from archfrag.study.steps import Options, run_study
+    from archfrag.study.steps import run_study
 
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
-        with stoppable() as stop, contextlib.ExitStack() as stack:
+        with stoppable() as check, contextlib.ExitStack() as stack:
             study = load_study(study_file, overrides)
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
-            anything = run_study(study, study_file, Options(_report, cores, quiet), stop)
+            anything = run_study(study, study_file, check, _report, cores, quiet)
     except Stopped as stopped:
         warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
         click.get_current_context().exit(128 + stopped.number)
@@ -134,12 +134,12 @@ def _step(name: str, help_: str, *options: Callable) -> None:
     ) -> None:  # fmt: skip
         from archfrag.study.file.schema import load_study
         from archfrag.study.files import check_own
-        from archfrag.study.steps import Options, batch_step, make_step, products
+        from archfrag.study.steps import batch_step, make_step, products
 
         study = load_study(study_file, overrides)
         check_own(study)
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
-        make_step(study, step, warn, Options(_report, **given))
+        make_step(study, step, warn, report=_report, **given)
         for path in filter(Path.is_file, products(study, step)):
             path.touch()
         if as_json:

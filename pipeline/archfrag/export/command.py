@@ -18,8 +18,7 @@ from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
 from archfrag.study.file.schema import Study
-from archfrag.study.files import CUBE, write_text
-from archfrag.study.provenance import commit
+from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
 
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross

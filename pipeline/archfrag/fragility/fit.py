@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import checked_brackets
-from archfrag.fragility.counts import checked_stripes, draws_of_records
+from archfrag.fragility.counts import checked_brackets, checked_stripes, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, positive, shaped, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import Brackets
-from archfrag.fragility.counts import event_groups
+from archfrag.fragility.counts import Brackets, event_groups
 from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped
 from archfrag.fragility.probit import inverse_mills, normal_lines
 
@@ -198,7 +197,6 @@ def _compare_records(
         if exact[used].sum() >= 4:
             part = low[:, used], high[:, used], expected[:, used]
             columns[[2 + j, 4 + j]] = _slope_test(*part, value, place)
-
     return columns, expected
 
 

@@ -15,8 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import log_ndtr, logsumexp, ndtr, softmax
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import Brackets
-from archfrag.fragility.counts import checked_stripes
+from archfrag.fragility.counts import Brackets, checked_stripes
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity, tails
 from archfrag.fragility.fit import fit_brackets
 

@@ -102,7 +102,20 @@ def binomial_lines(
     scaled = (x - centre[:, None]) / width[:, None]
 
     def terms(p: FloatArray, fit: IntArray) -> Terms:
-        return _binomial_terms(p, scaled[fit], k[fit], n[fit], link)
+        u, collapsed, survived = scaled[fit], k[fit], n[fit] - k[fit]
+        z = p[:, :1] + p[:, 1:] * u
+        if link == "probit":
+            up, down = inverse_mills(z), inverse_mills(-z)
+            first = survived * down - collapsed * up
+            second = collapsed * up * (z + up) + survived * down * (down - z)
+            loss = -(collapsed * log_ndtr(z) + survived * log_ndtr(-z))
+        else:
+            chance = expit(z)
+            first, second = n[fit] * chance - collapsed, n[fit] * chance * (1.0 - chance)
+            loss = collapsed * np.logaddexp(0.0, -z) + survived * np.logaddexp(0.0, z)
+        a, b, c = second.sum(1), (second * u).sum(1), (second * u * u).sum(1)
+        gradient = np.stack([first.sum(1), (first * u).sum(1)], axis=1)
+        return loss.sum(axis=1), gradient, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
 
     line, (loss, _, found) = least(terms, np.zeros((todo.size, 2)))
     # (a, b) of the scaled line are linear in those of the line itself.
@@ -114,25 +127,6 @@ def binomial_lines(
     for part, values in zip(lines, known, strict=True):
         part[todo[rising]] = values[rising]
     return lines
-
-
-def _binomial_terms(
-    p: FloatArray, x: FloatArray, k: FloatArray, n: FloatArray, link: str
-) -> Terms:
-    """Loss of lines `p` (n_fit, 2), and its derivatives in them."""
-    z = p[:, :1] + p[:, 1:] * x
-    if link == "probit":
-        up, down = inverse_mills(z), inverse_mills(-z)
-        first = (n - k) * down - k * up
-        second = k * up * (z + up) + (n - k) * down * (down - z)
-        loss = -(k * log_ndtr(z) + (n - k) * log_ndtr(-z))
-    else:
-        chance = expit(z)
-        first, second = n * chance - k, n * chance * (1.0 - chance)
-        loss = k * np.logaddexp(0.0, -z) + (n - k) * np.logaddexp(0.0, z)
-    a, b, c = second.sum(1), (second * x).sum(1), (second * x * x).sum(1)
-    gradient = np.stack([first.sum(1), (first * x).sum(1)], axis=1)
-    return loss.sum(axis=1), gradient, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
 
 
 def normal_lines(

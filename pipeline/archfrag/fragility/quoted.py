@@ -11,8 +11,7 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import Brackets
-from archfrag.fragility.counts import draws_of_records
+from archfrag.fragility.counts import Brackets, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import Lines, binomial_lines
@@ -46,15 +45,6 @@ def quoted_band(
     what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
     decided, there is one group only, or nothing bounds theta from one side: the message states
     which levels to add.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.brackets import find_brackets
-    >>> from archfrag.fragility.quoted import quoted_band
-    >>> verdict = [[0, 0, 1, 1], [0, 1, 1, 1], [0, 0, 0, 1], [0, 0, 1, 1]]
-    >>> quoted = quoted_band(find_brackets(verdict, [0.2, 0.4, 0.6, 0.8]), 0.5)
-    >>> bool(quoted.lower < 0.5 < quoted.upper), quoted.n_independent
-    (True, 4.0)
     """
     known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"

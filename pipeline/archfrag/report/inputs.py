@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
@@ -29,9 +28,9 @@ from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import LEVEL_UNITS, Study, load_study
-from archfrag.study.provenance import finite
-from archfrag.study.runs import design_of
-from archfrag.study.runs.design import Design
+from archfrag.study.files import finite
+from archfrag.study.runs import Design
+from archfrag.study.runs.ida import design_of
 from archfrag.study.steps import finished, read_timings
 
 IntArray = NDArray[np.int64]

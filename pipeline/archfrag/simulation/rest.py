@@ -112,20 +112,18 @@ def onset(arch: Arch) -> Onset:
     stands = bool(
         found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
     )
-    thrust = None
-    if stands:
-        thrust = _thrust(work, _reactions_at_rest(model, state, work))
+    moves = [limit.found and not math.isinf(limit.load_factor) for limit in (plus, minus)]
     return Onset(
         stands=stands,
         plus=float(plus.load_factor) if found else math.nan,
         minus=float(-minus.load_factor) if found else math.nan,
         hinges=_hinges(arch, plus),
-        sliding=[int(j) for j in np.flatnonzero(plus.mechanism & SLIDING)],
+        sliding=np.flatnonzero(plus.mechanism & SLIDING).tolist(),
         hinges_minus=_hinges(arch, minus),
-        sliding_minus=[int(j) for j in np.flatnonzero(minus.mechanism & SLIDING)],
-        thrust=thrust,
-        thrust_plus=_thrust_at_limit(work, plus),
-        thrust_minus=_thrust_at_limit(work, minus),
+        sliding_minus=np.flatnonzero(minus.mechanism & SLIDING).tolist(),
+        thrust=_thrust(work, _reactions_at_rest(model, state, work)) if stands else None,
+        thrust_plus=_thrust(work, plus.reaction) if moves[0] else None,
+        thrust_minus=_thrust(work, minus.reaction) if moves[1] else None,
     )
 
 
@@ -207,12 +205,6 @@ def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
     fraction = np.full(press.size, np.nan)
     fraction[loaded] = -moment[loaded] / (press * length)[loaded]
     return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
-
-
-def _thrust_at_limit(work, limit: RestLimit) -> NDArray[np.float64] | None:
-    if not limit.found or math.isinf(limit.load_factor):
-        return None
-    return _thrust(work, limit.reaction)
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:

@@ -14,8 +14,9 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, needs_records
-from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources, study_inputs
+from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
 from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.file.sources import study_inputs
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.

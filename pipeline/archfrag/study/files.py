@@ -1,23 +1,25 @@
-"""Files that a study reads and writes: by content, complete or not at all, known as ours."""
+"""Files that a study reads and writes, known by their content; and what results are made with."""
 
 import contextlib
 import functools
 import hashlib
 import json
+import math
 import os
+import platform
 import re
-from collections.abc import Sequence
+import socket
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import archfrag
 from archfrag.errors import OutputError
 from archfrag.files import entries, opened, replacing, sha256_of, sweep
-from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
-    from archfrag.study.file.sources import Source
 
 PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
@@ -28,6 +30,7 @@ _RESULT = re.compile(
 )
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
+_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -141,31 +144,6 @@ def refuse_foreign_cube(study: "Study") -> None:
         raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
 
 
-def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) -> Inputs:
-    """All files that the motions of a study follow from.
-
-    Paths are relative to the folder of the results, so that a study may be moved with them.
-    """
-    partners = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
-    records = [*(source.path for source in sources), *partners]
-    places = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
-    if index is not None:
-        given = Path(index)
-        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
-    names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
-    for place in places:
-        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
-        every = sorted(place.glob("*.xml"))
-        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
-    inputs: Inputs = {}
-    for kind, paths in zip(KINDS, (records, indices, inventories)):
-        digests = {os.path.relpath(path, folder): sha256_if_there(path) for path in paths}
-        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
-    return inputs
-
-
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     """What changed from one state of the inputs to another, a line for each file."""
     lines = []
@@ -177,3 +155,70 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
                 what = f"has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
             lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results pass through."""
+    found = {"archfrag": archfrag.__version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+@functools.cache
+def commit() -> str:
+    """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
+
+    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
+    environment, which those who install from an archive may set, or else "unknown".
+    """
+    checkout = PACKAGE.parents[1]
+    if (checkout / ".git").exists():
+        command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            return subprocess.check_output(
+                command, cwd=checkout, stderr=subprocess.DEVNULL, text=True, timeout=20
+            ).strip()
+    built_from = PACKAGE / "commit.txt"
+    if built_from.is_file():
+        return built_from.read_text().strip()
+    return os.environ.get("ARCHFRAG_COMMIT", "unknown")
+
+
+def strict_json(value: Any) -> str:
+    """JSON that every reader takes: infinity as "inf"."""
+    return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
+
+
+def finite(value: Any, none: Any = str) -> Any:
+    """The value with text, or with `none`, in the place of floats that JSON does not know."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value) if none is str else none
+    if isinstance(value, dict):
+        return {key: finite(entry, none) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry, none) for entry in value]
+    return value
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def machine() -> dict[str, Any]:
+    """Where it runs, for the log."""
+    host, system = socket.gethostname(), platform.platform()
+    return {"host": host, "system": system, "cores": available_cores()}
+
+
+def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
+    """Add an entry to ``run_log.json`` in a folder."""
+    path = folder / "run_log.json"
+    entries: list[Any] = []
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        entries = list(read_json(path))
+    write_text(path, json.dumps([*entries, entry], indent=1) + "\n")

@@ -9,7 +9,7 @@ import socket
 import stat
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 from archfrag.errors import OutputError
@@ -29,33 +29,27 @@ class Stopped(BaseException):
         super().__init__(f"stopped by {signal.Signals(number).name}")
 
 
-class Stop:
-    """Whether a signal came; raised again where an exception in a signal handler got lost."""
-
-    number: int | None = None
-
-    def check(self) -> None:
-        """Raise `Stopped` if a signal came."""
-        if self.number is not None:
-            raise Stopped(self.number)
-
-
 @contextlib.contextmanager
-def stoppable() -> Iterator[Stop]:
+def stoppable() -> Iterator[Callable[[], None]]:
     """Let SIGTERM, SIGINT and SIGHUP raise `Stopped` once; what follows the first is ignored.
 
+    Given is a function that raises it again, where an exception in a signal handler got lost.
     The process ends after `GRACE` also where code in C, such as a compiler, does not return.
     """
-    stop, ended = Stop(), threading.Event()
+    came, ended = list[int](), threading.Event()
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
 
+    def check() -> None:
+        for number in came:
+            raise Stopped(number)
+
     def note(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:
             signal.signal(each, signal.SIG_IGN)
-        stop.number = number
-        stop.check()
+        came.append(number)
+        check()
 
     def end_late() -> None:
         while content := os.read(reader, 1):
@@ -69,9 +63,9 @@ def stoppable() -> Iterator[Stop]:
     wakeup = signal.set_wakeup_fd(writer)
     threading.Thread(target=end_late, daemon=True).start()
     try:
-        yield stop
+        yield check
     except Exception:
-        stop.check()  # what became of it where code in C reports errors of its own
+        check()  # what became of it where code in C reports errors of its own
         raise
     finally:
         ended.set()

@@ -8,19 +8,20 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
+from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start, refuse_foreign_results
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
+from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest
 from archfrag.study.file.schema import Study
-from archfrag.study.provenance import attributes, versions
-from archfrag.study.running import Stop, only_run
+from archfrag.study.file.sources import study_inputs
+from archfrag.study.files import versions
+from archfrag.study.running import only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
 
 if TYPE_CHECKING:
@@ -30,16 +31,7 @@ REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8
 Note = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Options:
-    """How steps are made."""
-
-    report: Callable[[Study, Path | None], Path] | None = None  # writes it: of a layer above
-    cores: int | None = None  # processes that make runs, in the place of the study's
-    quiet: bool = False  # show nothing but errors
-    compared: Path | None = None  # another study's file, for the report
+Report = Callable[[Study, Path | None], Path]  # writes it: of a layer above
 
 
 def batch_step(batch: int, batches: int) -> str:
@@ -82,11 +74,15 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, note: Note, options: Options = Options(), plan: Plan | None = None
-) -> None:
+    study: Study, step: str, note: Note, plan: Plan | None = None, *,
+    report: Report | None = None, cores: int | None = None, quiet: bool = False,
+    compared: Path | None = None,
+) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `note` takes a line for the user; `plan` is that of the study, if it is known.
+    `note` takes a line for the user; `plan` is that of the study, if it is known; `cores`
+    processes make runs, in the place of the study's; `compared` is another study's file, for the
+    report.
     """
     if step == "motions":
         if current_plan(study)[0] is not None:
@@ -95,24 +91,22 @@ def make_step(
         note(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
-    if options.compared is None and not out_of_date(study, step, plan):
+    if compared is None and not out_of_date(study, step, plan):
         return None
     if step.startswith("batch"):
         from archfrag.study.runs.execute import run_batch
 
         batch, batches = map(int, step.removeprefix("batch-").split("of"))
-        log, table = run_batch(study, batch, options.cores, options.quiet, plan)
+        log, table = run_batch(study, batch, cores, quiet, plan)
         (path,) = products(study, step)
         make_folder(path.parent)
         write_csv(path, [table])
         note(
-            f"batch {batch + 1} of {batches}: {counted(log.runs, 'run')}, {log.kept} kept from "
-            f"before, {log.runs - log.kept} new; {log.wall_time:.1f} s on "
-            f"{counted(log.workers, 'core')}"
+            f"batch {batch + 1} of {batches}: {counted(log['runs'], 'run')}, {log['kept']} kept "
+            f"from before, {log['runs'] - log['kept']} new; {log['wall_time']:.1f} s on "
+            f"{counted(log['workers'], 'core')}"
         )
     elif step == "cube":
-        from archfrag.study.answer.cube import write_cube
-
         note(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
@@ -120,8 +114,8 @@ def make_step(
         require(study, "cube", plan)
         for line in fit_lines(study, fit_cube(study)):
             note(line)
-    elif options.report is not None:
-        note(f"report: {options.report(study, options.compared)}")
+    elif report is not None:
+        note(f"report: {report(study, compared)}")
     return finish(study, step, plan)
 
 
@@ -239,7 +233,10 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
     return {name: files.digest_of(value) for name, value in found.items()}
 
 
-def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> bool:
+def run_study(
+    study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
+    cores: int | None = None, quiet: bool = False,
+) -> bool:  # fmt: skip
     """Do all of a study that is not done yet; whether there was anything to do.
 
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
@@ -251,7 +248,7 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
         return False
 
     def note(text: str) -> None:
-        if not options.quiet:
+        if not quiet:
             print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
 
     check_start(study)
@@ -267,10 +264,10 @@ def run_study(study: Study, study_file: Path, options: Options, stop: Stop) -> b
             note(f"what follows from it is made again; {kept}")
         plan = None
         for step in stale:
-            stop.check()
+            check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
-            make_step(study, step, note, options, plan)
+            make_step(study, step, note, plan, report=report, cores=cores, quiet=quiet)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.answer.curves import Answer, Runs, Worded, curve_to_dict
 

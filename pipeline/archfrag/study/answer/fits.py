@@ -17,8 +17,7 @@ from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.schema import Study
-from archfrag.study.files import CUBE, read_json, refuse_foreign_cube, write_text
-from archfrag.study.provenance import finite
+from archfrag.study.files import CUBE, finite, read_json, refuse_foreign_cube, write_text
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.schema import Study
-from archfrag.study.provenance import finite
+from archfrag.study.files import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message

@@ -14,15 +14,14 @@ from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.files import cannot_write, make_folder, sha256_of
 from archfrag.study.file.motions import apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import Source, check_known, find_sources, needs_pairs
-from archfrag.study.files import (
-    Inputs,
-    canonical_json,
-    read_inputs,
-    read_json,
-    sha256_if_there,
-    write_text,
+from archfrag.study.file.sources import (
+    Source,
+    check_known,
+    find_sources,
+    needs_pairs,
+    study_inputs,
 )
+from archfrag.study.files import canonical_json, read_json, sha256_if_there, write_text
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -193,11 +192,6 @@ def is_raw(motion: "Motion") -> bool:
     return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
 
 
-def study_inputs(study: Study) -> Inputs:
-    """Digests of all files that the motions of a study are made from."""
-    return read_inputs(study.motions.index, find_sources(study), study.folder)
-
-
 def prepare_motions(study: Study) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
 
@@ -299,7 +293,7 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
 
 
 def motions_key(study: Study) -> dict[str, Any]:
-    """Settings of a study on its motions and its measure; paths are as in `read_inputs`."""
+    """Settings of a study on its motions and its measure; paths are as in `study_inputs`."""
     motions = study.motions.model_dump(mode="json")
     for given in (motions, *motions["files"]):
         for name in ("index", "path", "inventory"):

@@ -12,11 +12,18 @@ from typing import TYPE_CHECKING
 
 from archfrag.errors import InputError, StudyError
 from archfrag.motions.calibrate import check_file
-from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
+from archfrag.motions.index import (
+    INDEX_NAME,
+    IndexEntry,
+    find_entry,
+    goes_with_records,
+    load_index,
+)
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import meant
 from archfrag.study.file.motions import FileSet
 from archfrag.study.file.schema import Study
+from archfrag.study.files import KINDS, Inputs, sha256_if_there
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
@@ -71,6 +78,32 @@ def find_sources(study: Study) -> list[Source]:
             check_file(Path(source.inventory))
     found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
     return _with_partners(found, study, rows)
+
+
+def study_inputs(study: Study) -> Inputs:
+    """All files that the motions of a study follow from.
+
+    Paths are relative to the folder of the results, so that a study may be moved with them.
+    """
+    sources, index = find_sources(study), study.motions.index
+    others = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
+    records = [*(source.path for source in sources), *others]
+    places = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
+    if index is not None:
+        given = Path(index)
+        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
+    names = {name for path in records for name in (path.stem, path.name)}
+    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
+    for place in places:
+        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
+        every = sorted(place.glob("*.xml"))
+        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
+    inputs: Inputs = {}
+    for kind, paths in zip(KINDS, (records, indices, inventories)):
+        digests = {os.path.relpath(path, study.folder): sha256_if_there(path) for path in paths}
+        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
+    return inputs
 
 
 def check_known(selected: Iterable[str], known: Iterable[str]) -> None:

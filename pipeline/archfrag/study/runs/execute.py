@@ -12,11 +12,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,8 @@ from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.records import PreparedRecord, load_record
 from archfrag.study.file.schema import Study
-from archfrag.study.provenance import add_to_log, available_cores, machine
-from archfrag.study.runs.design import Cases, Verdicts, ask
+from archfrag.study.files import add_to_log, available_cores, machine
+from archfrag.study.runs import Cases, Verdicts, ask
 from archfrag.study.runs.outcome import tabulate_cases
 from archfrag.study.runs.store import Plan, Store, make_plan, write_part
 
@@ -46,16 +45,8 @@ LOSSES_ALLOWED = 3
 PATIENCE = 60.0  # with a scheduler that has no workers [s]
 ANSWER_WITHIN = 10.0  # [s]
 _GO_ON = "finished parts are kept, the same command goes on"
+Made = tuple[Path, int, float, float]  # part, its runs, time in the kernels and CPU time [s]
 _motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
-
-
-class Made(NamedTuple):
-    """What a chunk of runs made and took."""
-
-    part: Path
-    runs: int
-    kernel_time: float  # [s]
-    cpu_time: float  # of all of it [s]
 
 
 def make_runs(
@@ -67,36 +58,25 @@ def make_runs(
     motions = [_motion(work, record) for record in records]
     columns = tabulate_cases(method, arch.build(), motions, factors)
     part = write_part(parts, keys, columns)
-    kernel_time = float(columns["wall_time"].sum())
-    return Made(part, len(keys), kernel_time, time.process_time() - started)
-
-
-@dataclass
-class BatchLog:
-    """What a batch took; for the log beside the cube, never for the cube."""
-
-    batch: int
-    runs: int = 0  # that the design requested
-    kept: int = 0  # of them not made now
-    iterations: int = 0
-    workers: int = 0
-    wall_time: float = 0.0  # [s]
-    kernel_time: float = 0.0  # summed over workers [s]
+    return part, len(keys), float(columns["wall_time"].sum()), time.process_time() - started
 
 
 def run_batch(
     study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False,
     plan: Plan | None = None,
-) -> tuple[BatchLog, "pd.DataFrame"]:  # fmt: skip
+) -> tuple[dict[str, Any], "pd.DataFrame"]:  # fmt: skip
     """Make the runs of one batch that the design requests; those that are there are kept.
 
-    Returned are the log and a row for each run of the batch: arch, record, level, verdict, steps,
-    wall time [s]. `workers` take the place of the study's; `plan` is that of the study, if it is
-    known. WorkerError if workers cannot be started or are lost; finished parts are kept.
+    Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
+    time, time in the kernels summed over workers [s]), which is never of the cube, and a row for
+    each run of the batch: arch, record, level, verdict, steps, wall time [s]. `workers` take the
+    place of the study's; `plan` is that of the study, if it is known. WorkerError if workers
+    cannot be started or are lost; finished parts are kept.
     """
     import pandas as pd
 
-    started, log = time.perf_counter(), BatchLog(batch)
+    started = time.perf_counter()
+    log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations", "kernel_time"), 0)
     known = plan or make_plan(study)
     store = Store(make_folder(known.parts))
     count = workers or study.execution.workers or available_cores()
@@ -110,29 +90,29 @@ def run_batch(
         missing = np.flatnonzero(store.places(keys) < 0)
         # Arches that differ in id only have runs in common.
         missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
-        log.iterations += 1
-        log.runs += len(keys)
-        log.kept += len(keys) - missing.size
+        log["iterations"] += 1
+        log["runs"] += len(keys)
+        log["kept"] += len(keys) - missing.size
         if not bar.disable:  # runs that are not missing are shown as done
-            done = log.runs - missing.size
+            done = log["runs"] - missing.size
             bar.initial += done - bar.n
-            bar.total, bar.n = None if study.design.adaptive else log.runs, done
+            bar.total, bar.n = None if study.design.adaptive else log["runs"], done
             bar.refresh()
         while missing.size:
             with contextlib.suppress(BrokenProcessPool):  # a few times
-                for made in makers.make(cases[missing]):
-                    if not store.add(made.part):
-                        raise WorkerError(f"{made.part}: cannot be read back; {_GO_ON}")
-                    bar.update(made.runs)
-                    log.kernel_time += made.kernel_time
+                for part, runs, kernel_time, _ in makers.make(cases[missing]):
+                    if not store.add(part):
+                        raise WorkerError(f"{part}: cannot be read back; {_GO_ON}")
+                    bar.update(runs)
+                    log["kernel_time"] += kernel_time
             missing = missing[store.places(keys[missing]) < 0]
         verdicts: Verdicts = store.rows(keys)["verdict"]
         return verdicts
 
     with bar, contextlib.closing(_Makers(known, count, bar)) as makers:
         cases, _ = ask(known.requests(batch, study.execution.batches), verdicts_of)
-    log.workers, log.wall_time = makers.used, time.perf_counter() - started
-    add_to_log(study.work, {"step": "runs", **asdict(log), **machine()})
+    log |= {"workers": makers.used, "wall_time": time.perf_counter() - started}
+    add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
     rows = store.rows(known.keys(cases))
     names = np.array([member.name.lower() for member in Verdict], object)
     return log, pd.DataFrame({
@@ -197,8 +177,8 @@ class _Makers:
                     raise WorkerError(f"the scheduler has no workers any more; {_GO_ON}")
                 for future in done:
                     made = future.result()
-                    self._runs += made.runs
-                    self._cpu += made.cpu_time
+                    self._runs += made[1]
+                    self._cpu += made[3]
                     yield made
         except CancelledError as error:
             raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error

@@ -1,19 +1,18 @@
-"""The design `ida`: a search of each record's border between survival and collapse."""
+"""The design `ida`, which searches each record's border to collapse; and all designs."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, TypeAdapter
 
 from archfrag.errors import FitError
-from archfrag.fragility.brackets import Brackets, find_brackets
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file import Section
-from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
+from archfrag.study.file import Section, refuse
+from archfrag.study.runs import Cases, Cloud, Design, Grid, Requests, Stripes, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.
@@ -248,3 +247,29 @@ def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = No
         return np.inf
     ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
     return float(np.abs(ends).max())
+
+
+_GONE = {
+    "two_stage": "is gone, since it was not cheaper than ida; write kind: ida",
+    "scattered": "is gone, since it was not cheaper than the grid; write kind: ida or stripes",
+}
+
+
+def _is_there(given: Any) -> Any:
+    kind = given.get("kind") if isinstance(given, Mapping) else None
+    if isinstance(kind, str) and kind in _GONE:
+        raise refuse(f"of kind {kind} {_GONE[kind]}")
+    return given
+
+
+# All designs, by the key `design` of a study file.
+AnyDesign = Annotated[
+    Annotated[Stripes | Ida | Cloud, Field(discriminator="kind")], BeforeValidator(_is_there)
+]
+
+
+def design_of(facts: Mapping[str, Any]) -> Design:
+    """The design of a cube, whose facts may hold those of its arches too."""
+    keys = {key: value for key, value in facts.items() if key != "arches"}
+    found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
+    return found

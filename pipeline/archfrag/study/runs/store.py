@@ -12,7 +12,7 @@ import re
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from archfrag.study.file.members import Members, check_buildable, needs_records
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_code
-from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask
+from archfrag.study.runs import Cases, Grid, Requests, Verdicts, ask
 from archfrag.study.runs.outcome import COLUMNS
 
 # Code beside the kernels that decides what a run is, and what its row holds.
@@ -229,16 +229,12 @@ def _sortable(keys: NDArray[np.void]) -> NDArray[np.bytes_]:
     return np.ascontiguousarray(keys).view(f"S{KEY}")
 
 
-class Gathered(NamedTuple):
-    """All runs that a design requests, with their results."""
+def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
+    """All runs that the design of a plan requests, sorted by arch, record and place.
 
-    cases: Cases  # (n_run,): sorted by arch, record and place
-    table: Table  # (n_run,)
-    notes: dict[int, dict[str, Any]]  # of the design, by arch
-
-
-def gather(plan: Plan) -> Gathered:
-    """Results of all runs that the design of a plan requests; InputError if some are missing."""
+    Returned with their results, and with the notes of the design by arch. InputError if results
+    are missing.
+    """
     store, iteration = Store(plan.parts), 0
 
     def known(cases: Cases) -> Verdicts:
@@ -255,7 +251,7 @@ def gather(plan: Plan) -> Gathered:
 
     cases, notes = ask(plan.requests(), known)
     cases = cases[np.lexsort([cases[name] for name in ("place", "record", "arch")])]
-    return Gathered(cases, store.rows(plan.keys(cases)), notes)
+    return cases, store.rows(plan.keys(cases)), notes
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
@@ -263,7 +259,7 @@ def superfluous(plan: Plan) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     requested = None
     with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made
-        requested = _sortable(plan.keys(gather(plan).cases))
+        requested = _sortable(plan.keys(gather(plan)[0]))
     for path in sorted(plan.parts.parent.glob("*/*.npy")):
         table = read_part(path)
         if path.parent != plan.parts:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.counts import Verdict, count_verdicts
+from archfrag.fragility.counts import Verdict, count_verdicts, find_brackets
 
 LEVELS = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 INF = np.inf
