@@ -44,6 +44,14 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
     progress : callable, optional
         Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
         about 80 s", first at once, then about every second from another thread.
+
+    Examples
+    --------
+    >>> from archfrag.warmup import kernels_are_compiled, warmup
+    >>> warmup("time_stepping") > 0.0
+    True
+    >>> kernels_are_compiled("time_stepping")
+    True
     """
     started = time.perf_counter()
     names, arch = _methods_of(method), _smallest_arch()

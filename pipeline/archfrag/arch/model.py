@@ -47,6 +47,12 @@ _OVER_SPAN: dict[str, tuple[float, float, str, Any, str]] = {
         Joints are radial to their arc. A joint at the crown is vertical and longer than the
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
         The parameters are those of `segmental`; the rise is at least half the span.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+        <Arch pointed: 12 voussoirs, 13 joints>
         """,
     ),
     "elliptic": (
@@ -55,6 +61,12 @@ _OVER_SPAN: dict[str, tuple[float, float, str, Any, str]] = {
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`; span and rise are the horizontal axis and half the vertical one.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
+        <Arch elliptic: 11 voussoirs, 12 joints>
         """,
     ),
     "catenary": (

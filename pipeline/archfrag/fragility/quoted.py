@@ -45,6 +45,15 @@ def quoted_band(
     what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
     decided, there is one group only, or nothing bounds theta from one side: the message states
     which levels to add.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.counts import find_brackets
+    >>> from archfrag.fragility.quoted import quoted_band
+    >>> verdict = [[0, 0, 1, 1], [0, 1, 1, 1], [0, 0, 0, 1], [0, 0, 1, 1]]
+    >>> quoted = quoted_band(find_brackets(verdict, [0.2, 0.4, 0.6, 0.8]), 0.5)
+    >>> bool(quoted.lower < 0.5 < quoted.upper), quoted.n_independent
+    (True, 4.0)
     """
     known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"

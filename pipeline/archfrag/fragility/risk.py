@@ -154,6 +154,17 @@ def collapse_rate(
     quantiles of their rates. What the extension below the first point of the hazard curve adds to
     each is at most the hazard's rate at this point. Of the curve of a class they are those of its
     lognormal curve, and their rates are taken in proportion.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from archfrag.fragility.curve import Fragility
+    >>> from archfrag.fragility.risk import HazardCurve, collapse_rate
+    >>> im = np.array([0.1, 0.3, 1.0])
+    >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
+    >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
+    >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
+    1.0
     """
     ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
