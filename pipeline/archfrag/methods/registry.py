@@ -52,7 +52,8 @@ def own_step(rtol: float, n_body: int) -> tuple[float, float]:
     return OWN_STEP, OWN_STEP
 
 
-# Of more voussoirs one impact concerns a smaller part: longer steps give the same curves.
+# Arches of more voussoirs take longer steps: each impact involves a smaller part of the arch, and
+# fragility curves are the same (docs/limits.md).
 FEW_VOUSSOIRS = 20
 
 

@@ -36,14 +36,15 @@ def stoppable() -> Iterator[Callable[[], None]]:
     Given is a function that raises it again, where an exception in a signal handler got lost.
     The process ends after `GRACE` also where code in C, such as a compiler, does not return.
     """
-    came, ended = list[int](), threading.Event()
+    came: list[int] = []
+    ended = threading.Event()
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
 
     def check() -> None:
-        for number in came:
-            raise Stopped(number)
+        if came:
+            raise Stopped(came[0])
 
     def note(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:
