@@ -74,15 +74,10 @@ def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -
     def joined(waves: Sequence[np.ndarray]) -> np.ndarray:
         return waves[0] if len(waves) == 1 else np.concatenate(waves)
 
-    return Grounds(
-        joined(x),
-        joined(y),
-        joined([_integral(wave, dt) for wave, dt in zip(x, step)]),
-        joined([_integral(wave, dt) for wave, dt in zip(y, step)]),
-        joined([_breaks(a, b) for a, b in zip(x, y)]),
-        np.cumsum([0, *(wave.size for wave in x)]),
-        step,
-    )
+    of_x, of_y = (joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y))
+    breaks = joined([_breaks(a, b) for a, b in zip(x, y)])
+    first = np.cumsum([0, *(wave.size for wave in x)])
+    return Grounds(joined(x), joined(y), of_x, of_y, breaks, first, step)
 
 
 def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
@@ -190,6 +185,5 @@ def end_rest(model, grounds, clock, plus, minus):
             if following < 0.0:
                 return time + (here - time) * margin / (margin - following), False
             time, margin = here, following
-    return max(clock[Clock.TIME], (last - first) * dt), rest_margin(
-        0.0, 0.0, g, plus, minus
-    ) >= 0.0
+    for_good = rest_margin(0.0, 0.0, g, plus, minus) >= 0.0
+    return max(clock[Clock.TIME], (last - first) * dt), for_good

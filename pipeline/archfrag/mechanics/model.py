@@ -142,16 +142,11 @@ def with_shapes(model, state, work):
 
 
 def model_of(chain: Chain) -> Model:
-    """Model of a chain.
-
-    Parameters
-    ----------
-    chain : archfrag.mechanics.types.Chain
-    """
+    """Model of a chain, with the ground before and behind it."""
     n_body, n_joint = chain.mass.size, chain.friction.size
 
     def framed(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.zeros_like(values[:1]), values, np.zeros_like(values[:1])])
+        return np.pad(values, [(1, 1)] + [(0, 0)] * (values.ndim - 1))
 
     corner = np.ascontiguousarray(np.stack([chain.face_before, chain.face_after], axis=1))
     along = corner[:, :, 1] - corner[:, :, 0]

@@ -61,7 +61,7 @@ def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bo
 
 
 def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
-    """Methods and their options, each for runs that the one before did not make well enough."""
+    """List the methods to try with their options; each repeats what the last did inaccurately."""
     steady = options.time_step
     if options.largest_step > options.time_step:
         steady *= STEADY
@@ -76,12 +76,10 @@ def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Optio
 
 
 def _made_well(
-    chain: Chain,
-    attempts: Sequence[tuple[ModuleType, Options]],
-    n_run: int,
+    chain: Chain, attempts: Sequence[tuple[ModuleType, Options]], n_run: int,
     make: Callable[[ModuleType, Options, np.ndarray], Results],
-) -> Results:
-    """Runs, again by the next attempt where they are not accurate; refused after the last."""
+) -> Results:  # fmt: skip
+    """Make runs; repeat inaccurate ones by the next attempt, and refuse them after the last."""
     results, rows = new_results(n_run), np.arange(n_run)
     for number, (method, given) in enumerate(attempts):
         made = make(method, given, rows)
@@ -109,16 +107,9 @@ def run_many(
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Results:  # fmt: skip
     """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
     start = position.copy(), velocity.copy()
 

@@ -1,6 +1,6 @@
-"""The methods there are: what schema, help, documentation and tests are made from.
+"""Table of the methods, from which schema, help, documentation and tests are made.
 
-`archbench` registers the baselines that they are compared with.
+`archbench` registers the baselines that it compares them with.
 """
 
 import math
@@ -12,7 +12,7 @@ AUTO = "auto"
 
 
 class Parameter(NamedTuple):
-    """One setting of a method; its values run from `least` to `most`, both allowed."""
+    """One setting of a method; allowed are values from `least` to `most`."""
 
     name: str
     unit: str
@@ -42,13 +42,13 @@ class MethodInfo(NamedTuple):
     load_many: Callable[[], Callable] | None = None
 
 
-# Default step of time stepping, over the root of the shortest joint's length over gravity: the
-# steps of arches that are models of each other are, too. 0.5 ms for a joint of 1.5 m.
+# Default step of time stepping over the root of the shortest joint's length over gravity, so that
+# it scales with the arch. 0.5 ms for a joint of 1.5 m.
 OWN_STEP = 1.28e-3
 
 
 def own_step(rtol: float, n_body: int) -> tuple[float, float]:
-    """Default step of methods that help themselves with steps; as `steps_of_tolerance`."""
+    """Default step of methods that use time steps as a fallback; as `steps_of_tolerance`."""
     return OWN_STEP, OWN_STEP
 
 
@@ -78,7 +78,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
 
 
 def _from(module: str, name: str = "run") -> Callable[[], Callable]:
-    """Loader of a function of a module beside this one, imported when it is called."""
+    """Return a function that imports `name` of a module of this package."""
     return lambda: getattr(import_module(f"archfrag.methods.{module}"), name)
 
 
@@ -108,11 +108,11 @@ METHODS = {
         name="event_driven",
         meaning=(
             "mega-voussoirs between located events (Sinopoli's semi-analytical approach); time "
-            "stepping only where events accumulate"
+            "stepping only while events accumulate"
         ),
         parameters=(
             Parameter("rtol", "1", 1e-6, "relative error allowed between events"),
-            Parameter("dt", "s", 5e-4, f"time step where time stepping has to help out; {_OWN}"),
+            Parameter("dt", "s", 5e-4, f"time step while events accumulate; {_OWN}"),
             FOLLOW,
         ),
         citation=(
@@ -131,12 +131,7 @@ METHODS = {
         ),
         parameters=(
             Parameter("rtol", "1", 1e-3, "relative error allowed"),
-            Parameter(
-                "dt",
-                "s",
-                5e-4,
-                "fixed time step on all voussoirs; if not given, steps follow rtol",
-            ),
+            Parameter("dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"),
             FOLLOW,
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
@@ -146,12 +141,11 @@ METHODS = {
     ),
 }
 
-
 _REGISTERED: dict[str, MethodInfo] = {}
 
 
 def register(*methods: MethodInfo) -> None:
-    """Make methods of other packages known to `archfrag.simulate`; studies take `METHODS` only."""
+    """Add methods of other packages for `archfrag.simulate`; studies take `METHODS` only."""
     _REGISTERED.update({method.name: method for method in methods})
 
 

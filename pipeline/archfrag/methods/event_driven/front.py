@@ -33,18 +33,11 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
     most = int(options.max_steps) + STEPS_PER_SAMPLE * grounds.horizontal.size
     options = options._replace(largest_step=0.0, max_steps=most, first_steps=float(most))
     return Run(
-        model=model,
-        state=new_state(model),
-        work=new_work(model),
-        mega=new_mega_voussoirs(model),
-        motion=motion,
-        progress=progress,
-        recent=np.full(ACCUMULATION, -np.inf),
-        outward=np.zeros(model.mass.size),
-        grounds=grounds,
-        path=new_path(model),
-        options=common.ready(options, model, rest),
-    )
+        model=model, state=new_state(model), work=new_work(model),
+        mega=new_mega_voussoirs(model), motion=motion, progress=progress,
+        recent=np.full(ACCUMULATION, -np.inf), outward=np.zeros(model.mass.size),
+        grounds=grounds, path=new_path(model), options=common.ready(options, model, rest),
+    )  # fmt: skip
 
 
 def _refused(chain: Chain, options: Options, results: Results) -> Results:
@@ -53,16 +46,9 @@ def _refused(chain: Chain, options: Options, results: Results) -> Results:
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Results:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
     model, results = model_of(chain), common.new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN

@@ -16,13 +16,7 @@ from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import balance_energy, energies_of
 from archfrag.mechanics.ground import end_of_motion, segment_at
-from archfrag.mechanics.mega_voussoirs.assemble import (
-    assemble,
-    farthest_move,
-    gather_state,
-    in_use,
-    split_state,
-)
+from archfrag.mechanics.mega_voussoirs import assemble
 from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
@@ -125,11 +119,11 @@ def assemble_mega_voussoirs(run, output):
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
         service.measure_state(model, state, work)
         record_overlap(model, state, work, True)
-    assemble(model, state.contact, state.slide, state.slip, run.mega)
-    mega = in_use(run.mega)
-    gather_state(model, state.position, state.velocity, mega)
-    split_state(mega, mega.position, mega.velocity, work.position, work.solved)
-    moved = farthest_move(model, state.position, work.position)
+    assemble.assemble(model, state.contact, state.slide, state.slip, run.mega)
+    mega = assemble.in_use(run.mega)
+    assemble.gather_state(model, state.position, state.velocity, mega)
+    assemble.split_state(mega, mega.position, mega.velocity, work.position, work.solved)
+    moved = assemble.farthest_move(model, state.position, work.position)
     if mega.count[0] == 0 or not moved <= REGROUPED * motion.length:
         state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
         return ALL_VOUSSOIRS
@@ -151,7 +145,7 @@ def assemble_mega_voussoirs(run, output):
 def integrate_to_next_event(run, output):
     """Motion of the mega-voussoirs until the next event (section 3.5)."""
     model, state, work, clock = run.model, run.state, run.work, run.state.clock
-    mega, before = in_use(run.mega), clock[Clock.TIME]
+    mega, before = assemble.in_use(run.mega), clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
     end = record_end + run.options.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)

@@ -31,26 +31,7 @@ from archfrag.mechanics.numbers import lane, opposite, select, some
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods import common
-from archfrag.methods.common import (
-    begin,
-    end_run,
-    log_change,
-    new_results,
-    no_output,
-    output_to,
-    read_state,
-    ready,
-)
-from archfrag.methods.time_stepping import service
-from archfrag.methods.time_stepping.at_impacts import (
-    LEAD,
-    beyond,
-    expect_impact,
-    locates,
-    next_step,
-    refuse_poor,
-    shorten,
-)
+from archfrag.methods.time_stepping import at_impacts, service
 from archfrag.methods.time_stepping.step import accept_step, pose_step
 
 UNKNOWN = (np.nan, np.nan)
@@ -64,11 +45,13 @@ def try_step(model, grounds, state, work, options, live):
     changing in the next call.
     """
     clock = state.clock
-    step, time, stops = clock[Clock.STEP], clock[Clock.TIME], locates(state, options, live)
+    step, time = clock[Clock.STEP], clock[Clock.TIME]
+    stops = at_impacts.locates(state, options, live)
     impulse = impulse_between(grounds, clock, time, time + step)
     pose_step(model, state, work, impulse, step, options.time_step)
     start_modes(state, work, clock[Clock.ITERATIONS] == 0.0, opposite(stops))
-    ahead = select(stops, beyond(step, options.time_step, LEAD * options.time_step), -1.0)
+    lead = at_impacts.LEAD * options.time_step
+    ahead = select(stops, at_impacts.beyond(step, options.time_step, lead), -1.0)
     solved, refused, active, iterations = solve_contact(
         model, work.position, work, live, clock[Clock.ITERATIONS], ahead, FOR_STEPS
     )
@@ -77,11 +60,11 @@ def try_step(model, grounds, state, work, options, live):
     failed = live & opposite(solved | refused | active)
     poor = failed & (step > 1.5 * options.time_step)
     unsolved = failed & opposite(poor)
-    again, shorter = refuse_poor(model, state, work, solved, stops, options.tolerance)
+    again, shorter = at_impacts.refuse_poor(model, state, work, solved, stops, options.tolerance)
     solved, poor = solved & opposite(again | shorter), poor | shorter
-    expect_impact(model, state, work, options, solved)
+    at_impacts.expect_impact(model, state, work, options, solved)
     if some(refused | poor):
-        shorten(model, state, work, options, refused, poor)
+        at_impacts.shorten(model, state, work, options, refused, poor)
     return impulse, solved, unsolved
 
 
@@ -100,7 +83,7 @@ def step_four(model, grounds, state, work, options):
             collapsed, broken = accept_step(
                 model, state, work, impulse, solved, options.loss_limit
             )
-            next_step(state, options, solved, until)
+            at_impacts.next_step(state, options, solved, until)
         code = service.code_after(state, options, until, (solved, unsolved, collapsed, broken))
         clock[Clock.CODE] = code
         waits = some((code != common.GO) & (code != common.IDLE))
@@ -118,7 +101,7 @@ def step_one(model, grounds, state, work, options, output):
             collapsed, broken = service.accept_recorded(
                 model, state, work, impulse, options, output
             )
-            next_step(state, options, True, until)
+            at_impacts.next_step(state, options, True, until)
         clock[Clock.CODE] = service.code_after(
             state, options, until, (solved, unsolved, collapsed, broken)
         )
@@ -133,13 +116,13 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
         code = int(state.clock[Clock.CODE])
         if code in (common.UNSOLVED, common.PAUSE):
             code = service.handle(model, grounds, state, work, path, options, output)
-    end_run(model, state, work, options, output, results, row)
+    common.end_run(model, state, work, options, output, results, row)
 
 
 @kernel
 def start_at_rest(model, grounds, state, work, path, options, output):
     """Let the chain rest in its own geometry until the ground moves it."""
-    begin(model, state, work, 0, state.clock[Clock.FACTOR])
+    common.begin(model, state, work, 0, state.clock[Clock.FACTOR])
     service.write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = service.rest_until_onset(
         model, grounds, state, options, options.rest_plus, options.rest_minus, output
@@ -149,8 +132,8 @@ def start_at_rest(model, grounds, state, work, path, options, output):
 @kernel
 def start_given(model, state, work, options, output):
     """Start from the positions and velocities of a given state."""
-    read_state(model, state, work)
-    log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
+    common.read_state(model, state, work)
+    common.log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
     service.start_moving(state, options, output)
 
 
@@ -225,14 +208,14 @@ def next_run(model, grounds, one, options, jobs, output, results):
         run = jobs.upcoming[0]
         jobs.upcoming[0] += 1
         motion, factor = jobs.motion[run], jobs.factor[run]
-        begin(model, state, one.work, motion, factor)
+        common.begin(model, state, one.work, motion, factor)
         code = service.rest_until_onset(
             model, grounds, state, options, options.rest_plus, options.rest_minus, output
         )
         state.clock[Clock.CODE] = code
         if code == common.GO:
             return run
-        end_run(model, state, one.work, options, output, results, run)
+        common.end_run(model, state, one.work, options, output, results, run)
     state.clock[Clock.CODE] = common.IDLE
     state.clock[Clock.STEP] = options.largest_step
     return -1
@@ -260,7 +243,7 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
             if code in (common.UNSOLVED, common.PAUSE):
                 code = service.handle(model, grounds, state, one.work, one.path, options, output)
             if code != common.GO:
-                end_run(model, state, one.work, options, output, results, runs[number])
+                common.end_run(model, state, one.work, options, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, options, jobs, output, results)
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)
@@ -269,22 +252,15 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
 def rest_of(model: Model) -> tuple[float, float]:
     """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
     one = new_one(model)
-    begin(model, one.state, one.work, 0, 0.0)
+    common.begin(model, one.state, one.work, 0, 0.0)
     found, plus, minus = service.rest_range(model, one.state, one.work)
     return (plus, minus) if found else UNKNOWN
 
 
 def run(
-    chain: Chain,
-    grounds: Grounds,
-    factor: float,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
-    options: Options,
-    frames: Frames,
-    log: MechanismLog,
-) -> Results:
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Results:  # fmt: skip
     """Integrate one chain under one ground motion; the signature of every method.
 
     Parameters
@@ -301,10 +277,10 @@ def run(
     archfrag.mechanics.types.Results
         One row.
     """
-    model, results = model_of(chain), new_results(1)
-    options = ready(options, model, rest_of(model) if from_rest else UNKNOWN)
+    model, results = model_of(chain), common.new_results(1)
+    options = common.ready(options, model, rest_of(model) if from_rest else UNKNOWN)
     state, work, path = new_one(model)[:3]
-    output = output_to(frames, log, options.frame_interval)
+    output = common.output_to(frames, log, options.frame_interval)
     state.clock[Clock.FACTOR] = factor
     if from_rest and not np.isnan(options.rest_plus):
         start_at_rest(model, grounds, state, work, path, options, output)
@@ -325,14 +301,14 @@ def run_many(
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the
     results is the same as of `run`.
     """
-    model, results = model_of(chain), new_results(len(motion))
-    options = ready(options, model, rest_of(model))
+    model, results = model_of(chain), common.new_results(len(motion))
+    options = common.ready(options, model, rest_of(model))
     jobs = Jobs(
         np.ascontiguousarray(motion, np.int64),
         np.ascontiguousarray(factor, float),
         np.zeros(1, np.int64),
         np.full(LANES, -1),
     )
-    output = no_output(chain.mass.size, chain.friction.size)
+    output = common.no_output(chain.mass.size, chain.friction.size)
     run_four(model, grounds, new_four(model), new_one(model), options, jobs, output, results)
     return results
