@@ -1,4 +1,4 @@
-"""What is true: kernels compiled by numba. SI floats in, status codes out; nothing here raises."""
+"""Mechanics: kernels compiled by numba. SI floats in, status codes out; nothing here raises."""
 
 from archfrag.kernel_cache import use_kernel_cache
 

@@ -1,4 +1,4 @@
-"""Signorini loss: when joints lose their contact, and when that cannot be undone.
+"""Detect loss of contact at joints (Signorini), and decide when it is collapse.
 
 A joint whose last contact has vanished is noted and the motion goes on, since bodies may land
 again. A collapse is a loss that is not regained (METHOD of Sinopoli, section 3.5): the gap at both
@@ -27,7 +27,7 @@ SLID = int(CollapseMode.SLIDING)
 
 @inlined
 def _record_loss(j, model, state, lost, rotation, time):
-    """Remember the state in which joint j loses its contact."""
+    """Record the state in which joint j loses contact."""
     state.lost_since[j] = select(lost, time, state.lost_since[j])
     by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
     state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
@@ -36,7 +36,7 @@ def _record_loss(j, model, state, lost, rotation, time):
 
 @inlined
 def loss_mode(j, state):
-    """How joint j moved when it lost its contact: archfrag.mechanics.status.CollapseMode."""
+    """Return the CollapseMode of joint j: how it moved when it lost contact."""
     slip, rotation = state.lost_slip[j], state.lost_rotation[j]
     little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
     return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
@@ -44,7 +44,7 @@ def loss_mode(j, state):
 
 @inlined
 def record_gap(j, state, gap, where):
-    """Remember a gap, over the joint's length, at both corners of joint j."""
+    """Record the gap of joint j, over its length, if it is open at both corners."""
     loss = state.loss
     loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
     first = where & (gap > NOTED_GAP) & (loss[Loss.TIME] != loss[Loss.TIME])
@@ -56,7 +56,7 @@ def record_gap(j, state, gap, where):
 
 @kernel
 def follow_joints(model, state, work, where, loss_limit):
-    """Bring modes, slips and what joints remember up to the positions that a step has reached.
+    """Update modes, slips and losses of contact to the positions at the end of a step.
 
     `work` has the solution of the step, and the faces where it has led. Returns where a joint
     cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
@@ -90,7 +90,7 @@ def follow_joints(model, state, work, where, loss_limit):
 
 @kernel
 def collapse_of(model, state, work, loss_limit):
-    """The joint at which the chain has collapsed: its number or -1, how, and since when [s]."""
+    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
     found, how, since = -1, NO_MODE, math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]

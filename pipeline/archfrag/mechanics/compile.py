@@ -1,4 +1,4 @@
-"""How kernels are compiled: IEEE division, no reordering of sums, each once, kept on disk.
+"""Compile kernels with IEEE division and fixed order of sums, and keep them on disk.
 
 A kernel is compiled for the kernels that call it without what only a call from Python needs: the
 wrapper that unpacks its arguments, hundreds of them for a full chain, and machine code of its
@@ -126,7 +126,7 @@ class KernelCache(NullCache):
 
 
 def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
-    """What the file of a compiled version holds; None if there is no such file or it is damaged.
+    """Read the file of a compiled version; None if it is missing or damaged.
 
     Which kernel with which options, types of the arguments, names of the files of the versions
     that it calls, and numba's result.
@@ -150,7 +150,7 @@ def _warn_once(message: str) -> None:
 
 
 class _ForLinking(JITCodeLibrary):
-    """Code of a kernel that is only linked into its callers, and optimised there, once.
+    """Code of a kernel that is linked into its callers and optimised only there.
 
     What is made machine code in its place are the variables in which numba keeps what belongs to
     a function; they are common to a caller's copies.
@@ -181,7 +181,7 @@ class _ForLinking(JITCodeLibrary):
 
 
 def _of_many(given: Any) -> bool:
-    """Whether a type is a tuple with numbers of several runs in it."""
+    """Whether a type is a tuple that holds numbers of several runs."""
     entries = getattr(given, "types", ())
     return any(getattr(getattr(entry, "dtype", entry), "lanes", False) for entry in entries)
 

@@ -1,4 +1,4 @@
-"""Energy balance of a run: works of the joints by the law that explains them, and the error."""
+"""Energy balance of a run: work of the joints by law, and the integrator's error."""
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import at_point
@@ -10,7 +10,7 @@ from archfrag.mechanics.status import Energy
 
 @kernel
 def contact_works(state, work):
-    """Work of the joints over a step by friction, by impacts, and by what no law explains [J].
+    """Return the work of the joints in a step: friction, impacts, unexplained [J].
 
     From the relative velocities before the step in ``work.earlier``, after it in `relative`.
     """
@@ -42,7 +42,7 @@ def contact_works(state, work):
 
 @inlined
 def unexplained_work(friction, impact, balance_error):
-    """Work over a step that no law explains: the integrator's error [J].
+    """Return the work in a step that no law explains: the integrator's error [J].
 
     An impact at one joint and the friction that it causes at others belong together.
     """
@@ -65,14 +65,14 @@ def record_work(friction, impact, balance_error, where, energy):
 
 @inlined
 def record_step(state, work, where):
-    """Works of a solved step, before its velocities are taken over."""
+    """Record the work of a solved step; the state still has the old velocities."""
     friction, impact, balance_error = contact_works(state, work)
     record_work(friction, impact, balance_error, where, state.energy)
 
 
 @inlined
 def kinetic_energy(model, velocity):
-    """Kinetic energy of all bodies [J]."""
+    """Return the kinetic energy of all bodies [J]."""
     kinetic = 0.0
     for i in range(1, velocity.shape[0] - 1):
         ux, uy, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -82,7 +82,7 @@ def kinetic_energy(model, velocity):
 
 @inlined
 def energies_of(model, state):
-    """Kinetic and potential energy [J]."""
+    """Return kinetic and potential energy [J]."""
     potential = 0.0
     for i in range(1, state.position.shape[0] - 1):
         rise = state.position[i, 1] - model.centroid[i, 1]
@@ -92,7 +92,7 @@ def energies_of(model, state):
 
 @kernel
 def balance_energy(model, state):
-    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
+    """Record the energy that no work explains; return the kinetic energy [J]."""
     energy = state.energy
     kinetic, potential = energies_of(model, state)
     change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]

@@ -15,7 +15,7 @@ BEYOND = 1e-11
 
 
 class Impulse(NamedTuple):
-    """What the ground takes from the velocities of free bodies in a step."""
+    """Velocity that the ground motion takes from free bodies in a step."""
 
     x: float  # integral of the ground acceleration [m/s]
     y: float
@@ -62,7 +62,7 @@ def _breaks(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -> Grounds:
-    """Arrays of ground motions, each (horizontal, vertical or None, time step)."""
+    """Join ground motions, each (horizontal, vertical or None, time step), into arrays."""
     x = [np.ascontiguousarray(given, float) for given, _, _ in motions]
     # Zeros that are only read take no memory.
     y = [
@@ -81,7 +81,7 @@ def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -
 
 
 def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
-    """One of several ground motions, multiplied by a factor."""
+    """Return one of several ground motions, multiplied by a factor."""
     part = slice(*grounds.first[number : number + 2])
     scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
     return grounds_of([(*scaled, grounds.time_step[number])])
@@ -103,7 +103,7 @@ def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step
 
 @kernel
 def impulse_between(grounds, clock, start, end):
-    """What the ground motion takes from the velocities between two instants [s]."""
+    """Return the velocity that the ground motion takes between two instants [s]."""
     x = y = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
@@ -123,7 +123,7 @@ def impulse_between(grounds, clock, start, end):
 
 @inlined
 def end_of_motion(grounds, clock, follow):
-    """When a run that has not ended before does [s]."""
+    """Return the time at which a run ends at the latest [s]."""
     end = 0.0 * clock[Clock.TIME]
     for k in range(width(clock[Clock.TIME])):
         m = int(lane(clock[Clock.MOTION], k))
@@ -134,7 +134,7 @@ def end_of_motion(grounds, clock, follow):
 
 @kernel
 def segment_at(time, grounds):
-    """The piece from `time` on in which the first ground motion is linear in time."""
+    """Return the linear piece of the first ground motion that holds `time`."""
     dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
     i = int(np.floor(time / dt + 1e-9))
     if i >= grounds.first[1] - 1:
@@ -147,7 +147,7 @@ def segment_at(time, grounds):
 
 @kernel
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
-    """Distance of a body force from the border of the range of rest; negative outside [m/s2].
+    """Return the distance of a body force from the limit of rest; negative outside [m/s2].
 
     Rest depends on the direction of the body force only: ``-limit_minus <= k_h / (1 + k_v) <=
     limit_plus``, a convex cone, so that a force linear in time between two samples inside it
@@ -164,7 +164,7 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
 
 @kernel
 def end_rest(model, grounds, clock, plus, minus):
-    """Until when a chain at rest stays so; leave, for_good."""
+    """Return when a chain at rest starts to move, and whether it never does again."""
     m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
     first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
     wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity

@@ -26,7 +26,7 @@ _ALIGNMENT = 64
 
 
 class _Four(types.Type):
-    """Numbers, or truths, of four runs; `plain` stands where four are wanted: each gets it."""
+    """Numbers or truths of four runs; a `plain` value is given to each of them."""
 
     plain: Any
 
@@ -38,7 +38,7 @@ class _Four(types.Type):
         return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """How safe a conversion is; None if there is none."""
+        """Return how safe a conversion is; None if it is impossible."""
         return Conversion.safe if isinstance(other, self.plain) else None
 
 
@@ -83,7 +83,7 @@ def lane_array(shape: tuple[int, ...]) -> LaneArray:
 
 
 def runs_of(array: np.ndarray) -> np.ndarray:
-    """The numbers of a `LaneArray` as floats, the lane last; changes are seen in both."""
+    """View a `LaneArray` as floats, with the lane as last dimension."""
     plain = array.view(np.ndarray).reshape(-1).view(np.float64)
     return plain.reshape((*array.shape, LANES))
 

@@ -17,7 +17,7 @@ PLUS, MINUS = 0, 1
 
 @inlined
 def mode_number(contact_0, contact_1, slide):
-    """Mode of a joint by which corners touch and the sense of its friction."""
+    """Return the mode of a joint from its touching corners and the sense of its friction."""
     corners = int(contact_0) + 2 * int(contact_1)
     sense = 0 if slide == 0.0 else (1 if slide > 0.0 else 2)
     return 3 * corners - 2 + sense if corners > 0 else OPEN
@@ -25,7 +25,7 @@ def mode_number(contact_0, contact_1, slide):
 
 @inlined
 def corner_mode(corner, slide):
-    """Mode of a joint that touches at one corner only."""
+    """Return the mode of a joint that touches at one corner only."""
     return mode_number(1 - corner, corner, slide)
 
 
@@ -39,7 +39,7 @@ def set_mode(work, j, mode):
 
 @inlined
 def opening_rate(j, k, ux, uy, work):
-    """Opening rate of a corner whose faces part at (ux, uy): the larger of Eqs 23a and 23b."""
+    """Return the opening rate of a corner: the larger of Eqs 23a and 23b."""
     side = work.side_normal
     plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
     minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
@@ -48,7 +48,7 @@ def opening_rate(j, k, ux, uy, work):
 
 @inlined
 def slip_normal(j, k, backwards, work):
-    """Normal at a corner of a joint that slides `backwards`, against the tangent, or not."""
+    """Return the normal at a sliding corner; `backwards` is against the tangent."""
     side = work.side_normal
     nx = select(backwards, side[j, k, MINUS, 0], side[j, k, PLUS, 0])
     ny = select(backwards, side[j, k, MINUS, 1], side[j, k, PLUS, 1])
@@ -57,7 +57,7 @@ def slip_normal(j, k, backwards, work):
 
 @inlined
 def contact_of(j, work):
-    """Normal and contact point of a joint in its present mode; nx, ny, px, py."""
+    """Return normal and contact point of a joint in its present mode; nx, ny, px, py."""
     at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
     closed, second, backwards = at_0 & at_1, at_1 & opposite(at_0), work.slide[j] < 0.0
     ax, ay = slip_normal(j, 0, backwards, work)
@@ -71,7 +71,7 @@ def contact_of(j, work):
 
 @inlined
 def closed_forces(j, work):
-    """Normal forces at both corners of a closed joint, their sum, and the force along it.
+    """Return normal forces at both corners of a closed joint, their sum, and the shear.
 
     The resultant acts at the contact centre: e of Eq 14 is the second over the sum.
     """
@@ -85,7 +85,7 @@ def closed_forces(j, work):
 
 @inlined
 def cone_rays(j, model, ax, ay, bx, by):
-    """Borders of Coulomb's cones about two normals (Eq 20): along the tangent, and against it."""
+    """Return the edges of Coulomb's cones (Eq 20): along the tangent, and against it."""
     across, along = model.ray[j, 0], model.ray[j, 1]
     high_x, high_y = across * ax - along * ay, across * ay + along * ax
     low_x, low_y = across * bx + along * by, across * by - along * bx

@@ -1,4 +1,4 @@
-"""What kernels take: a model that does not change, the state of a run, and workspace.
+"""Arguments of kernels: the constant model, the state of a run, and workspace.
 
 The arrays of state and workspace hold one run or, as `archfrag.mechanics.lanes.LaneArray`, four.
 Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
@@ -27,7 +27,7 @@ ROUNDING = 64 * 2.2e-16
 
 
 class Model(NamedTuple):
-    """A chain of rigid bodies, with what follows from it."""
+    """Constant data of a chain of rigid bodies."""
 
     mass: np.ndarray  # (n_body + 2,) [kg]; zero for the ground
     inertia: np.ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
@@ -44,7 +44,7 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a run is at one instant, and what it remembers; (…, 4) for four runs."""
+    """State of a run, or of four with shapes (…, 4)."""
 
     position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
     velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
@@ -82,7 +82,7 @@ class Clock(IntEnum):
 
 
 class Work(NamedTuple):
-    """Scratch of one step."""
+    """Workspace of one step."""
 
     face: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
     tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
@@ -135,7 +135,7 @@ MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
 
 @inlined
 def with_shapes(model, state, work):
-    """The same, for a kernel that does much with them: with shapes that the compiler knows."""
+    """Return the arguments with shapes that the compiler knows, for faster kernels."""
     return (
         shaped(model, MODEL_SHAPES), shaped(state, STATE_SHAPES), shaped(work, WORK_SHAPES)
     )  # fmt: skip
@@ -171,7 +171,7 @@ def model_of(chain: Chain) -> Model:
 
 
 def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> State:
-    """Zeros for the state of one run, or of four with `lane_array` as `zeros`."""
+    """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
     first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": N_CLOCK}
     first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
@@ -180,7 +180,7 @@ def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) 
 
 
 def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
-    """Workspace for one run, or for four with `lane_array` as `zeros`."""
+    """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
     arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
     work = Work(**arrays, **{name: zeros((n_row, *of)) for name, of in OF_BODIES.items()})

@@ -1,4 +1,4 @@
-"""Numbers of the kernels: of one run, or of four side by side.
+"""Arithmetic of kernels on numbers of one run, or of four side by side.
 
 A kernel written for a float runs for four runs at once where its arrays hold `LANES` numbers in
 each element (`archfrag.mechanics.lanes`): every lane gets the bits that a float would get. Nothing
@@ -72,7 +72,7 @@ def _fused(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 def fused(x, y, z):
-    """Product of `x` and `y` plus `z`, rounded once where the processor can, whatever the type."""
+    """Return `x` times `y` plus `z`, rounded once if the processor can."""
     return x * y + z
 
 
@@ -104,7 +104,7 @@ def _shaped(typingctx: Any, arrays: Any, shapes: Any) -> Any:
 
 
 def shaped(arrays, shapes):
-    """The same named tuple of C-contiguous arrays, with shapes that the compiler knows.
+    """Return a named tuple of C-contiguous arrays with shapes that the compiler knows.
 
     `shapes`, a constant, has those of each entry behind its first dimension; empty for what stays.
     """
@@ -117,7 +117,7 @@ def _shaped_arrays(arrays, shapes):
 
 
 def _for_four(of_four):
-    """Let a function do something else where its first argument is of four runs."""
+    """Overload a function for a first argument of four runs."""
 
     def decorate(function):
         def choose(first, *others):

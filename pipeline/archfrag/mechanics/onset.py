@@ -1,4 +1,4 @@
-"""Rest range of a chain: how strong a steady horizontal body force it bears without moving.
+"""Rest range of a chain: the largest steady horizontal body force that it bears at rest.
 
 Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing at
 every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0, so
@@ -150,7 +150,7 @@ def largest_load_factor(a, b, sense):
 
 @allocating
 def _vertex(basis, inverse, level, x):
-    """Where the active inequalities are tight; corrected once for the rounding of the inverse."""
+    """Return the point where the active inequalities are tight, refined once."""
     left = level.copy()
     for i in range(N_UNKNOWN):
         x[i] = 0.0

@@ -1,4 +1,4 @@
-"""How far motions and reactions are from the contact laws: one measure for every method.
+"""Contact residual: the distance of motions and reactions from the laws, for every method.
 
 `state_residual` looks at what a method gives at one instant and at nothing inside the method:
 positions, velocities and reactions. Gaps are measured over joint lengths, slip rates over the
@@ -85,7 +85,7 @@ def _if_closed(j, model, work, scale, force):
 
 @kernel
 def contact_residual(model, work, scale, force):
-    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws [1].
+    """Return the largest violation of Signorini's and Coulomb's laws over the joints [1].
 
     From contacts, `candidate`, `known`, velocities of the corners in `corner_rate` and reactions;
     `scale` and `force` count as one in velocity and in force.
@@ -110,7 +110,7 @@ def contact_residual(model, work, scale, force):
 
 @inlined
 def _move_moments(work, sense):
-    """Moments of the reactions from the pivots to the origin, or back."""
+    """Move the moments of reactions from the pivots to the origin, or back."""
     for j in range(work.slide.size):
         fx, fy = work.reaction[j, 0], work.reaction[j, 1]
         work.reaction[j, 2] += sense * (work.pivot[j, 0] * fy - work.pivot[j, 1] * fx)
@@ -118,7 +118,7 @@ def _move_moments(work, sense):
 
 @kernel
 def state_residual(model, state, work):
-    """How far one instant of a motion is from the contact laws; as `contact_residual`.
+    """Return the contact residual of one instant of a motion; as `contact_residual`.
 
     With the faces where the bodies are; contacts, `candidate`, `known` and `corner_rate` are
     overwritten.

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """How a run or a contact problem ended; `archfrag.errors` has a message for each."""
+    """Outcome of a run or a contact problem; `archfrag.errors` has a message for each."""
 
     STANDING = 0
     COLLAPSED = 1

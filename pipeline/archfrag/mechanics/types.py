@@ -1,4 +1,4 @@
-"""What methods take and return: a chain, options, buffers for a history, results."""
+"""Types that methods take and return: chain, options, histories, results."""
 
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ class Chain(NamedTuple):
 
 
 class Options(NamedTuple):
-    """What every method is given; each uses what concerns it."""
+    """Options of all methods; a method ignores those that do not concern it."""
 
     time_step: float  # the shortest: at impacts, where steps grow between them [s]
     tolerance: float  # relative error allowed by methods with step control [1]
@@ -70,7 +70,7 @@ class MechanismLog(NamedTuple):
 
 
 class Results(NamedTuple):
-    """What runs end in, a row for each; every method returns them."""
+    """Results of runs, a row for each; every method returns them."""
 
     status: np.ndarray  # (n_run,) archfrag.mechanics.status.Status
     end_time: np.ndarray  # (n_run,) [s]

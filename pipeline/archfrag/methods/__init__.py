@@ -1,1 +1,1 @@
-"""How the mechanics is integrated: one file for each method, one signature."""
+"""Methods of integration: one file or folder for each, with one signature."""

@@ -44,7 +44,7 @@ def count_breaks(grounds: Grounds) -> int:
 
 
 def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bool:
-    """Whether runs go from event to event rather than by steps on all voussoirs.
+    """Whether `auto` integrates from event to event rather than by steps on all voussoirs.
 
     `n_break` is `count_breaks` where a history is asked for, else infinite.
 

@@ -1,4 +1,4 @@
-"""What all methods share: a run's beginning and end, its history, its results and their accuracy.
+"""What all methods share: begin and end of a run, its history, results and accuracy.
 
 Why a run waits is in ``state.clock[Clock.CODE]``, and has the numbers below.
 """
@@ -37,7 +37,7 @@ OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
 
 
 def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
-    """Options with what follows from them, from the model, and from its range of rest [g]."""
+    """Complete options by what follows from the model and its range of rest [g]."""
     largest = max(float(options.largest_step), float(options.time_step))
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
     return options._replace(
@@ -46,7 +46,7 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
 
 
 def new_results(n_run: int) -> Results:
-    """Rows for so many runs."""
+    """Allocate results of `n_run` runs."""
     return Results(
         status=np.zeros(n_run, np.int64),
         end_time=np.zeros(n_run),
@@ -74,7 +74,7 @@ class Output(NamedTuple):
 
 
 def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
-    """An output that has nothing in it yet."""
+    """Make an empty output into given frames and log."""
     forces = np.zeros(frames.reaction.shape[1:])
     return Output(
         frames, log, np.zeros(2, np.int64), np.zeros(1), float(interval), forces, np.zeros(1)
@@ -82,7 +82,7 @@ def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
 
 
 def no_output(n_body: int, n_joint: int) -> Output:
-    """An output for runs without history."""
+    """Make an output for runs without history."""
     frames = Frames(
         np.zeros(0), np.zeros((0, n_body, 3)), np.zeros((0, n_body, 3)),
         np.zeros((0, n_joint, 3)), np.zeros((0, n_joint), np.int8),
@@ -114,7 +114,7 @@ def write_frame(model, state, work, output):
 
 @kernel
 def log_change(state, time, cause, joint, level, output):
-    """Note a change of the mechanism, or of its model, if there is place for it."""
+    """Log a change of the mechanism, or of its model, if the log has room."""
     log, entry = output.log, output.written[1]
     output.written[1] += 1
     if entry >= log.time.size:
@@ -129,7 +129,7 @@ def log_change(state, time, cause, joint, level, output):
 
 @kernel
 def clear(state):
-    """Forget all that a run remembers, and close all joints; positions and velocities stay."""
+    """Reset the state and close all joints; keep positions and velocities."""
     for j in range(state.slip.size):
         state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
         state.slide[j] = state.slip[j] = state.impact[j] = 0.0
@@ -144,7 +144,7 @@ def clear(state):
 
 @kernel
 def read_joints(model, state, work):
-    """Slips and modes of all joints of an initial state, from positions alone.
+    """Set slips and modes of all joints of an initial state from positions alone.
 
     A joint that is open at both corners has been without contact since time zero.
     """
@@ -196,7 +196,7 @@ def begin(model, state, work, motion, factor):
 
 @kernel
 def record_end(model, state):
-    """Rotation and displacement that are left at the end."""
+    """Record the largest rotation and displacement at the end."""
     rotation = farthest = 0.0
     for i in range(1, state.position.shape[0] - 1):
         dx = state.position[i, 0] - model.centroid[i, 0]
@@ -215,7 +215,7 @@ def _copy_row(values, out, row):
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write what a run has ended in."""
+    """Write the results of a run that has ended."""
     clock, energy = state.clock, state.energy
     code, status = int(clock[Clock.CODE]), NO_SOLUTION
     if code == IDLE:
@@ -248,7 +248,7 @@ def end_run(model, state, work, options, output, results, row):
 
 
 def is_accurate(chain: Chain, options: Options, results: Results, negligible: float) -> np.ndarray:
-    """Which runs are as good as their tolerance allows, by what they measured themselves.
+    """Whether each run keeps its tolerance, by its own energy error and overlap.
 
     True for runs that have not ended; `negligible` is the energy that counts for nothing, over
     weight times the longest joint's length [1].
@@ -265,7 +265,7 @@ def is_accurate(chain: Chain, options: Options, results: Results, negligible: fl
 
 
 def refuse(results: Results, rows: np.ndarray) -> None:
-    """Make inaccurate runs failures, which are neither collapse nor survival."""
+    """Mark inaccurate runs as failures, which are neither collapse nor survival."""
     results.status[rows] = int(Status.INACCURATE)
     results.collapse_time[rows] = np.nan
     results.collapse_joint[rows] = -1

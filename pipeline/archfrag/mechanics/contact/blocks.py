@@ -1,4 +1,4 @@
-"""The contact problem for given modes: rows in each joint's own directions, one block sweep.
+"""Solve the contact problem for given modes by one block sweep along the chain.
 
 A closed joint has three rows: its normal at both corners, and its tangent at the pivot where it
 sticks. A joint that touches at one corner has the normal there, and the tangent where it sticks.
@@ -36,7 +36,7 @@ EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 @inlined
 def _set_row(out, j, k, px, py, dx, dy, position):
-    """One direction at a point of joint j, with its arms on the bodies after and before."""
+    """Set one direction at a point of joint j, with its arms on the bodies after and before."""
     out[j, k, 0], out[j, k, 1] = dx, dy
     out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
     out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
@@ -44,7 +44,7 @@ def _set_row(out, j, k, px, py, dx, dy, position):
 
 @inlined
 def _set_rows_of(j, model, position, work):
-    """Constrained and reaction directions of a joint in its present mode."""
+    """Set the constrained and reaction directions of one joint in its present mode."""
     contact, slide, point = work.contact, work.slide, work.point
     at_0, at_1, sticks = contact[j, 0] > 0.5, contact[j, 1] > 0.5, slide[j] == 0.0
     closed, none = at_0 & at_1, opposite(at_0 | at_1)
@@ -72,7 +72,7 @@ def _set_rows_of(j, model, position, work):
 
 @kernel
 def set_rows(model, position, work):
-    """Constrained and reaction directions of all joints in their present modes."""
+    """Set the constrained and reaction directions of all joints in their present modes."""
     for j in range(work.slide.shape[0]):
         _set_rows_of(j, model, position, work)
 
@@ -99,7 +99,7 @@ def _block(f, j):
 
 @inlined
 def _weighted(row, j, a, mass, inertia, arm):
-    """Velocity that a unit impulse along a row gives a body, by its inverse inertia."""
+    """Return the velocity that a unit impulse along a row gives to a body."""
     return mass * row[j, a, 0], mass * row[j, a, 1], inertia * row[j, a, arm]
 
 
@@ -110,7 +110,7 @@ def _on(column, j, a, arm):
 
 @inlined
 def _set_diagonal(model, work, j, compliance):
-    """Block of a joint with itself, by what its reactions do to the bodies on either side."""
+    """Set the diagonal block of a joint: the effect of its reactions on both its bodies."""
     row, column, f = work.row, work.column, work.block
     both = model.inverse_mass[j + 1] + model.inverse_mass[j]
     after, before = model.inverse_inertia[j + 1], model.inverse_inertia[j]
@@ -125,7 +125,7 @@ def _set_diagonal(model, work, j, compliance):
 
 @inlined
 def _eliminate(model, work, j):
-    """Take what the joint before has eliminated out of the block of joint j."""
+    """Eliminate the joint before from the block of joint j."""
     row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
     mass, inertia = -model.inverse_mass[j], -model.inverse_inertia[j]
     block = _block(f, j - 1)
@@ -150,7 +150,7 @@ def _eliminate(model, work, j):
 
 @inlined
 def _factorise_block(f, j):
-    """Triangular factors of a block, reciprocals on the diagonal."""
+    """Factorise a block into triangles, with reciprocals on the diagonal."""
     a, b, c, d, e, g, h, i, k = _block(f, j)
     a = 1.0 / a
     d, h = d * a, h * a
@@ -172,14 +172,14 @@ def _factorise_joint(j, model, work, compliance):
 
 @kernel
 def factorise(model, work, compliance):
-    """Block elimination for the rows and columns set."""
+    """Factorise the system whose rows and columns are set, block by block."""
     for j in range(work.slide.shape[0]):
         _factorise_joint(j, model, work, compliance)
 
 
 @kernel
 def set_up(model, position, work, compliance, first):
-    """Rows and their block elimination from joint `first` on, in one sweep."""
+    """Set rows and factorise them from joint `first` on, in one sweep."""
     for j in range(first, work.slide.shape[0]):
         _set_rows_of(j, model, position, work)
         _factorise_joint(j, model, work, compliance)
@@ -187,7 +187,7 @@ def set_up(model, position, work, compliance, first):
 
 @inlined
 def _add_reaction(j, of, model, position, work):
-    """Put three multipliers of a joint into its reaction and the bodies' velocities."""
+    """Add three multipliers of a joint to its reaction and to the bodies' velocities."""
     column, solved, reaction = work.column, work.solved, work.reaction
     fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
     fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
@@ -207,7 +207,7 @@ def _add_reaction(j, of, model, position, work):
 
 @kernel
 def add_reactions(model, position, work):
-    """Put the multipliers in ``work.unknown`` into reactions and velocities."""
+    """Add the multipliers in ``work.unknown`` to reactions and velocities."""
     out = work.unknown
     for j in range(out.shape[0]):
         _add_reaction(j, (out[j, 0], out[j, 1], out[j, 2]), model, position, work)
@@ -215,7 +215,7 @@ def add_reactions(model, position, work):
 
 @kernel
 def substitute(model, position, work, where):
-    """Put multipliers that take the residual away into reactions and velocities."""
+    """Add the multipliers that remove the residual to reactions and velocities."""
     f, lower, upper = work.block, work.lower, work.upper
     residual, out = work.residual, work.unknown
     last = residual.shape[0] - 1
@@ -240,7 +240,7 @@ def substitute(model, position, work, where):
 
 @kernel
 def measure_residual(position, work):
-    """Velocities of the corners, and along the constrained directions; the largest of these.
+    """Measure velocities of corners and along constrained directions; return the largest.
 
     ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
     """
@@ -270,7 +270,7 @@ def measure_residual(position, work):
 
 @kernel
 def correct(model, position, work, enough):
-    """Solve the linear problem whose factors are set, and correct it until `enough` is left.
+    """Solve the factorised problem, and refine it until the residual is below `enough`.
 
     Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
     """

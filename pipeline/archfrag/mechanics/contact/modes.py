@@ -1,4 +1,4 @@
-"""Which corners of the joints touch, and which stick: Newton's iteration on the modes.
+"""Find which corners touch and which joints stick, by Newton's iteration on the modes.
 
 For given modes the contact problem is linear (`blocks`). Its solution gives for each joint whether
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
@@ -23,7 +23,7 @@ MOST_ITERATIONS, ITERATION_PER_JOINTS = 8, 16
 
 @inlined
 def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
-    """Mode asked by a joint that touches at both corners: whether each stays, and its slide.
+    """Return the mode that a closed joint asks for: whether each corner stays, and its slide.
 
     A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
     a joint slide, a slip against its friction makes it stick (Eq 6).
@@ -42,7 +42,7 @@ def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
 
 @inlined
 def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
-    """Mode asked by a joint that touches at one corner, `second` where that is corner 1.
+    """Return the mode that a joint at one corner asks for; `second` where that is corner 1.
 
     Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
     that pushes along its ray and a slip along its friction. Returned: where a tensile force would
@@ -73,7 +73,7 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
 
 @kernel
 def ask_modes(model, work, slack, slack_force):
-    """Where a joint asks for another mode by Signorini's and Coulomb's laws (Eqs 24, 25).
+    """Set the modes that the laws ask for (Eqs 24, 25); return where one differs from its own.
 
     The modes asked for are left in ``work.asked_touch`` and ``work.asked_slide``. `slack` and
     `slack_force` of a law count as kept, in velocity and in force.
@@ -117,7 +117,7 @@ def ask_modes(model, work, slack, slack_force):
 
 @kernel
 def velocity_scale(position, work):
-    """Largest relative velocity that corners which may touch would have without reactions.
+    """Return the largest relative velocity without reactions of corners that may touch.
 
     At least what rounding leaves of velocities, for a chain in flight that moves as one body.
     ``work.relative`` is overwritten.
@@ -137,7 +137,7 @@ def velocity_scale(position, work):
 
 @kernel
 def largest_force(work):
-    """Largest component of a reaction; one where there are none."""
+    """Return the largest component of a reaction; one if there are no reactions."""
     largest = 0.0
     for j in range(work.slide.shape[0]):
         force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
@@ -147,7 +147,7 @@ def largest_force(work):
 
 @inlined
 def closes_soon(j, k, work, ahead):
-    """Where a corner that does not touch will, `ahead` of its bias's own time after that."""
+    """Whether an open corner will touch within the time `ahead` after its bias's own time."""
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
     asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
@@ -156,7 +156,7 @@ def closes_soon(j, k, work, ahead):
 
 @inlined
 def start_modes(state, work, where, expects):
-    """Start from the modes before the step; where it `expects` them, with corners that close.
+    """Start from the modes before the step; where it `expects` impacts, with closing corners.
 
     These are the corners that the velocities before the step would close.
     """
@@ -175,7 +175,7 @@ def start_modes(state, work, where, expects):
 
 @kernel
 def solve_contact(model, position, work, live, iterations, ahead, precision):
-    """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
+    """Solve one contact problem by Newton's iteration: each joint takes the mode it asks for.
 
     A run whose modes are not reconciled after `MOST_ITERATIONS` is given up: hardly any is later.
     Of runs side by side the slower half does not keep the others waiting: it goes on in the next

@@ -87,7 +87,7 @@ def new_path(model: Model) -> Path:
 
 @inlined
 def _set_problem(work, path, part):
-    """The problem's own velocities and bias with a part of what the start has beside them."""
+    """Set the problem's own velocities and bias plus a part of the start's additions."""
     for i in range(work.free.shape[0]):
         for c in range(3):
             work.free[i, c] = path.free[i, c] + part * path.push[i, c]
@@ -99,7 +99,7 @@ def _set_problem(work, path, part):
 
 @kernel
 def piece_functions(position, work, path, tau, value):
-    """Linear functions that are non-negative on the present piece, at one place of the path.
+    """Evaluate the linear functions that are non-negative on the present piece of the path.
 
     Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
     side of each one's zero. Returned is nan where a pivot vanishes.
@@ -121,7 +121,7 @@ def piece_functions(position, work, path, tau, value):
 
 @inlined
 def _corner_normal(work, j, k, closed, slide):
-    """Direction in which a corner is compressed, slips across, or opens."""
+    """Return the direction in which a corner is compressed or opens, or slips across."""
     if closed:
         return work.normal[j, 0], work.normal[j, 1]
     n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
@@ -170,7 +170,7 @@ def set_start(position, work, path, scale):
 
 @kernel
 def direction_after(path, j, mode, left):
-    """Sense of tau that leads into the piece of joint j behind a break.
+    """Return the sense of tau that leads into the next piece after a break at joint j.
 
     `mode` is the joint's new one, `left` the one it left; zero where no function leads back.
     """
@@ -187,7 +187,7 @@ def direction_after(path, j, mode, left):
 
 @inlined
 def _zero(path, j, f, tau, direction):
-    """Distance in tau to a function's zero, and its slope; the distance is not negative."""
+    """Return the distance in tau (at least 0) to a function's zero, its slope and value."""
     rise = path.at_end[j, f] - path.at_start[j, f]
     slope, value = rise * direction, path.at_start[j, f] + tau * rise
     return (max(-value / slope, 0.0) if slope < 0.0 else np.inf), slope, value
@@ -195,7 +195,7 @@ def _zero(path, j, f, tau, direction):
 
 @kernel
 def _closing_of_corner(work, path, j, k, tau, direction, left):
-    """Break at which a corner of an open joint closes: both functions have reached zero."""
+    """Find the break at which a corner of an open joint closes: both functions are zero."""
     far, chosen = -np.inf, -1
     for f in range(2 * k, 2 * k + 2):
         distance, slope, value = _zero(path, j, f, tau, direction)
@@ -215,7 +215,7 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 
 @kernel
 def next_break(work, path, tau, direction, crossed):
-    """The next break of the path behind tau; `crossed` is the last: its joint and mode left."""
+    """Find the next break of the path; `crossed` has joint and former mode of the last one."""
     first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
@@ -274,7 +274,7 @@ def follow_path(position, work, path, scale, compliance):
 
 @inlined
 def copy_modes(of, to):
-    """Take the modes in ``contact`` and ``slide`` over."""
+    """Copy the modes in ``contact`` and ``slide``."""
     for j in range(to.slide.size):
         to.contact[j, 0], to.contact[j, 1] = of.contact[j, 0], of.contact[j, 1]
         to.slide[j] = of.slide[j]
@@ -282,7 +282,7 @@ def copy_modes(of, to):
 
 @kernel
 def _stick_rough(model, work):
-    """Closed joints without friction limit stick again, whatever a path took them through."""
+    """Let closed joints of unlimited friction stick again after a path."""
     for j in range(work.slide.size):
         if math.isinf(model.friction[j]) and work.contact[j, 0] + work.contact[j, 1] > 1.5:
             work.slide[j] = 0.0

@@ -1,4 +1,4 @@
-"""Where the joint faces of a chain are, and which contacts they can make; one run or four.
+"""Place joint faces and the contacts that they can make; for one run or four.
 
 At an open joint the two faces have different normals and Signorini's law splits into Eqs 23a
 and 23b of the paper: a vertex of either body may meet the other's face.
@@ -29,7 +29,7 @@ def later_vertex_meets(corner, slip):
 
 @kernel
 def move_faces(model, position, rotated, face, tangent):
-    """Corners and unit tangents of all joint faces, for given positions of the bodies."""
+    """Set corners and unit tangents of all joint faces for given positions of the bodies."""
     for i in range(1, position.shape[0] - 1):
         rotated[i, 1], rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
@@ -47,7 +47,7 @@ def move_faces(model, position, rotated, face, tangent):
 
 @kernel
 def place_contacts(model, slip, face, tangent, work):
-    """Contact points, pivots and normals of all joints, from the faces and slips [m]."""
+    """Set contact points, pivots and normals of all joints from faces and slips [m]."""
     point, side_normal = work.point, work.side_normal
     for j in range(slip.shape[0]):
         ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
@@ -79,7 +79,7 @@ def place_contacts(model, slip, face, tangent, work):
 
 @inlined
 def corner_offset(j, k, face, tangent, slip):
-    """Displacement of the later face's corner from where its contact holds it [m]."""
+    """Return the offset of the later face's corner from its place in contact [m]."""
     later = later_vertex_meets(k, slip)
     tx = select(later, tangent[j, BEFORE, 0], tangent[j, AFTER, 0])
     ty = select(later, tangent[j, BEFORE, 1], tangent[j, AFTER, 1])
@@ -98,7 +98,7 @@ def corner_slip(j, dx, dy, first, tangent):
 
 @inlined
 def clearance(j, k, face, tangent):
-    """Gap at a corner by Signorini's law: of Eqs 23a and 23b the one that applies [m]."""
+    """Return the gap at a corner, by whichever of Eqs 23a and 23b applies [m]."""
     dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
     dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
     ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
@@ -115,7 +115,7 @@ def clearance(j, k, face, tangent):
 
 @inlined
 def slip_and_gap(j, at_0, at_1, face, tangent):
-    """Slip of a joint, at the nearer corner where none touches, and its smaller gap [m]."""
+    """Return the slip of a joint, at the nearer corner if none touches, and its gap [m]."""
     gap_0, gap_1 = clearance(j, 0, face, tangent), clearance(j, 1, face, tangent)
     none = opposite(at_0 | at_1)
     first = (none & (gap_1 >= gap_0)) | at_0
@@ -131,7 +131,7 @@ def _shift(j, k, c, face):
 
 @kernel
 def place_chain(model, position, joints, least, slip, work):
-    """Faces, slips [m] and contacts of all joints, where the bodies are.
+    """Place faces, slips [m] and contacts of all joints where the bodies are.
 
     `joints` has the modes and known slips. The slip of a joint that slides, or touches nowhere, is
     measured at the corner that touches, or at the nearer one; below `least` of the joint's length

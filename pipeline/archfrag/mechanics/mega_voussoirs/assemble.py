@@ -1,4 +1,4 @@
-"""Mega-voussoirs: a chain in as many bodies as move relative to each other.
+"""Assemble mega-voussoirs: one body for voussoirs that do not move relative to each other.
 
 Voussoirs whose common joint is closed and sticks move as one body (Sinopoli, section 3.3). Such
 mega-voussoirs in a row, with the ones that rest on the ground taken as ground, are again a chain
@@ -61,7 +61,7 @@ def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
 
 @kernel
 def in_use(mega):
-    """The arrays of an assembled chain, cut to its size; views, no copies."""
+    """Return views of the arrays, cut to the size of the assembled chain."""
     n, m, w = mega.count[0] + 2, mega.count[1], mega.work
     # The arrays by whose lengths kernels count joints and bodies; the others stay as they are.
     work = Work(
@@ -111,7 +111,7 @@ def _group(model, contact, slide, mega):
 
 @inlined
 def _place_at_rest(model, slip, mega):
-    """Centroids with the slips of rigid joints, in the axes at rest, into ``mega.offset``."""
+    """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
     n_row = mega.group.size
     shift_x = shift_y = 0.0
     for i in range(1, n_row - 1):
@@ -134,7 +134,7 @@ def _place_at_rest(model, slip, mega):
 
 @inlined
 def _sum_masses(model, mega):
-    """Masses and inertias, and the voussoirs' places about their common centroids."""
+    """Set masses and inertias, and offsets of voussoirs from their common centroids."""
     out, offset = mega.model, mega.offset
     for k in range(1, mega.count[0] + 1):
         mass = x = y = inertia = 0.0
@@ -155,7 +155,7 @@ def _sum_masses(model, mega):
 
 @inlined
 def _place_joints(model, contact, slide, slip, mega):
-    """Joints between and inside mega-voussoirs, in the axes at rest."""
+    """Set the joints between and inside mega-voussoirs, in the axes at rest."""
     out, k = mega.model, 0
     for j in range(slip.size):
         if is_rigid(j, contact, slide):
@@ -198,7 +198,7 @@ def assemble(model, contact, slide, slip, mega):
 
 @kernel
 def gather_state(model, position, velocity, mega):
-    """Positions and velocities of assembled mega-voussoirs from those of their voussoirs.
+    """Set positions and velocities of mega-voussoirs from those of their voussoirs.
 
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
     voussoir.
@@ -222,7 +222,7 @@ def gather_state(model, position, velocity, mega):
 
 @kernel
 def split_state(mega, mega_position, mega_velocity, position, velocity):
-    """Positions and velocities of all voussoirs from those of the mega-voussoirs."""
+    """Set positions and velocities of all voussoirs from those of the mega-voussoirs."""
     s, c, known = 0.0, 1.0, GROUND
     for i in range(1, position.shape[0] - 1):
         k = mega.group[i]
@@ -244,7 +244,7 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
 
 @kernel
 def farthest_move(model, old, new):
-    """How far any voussoir lies from where it was, rotations by the joints' length [m]."""
+    """Return the largest move of any voussoir, with rotations times the joints' length [m]."""
     farthest = 0.0
     for i in range(1, old.shape[0] - 1):
         away = abs(new[i, 0] - old[i, 0]) + abs(new[i, 1] - old[i, 1])

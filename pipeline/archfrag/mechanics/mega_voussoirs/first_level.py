@@ -24,7 +24,7 @@ ILL_CONDITIONED = 1e-7
 
 @inlined
 def cross(a, b):
-    """Scalar product of `a` rotated by +90 degrees with `b`, both (x, y)."""
+    """Return the cross product of two vectors (x, y)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
@@ -40,7 +40,7 @@ def _arm(centre, position, k):
 
 @kernel
 def centripetal_bias(position, velocity, slip, sense, work):
-    """Into ``work.bias`` what rotations add to relative accelerations at corners (Eqs 17, 18).
+    """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
 
     These are the centripetal accelerations of the material points, and where a vertex runs along
     a rotating face twice the product of both rates; `sense` is that of the friction of slips in
@@ -91,7 +91,7 @@ def _perpendicular(rate, arm):
 
 @inlined
 def _known(base, rate, acceleration, arm, k, work):
-    """Acceleration of a body without that of the mechanism: of its centre, and by its rates."""
+    """Set the acceleration of a body apart from that of the mechanism."""
     x, y = _perpendicular(acceleration, arm)
     work.solved[k, 0] = base[0] + x - rate * rate * arm[0]
     work.solved[k, 1] = base[1] + y - rate * rate * arm[1]
@@ -100,7 +100,7 @@ def _known(base, rate, acceleration, arm, k, work):
 
 @inlined
 def _powers(model, work, k, u, x, y):
-    """Inertia of a body along the mechanism, and power of what is not balanced yet (Eq 28)."""
+    """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
     fx, fy = work.free[k, 0] - work.solved[k, 0], work.free[k, 1] - work.solved[k, 1]
     spin = model.inertia[k] * u * (work.free[k, 2] - work.solved[k, 2])
@@ -116,7 +116,7 @@ def _add(rate, u, x, y, k, work):
 
 @kernel
 def four_hinges(model, position, velocity, work):
-    """Accelerations and reactions of three bodies hinged to each other and to the ground.
+    """Solve for accelerations and reactions of three bodies with four hinges.
 
     From contacts, modes, and accelerations without reactions in ``work.free``; False where the
     rotation centre of the middle body is so far off that the reactions do not follow from it.
@@ -158,7 +158,7 @@ def four_hinges(model, position, velocity, work):
 
 @inlined
 def _unbalanced(model, work, k):
-    """Force that the reactions of a body have to supply, and moment about its centroid."""
+    """Return force and moment about its centroid that a body's reactions must supply."""
     x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
     y = model.mass[k] * (work.solved[k, 1] - work.free[k, 1])
     return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
@@ -173,7 +173,7 @@ def _set_reaction(j, hinge, x, y, work):
 
 @inlined
 def _hinge_reactions(model, position, hinge, work):
-    """Reactions at four hinges for given accelerations (Eqs 29-33)."""
+    """Set the reactions at four hinges for given accelerations (Eqs 29-33)."""
     c1, c12, c23, c3 = hinge
     p, q = _from(c1, c12), _from(c3, c23)
     size_p, size_q = math.hypot(p[0], p[1]), math.hypot(q[0], q[1])
@@ -198,13 +198,13 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Faces, slips and contacts of mega-voussoirs, where `position` has them."""
+    """Place faces, slips and contacts of mega-voussoirs at `position`."""
     placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
 
 
 @kernel
 def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
-    """Accelerations and reactions of mega-voussoirs in their modes, under a ground acceleration.
+    """Solve for accelerations and reactions of mega-voussoirs under a ground acceleration.
 
     They are left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one
     [m/s2]. False where the equations have no solution.
@@ -231,7 +231,7 @@ def _set_bias(work, value):
 
 @kernel
 def project(mega, position, velocity, enough, limit):
-    """Move a state onto its contacts, and its velocities onto their rates, after `pose` there.
+    """Project positions and velocities onto the contacts, after `pose` there.
 
     Both in the metric of kinetic energy, and across the joints, without friction: along its cone
     a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to

@@ -19,7 +19,7 @@ N_LAW = 7
 
 @inlined
 def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
-    """What is left of Signorini's and Coulomb's laws at one closed joint.
+    """Set the margins of Signorini's and Coulomb's laws at one closed joint.
 
     The forces at the two corners are those whose resultant acts at the contact centre of Eq 34:
     e = force at corner 1 over their sum.
@@ -41,7 +41,7 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
 
 @inlined
 def _boundary(mega, k, position):
-    """Reaction between mega-voussoirs k and k + 1, with the moment about `position`."""
+    """Return the reaction between mega-voussoirs k and k + 1, its moment about `position`."""
     work = mega.work
     force = work.reaction[k, 0], work.reaction[k, 1]
     arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
@@ -50,7 +50,7 @@ def _boundary(mega, k, position):
 
 @kernel
 def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_weight, value):
-    """Margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
+    """Set the margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
 
     After `solve_first_level`, of joints that are closed and stick: forces at both corners, and
     Coulomb's law if friction is limited, into `value` (n_joint, N_LAW). `model` is that of the
@@ -95,7 +95,7 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
 
 @kernel
 def joint_reactions(mega, work):
-    """Reactions of all joints of the chain after both levels, about the pivots of `work`."""
+    """Set the reactions of all joints after both levels, about the pivots of `work`."""
     k = 0
     for j in range(work.reaction.shape[0]):
         if k < mega.count[1] and mega.joint[k] == j:

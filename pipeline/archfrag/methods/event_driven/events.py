@@ -1,4 +1,4 @@
-"""Where a mechanism ends: margins of the contact laws, and the instant at which one is used up.
+"""Locate the end of a mechanism: the instant at which a margin of a contact law is used up.
 
 Every margin is dimensionless and positive while the mechanism holds (Sinopoli, section 3.5):
 forces over the weight, gaps over the joint's length, slip rates over the speed of a fall through
@@ -44,7 +44,7 @@ ROUNDING = 1e-9
 
 
 class Motion(NamedTuple):
-    """What moves mega-voussoirs between events, apart from themselves."""
+    """Workspace for the motion of mega-voussoirs between events."""
 
     model: Model  # of the voussoirs
     stages: Stages
@@ -64,7 +64,7 @@ class Motion(NamedTuple):
 
 
 def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
-    """Workspace for the motion of a chain, to a relative error of a step."""
+    """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint, length = model.friction.size, float(model.length.min())
     margins, gaps = np.full((2, n_joint, N_LAW), np.inf), np.full((2, n_joint, 2, 2), np.inf)
     return Motion(
@@ -86,7 +86,7 @@ def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
 
 @kernel
 def keep_margins(mega, motion):
-    """Note the present margins as those of the beginning of a step."""
+    """Keep the present margins as those at the beginning of a step."""
     for j in range(motion.value.shape[0]):
         for law in range(N_LAW):
             motion.low[j, law] = motion.value[j, law]
@@ -98,7 +98,7 @@ def keep_margins(mega, motion):
 
 @inlined
 def _cone_margins(k, c, model, work, per_weight, value):
-    """Coulomb's cones at a corner that sticks, or the force at one that slides (Eqs 6, 20, 23)."""
+    """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
     across, along, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
     size = per_weight / math.sqrt(across * across + along * along)
     fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
@@ -115,7 +115,7 @@ def _cone_margins(k, c, model, work, per_weight, value):
 
 @inlined
 def margins_between(mega, motion, position, velocity):
-    """Margins at the joints between mega-voussoirs, after `solve_first_level`."""
+    """Set margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
     for k in range(mega.work.slip.shape[0]):
         value = motion.value[mega.joint[k]]
@@ -145,7 +145,7 @@ def margins_between(mega, motion, position, velocity):
 
 @kernel
 def find_margins(motion, mega, position, velocity, ground_x, ground_y):
-    """Margins of all laws, after `solve_first_level` at this state; the smallest.
+    """Set margins of all laws after `solve_first_level`; return the smallest.
 
     Its joint and law are left in ``motion.trigger``.
     """
@@ -168,7 +168,7 @@ def find_margins(motion, mega, position, velocity, ground_x, ground_y):
 
 @kernel
 def margins_at(motion, mega, part, step, ground):
-    """Smallest margin at a part of a step, by its dense output; nan without a solution."""
+    """Return the smallest margin at a part of a step; nan without a solution."""
     position, velocity = mega.next_position, mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
     x, y = runge_kutta.ground_after(ground, part * step)
@@ -179,7 +179,7 @@ def margins_at(motion, mega, part, step, ground):
 
 @kernel
 def _gap_at(motion, mega, part, k, c):
-    """Gap at a corner at a part of a step, by the positions alone [m]."""
+    """Return the gap of a corner at a part of a step, from positions alone [m]."""
     work, position = mega.work, mega.next_position
     runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
     move_faces(mega.model, position, work.rotated, work.face, work.tangent)
@@ -210,7 +210,7 @@ def closed_inside(motion, mega, step):
 
 @kernel
 def _margin_at(motion, mega, part, step, ground, joint, law):
-    """Margin of one law at a part of a step: a gap by the positions alone."""
+    """Return the margin of one law at a part of a step."""
     if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
         return least if np.isnan(least) else motion.value[joint, law]
@@ -222,7 +222,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
 
 @inlined
 def _root(motion, mega, step, ground, end, joint, law):
-    """Part of a step, up to `end`, at which one law's margin is used up; Illinois method."""
+    """Find the part of a step at which one law's margin is used up (Illinois method)."""
     low, high = 0.0, end
     low_value, high_value = motion.low[joint, law], motion.value[joint, law]
     if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
@@ -259,7 +259,7 @@ def _root(motion, mega, step, ground, end, joint, law):
 
 @inlined
 def locate(motion, mega, step, ground, end):
-    """First part of a step at which a law ends; nan where no state could be evaluated.
+    """Find the first part of a step at which a law ends; nan if no state can be evaluated.
 
     The law whose margin is smallest where one is broken is followed back to where it is used up,
     an impact on the gaps alone; then all others are looked at there, until none is broken. The

@@ -1,4 +1,4 @@
-"""The event-driven method from a chain and its ground motions to results."""
+"""Event-driven method: from a chain and its ground motions to results."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ ROUNDING = 1e-12
 
 
 def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float, float]) -> Run:
-    """A run that has not begun, under one ground motion."""
+    """Set up a run under one ground motion."""
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
     motion = new_motion(model, scheme, options.tolerance)
     progress = np.zeros(len(Progress))

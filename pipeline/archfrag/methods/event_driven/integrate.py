@@ -1,4 +1,4 @@
-"""Motion between two events: Runge-Kutta steps of mega-voussoirs, with step control.
+"""Integrate between two events by Runge-Kutta steps of mega-voussoirs, with step control.
 
 Every law of the mechanism is looked at after each step. A step is cut where the slope of the
 ground acceleration changes, and where a law ends.
@@ -56,7 +56,7 @@ FLOOR = 0.02
 
 
 class Progress(IntEnum):
-    """Entries of ``Run.progress``: what a run remembers apart from its state."""
+    """Entries of ``Run.progress``."""
 
     STEP = 0  # size of the next step [s]
     FARTHEST = 1  # square of the largest displacement of a body [m2]
@@ -73,7 +73,7 @@ class Progress(IntEnum):
 
 
 class Run(NamedTuple):
-    """A run: the chain, its mega-voussoirs, and what moves them."""
+    """A run: the chain, its mega-voussoirs, ground motion and options."""
 
     model: Model
     state: State
@@ -90,7 +90,7 @@ class Run(NamedTuple):
 
 @inlined
 def look_outward(run, mega, position, velocity):
-    """Keep at which rates the voussoirs move away from where they rest.
+    """Record the rates at which voussoirs move away from rest.
 
     Returns whether one that moved away when they were kept last comes back.
     """
@@ -111,7 +111,7 @@ def look_outward(run, mega, position, velocity):
 
 @inlined
 def record_place(run, mega, position):
-    """Largest displacement and rotation up to now."""
+    """Record the largest displacement and rotation so far."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
         rotation = max(rotation, abs(position[k, 2]))
@@ -126,7 +126,7 @@ def record_place(run, mega, position):
 
 @inlined
 def _has_collapsed(run, mega, position):
-    """Whether a joint cannot come to bear again; notes the gaps of those without contact."""
+    """Whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed, work = False, mega.work
     for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
@@ -143,7 +143,7 @@ def _has_collapsed(run, mega, position):
 
 @kernel
 def recover_voussoirs(mega, position, velocity, state):
-    """State of all voussoirs, and slips of their joints, from those of the mega-voussoirs."""
+    """Set the state of all voussoirs, and slips of their joints, from the mega-voussoirs."""
     split_state(mega, position, velocity, state.position, state.velocity)
     for k in range(mega.work.slip.shape[0]):
         state.slip[mega.joint[k]] = mega.work.slip[k]
@@ -151,7 +151,7 @@ def recover_voussoirs(mega, position, velocity, state):
 
 @inlined
 def begin_motion(run, mega, x, y):
-    """First evaluation after an event; brings the state onto the contacts.
+    """Bring the state onto the contacts after an event, and evaluate it for the first time.
 
     Returns whether the mechanism can be integrated: its equations of motion have a solution, and
     the state is not too far from its contacts.
@@ -189,7 +189,7 @@ def recover_reactions(run, mega, position, velocity, x, y):
 
 @kernel
 def write_step(run, mega, start, step, part, ground, output):
-    """Frames that are due in the first `part` of a step, from its dense output."""
+    """Write frames that are due in the first `part` of a step, from its dense output."""
     clock, now = run.state.clock, run.state.clock[Clock.TIME]
     position, velocity = mega.next_position, mega.next_velocity
     # A frame due at the end is not left out by rounding.
@@ -206,7 +206,7 @@ def write_step(run, mega, start, step, part, ground, output):
 
 @inlined
 def _accept(run, mega, part, peaks):
-    """Take the state that a step, or a part of it, has reached; record works and peaks."""
+    """Accept the state at the end of a step or of its part; record works and peaks."""
     stages, energy = run.motion.stages, run.state.energy
     energy[Energy.GROUND] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_GROUND], part)
     energy[Energy.FRICTION] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_FRICTION], part)
@@ -225,7 +225,7 @@ def _accept(run, mega, part, peaks):
 
 @inlined
 def _shift_stages(mega, stages, last):
-    """The last stage is the first one of the next step."""
+    """Use the last stage as the first one of the next step."""
     for i in range(1, mega.position.shape[0] - 1):
         for c in range(3):
             stages.velocity[i, 0, c] = stages.velocity[i, last, c]
@@ -236,7 +236,7 @@ def _shift_stages(mega, stages, last):
 
 @inlined
 def _allowed_errors(mega, motion, farthest):
-    """Errors in position [m] and in velocity [m/s] that count as one."""
+    """Return the errors in position [m] and in velocity [m/s] that count as one."""
     fastest = 0.0
     for i in range(1, mega.velocity.shape[0] - 1):
         fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
@@ -246,7 +246,7 @@ def _allowed_errors(mega, motion, farthest):
 
 @inlined
 def check_laws(motion, mega, step, ground):
-    """Look at all laws at the end of a step, and at gaps inside it; part, event."""
+    """Check all laws at the end of a step, and gaps inside it; return part, event."""
     x, y = runge_kutta.ground_after(ground, step)
     least = find_margins(motion, mega, mega.next_position, mega.next_velocity, x, y)
     runge_kutta.make_dense(mega, motion.stages, motion.scheme, step)
@@ -262,7 +262,7 @@ def check_laws(motion, mega, step, ground):
 
 @inlined
 def integrate(run, mega, stop, output):
-    """Move mega-voussoirs until a law ends or `stop` is reached.
+    """Integrate mega-voussoirs until a law ends or `stop` is reached.
 
     Returns how it ends; for an event ``run.motion.trigger`` has the law.
     """

@@ -73,7 +73,7 @@ def _set_cause(run, cause, joint):
 
 @kernel
 def impact(run):
-    """Velocities after an impact (Eqs 8, 9, 11, 21)."""
+    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger, joint, corner = run.motion.trigger, -1, -1
     if run.progress[Progress.CAUSE] == transitions.BY_IMPACT:
         joint, corner = trigger[0], trigger[1] - GAP_0
@@ -89,7 +89,7 @@ def impact(run):
 
 @kernel
 def modes_of_accelerations(run):
-    """Contact modes from now on (Eqs 15-19, 29-35)."""
+    """Find the contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
@@ -105,7 +105,7 @@ def modes_of_accelerations(run):
 
 @kernel
 def assemble_mega_voussoirs(run, output):
-    """Mega-voussoirs of the present modes (section 3.3), ready to move."""
+    """Assemble mega-voussoirs of the present modes (section 3.3)."""
     model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, motion = state.clock, run.motion
     clock[Clock.FASTEST] = transitions.fastest_of(run)
@@ -143,7 +143,7 @@ def assemble_mega_voussoirs(run, output):
 
 @kernel
 def integrate_to_next_event(run, output):
-    """Motion of the mega-voussoirs until the next event (section 3.5)."""
+    """Integrate mega-voussoirs until the next event (section 3.5)."""
     model, state, work, clock = run.model, run.state, run.work, run.state.clock
     mega, before = assemble.in_use(run.mega), clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
@@ -177,7 +177,7 @@ def integrate_to_next_event(run, output):
 
 @inlined
 def impact_or_mechanism_change(run):
-    """What an event is; whether events accumulate."""
+    """Classify an event, and detect whether events accumulate."""
     state, progress, recent = run.state, run.progress, run.recent
     cause, joint = transitions.cause_of(run)
     _set_cause(run, cause, joint)
@@ -195,7 +195,7 @@ def impact_or_mechanism_change(run):
 
 @kernel
 def go_on(run, output, phase):
-    """From event to event, as a table of phases, up to the first of the other phases."""
+    """Go from event to event, phase by phase, until another kind of phase is due."""
     while phase <= UPON_EVENT:
         if phase == IMPACT:
             phase = impact(run)
@@ -212,7 +212,7 @@ def go_on(run, output, phase):
 
 @inlined
 def step_until(run, until, output):
-    """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
+    """Step all voussoirs while their modes go on changing."""
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
     clock = state.clock
     end, quiet, count = end_of_motion(grounds, clock, options.follow), 0.0, state.count
@@ -236,7 +236,7 @@ def step_until(run, until, output):
 
 @kernel
 def step_all_voussoirs(run, output):
-    """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
+    """Step all voussoirs for a while after events accumulate or a mechanism is not found."""
     model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, unit = state.clock, _unit(run)
     state.count[Count.SWITCHES] += 1.0
@@ -270,7 +270,7 @@ def step_all_voussoirs(run, output):
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if that leaves it where it is now."""
+    """Rest until the ground moves the chain, if the chain stays at rest now."""
     state, rests = run.state, run.state.count[Count.RESTS]
     model, work, options = run.model, run.work, run.options
     code = service.handle_pause(model, run.grounds, state, work, run.path, options, output)
@@ -283,7 +283,7 @@ def rest_if_still(run, output):
 
 @inlined
 def leave_rest(run, code, output):
-    """Begin to move where rest has ended."""
+    """Begin to move at the end of a rest."""
     if code == common.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
@@ -295,7 +295,7 @@ def leave_rest(run, code, output):
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """A run from its beginning to its end, as a table of phases."""
+    """Run from beginning to end, phase by phase."""
     model, state, work, options = run.model, run.state, run.work, run.options
     state.clock[Clock.FACTOR] = 1.0
     if at_rest:

@@ -63,7 +63,7 @@ THIRD_ORDER = Scheme(
 
 
 class Stages(NamedTuple):
-    """What a step leaves of its stages, and its dense output."""
+    """Stages and dense output of one step."""
 
     velocity: np.ndarray  # (n_body + 2, n_stage, 3)
     acceleration: np.ndarray  # (n_body + 2, n_stage, 3)
@@ -74,7 +74,7 @@ class Stages(NamedTuple):
 
 
 def new_stages(n_row: int) -> Stages:
-    """Workspace for the steps of a chain with so many rows of bodies."""
+    """Allocate stages for a chain with `n_row` rows of bodies."""
     shape, dense = (n_row, N_STAGE, 3), (n_row, 3, 5)
     return Stages(
         np.zeros(shape), np.zeros(shape), np.zeros((N_STAGE, 2)),
@@ -84,7 +84,7 @@ def new_stages(n_row: int) -> Stages:
 
 @inlined
 def ground_after(ground, time):
-    """Ground acceleration at a time after the beginning of its segment [m/s2]."""
+    """Return the ground acceleration at a time after the beginning of its segment [m/s2]."""
     return ground.x + ground.slope_x * time, ground.y + ground.slope_y * time
 
 
@@ -98,7 +98,7 @@ def sliding_rate(j, position, velocity, work):
 
 @kernel
 def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
-    """Take the last solution of the first level over as a stage of the step."""
+    """Store the last solution of the first level as a stage of the step."""
     work, by_ground, by_friction = mega.work, 0.0, 0.0
     for i in range(1, position.shape[0] - 1):
         for c in range(3):
@@ -116,7 +116,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
 
 @inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
-    """One step from stage 0, which is known; error; inf where a stage has no solution."""
+    """Make one step from stage 0; return its error, inf if a stage has no solution."""
     position, velocity = mega.next_position, mega.next_velocity
     n_stage, end = scheme.time.shape[0], position.shape[0] - 1
     for stage in range(1, n_stage):
@@ -157,7 +157,7 @@ def _set_coefficients(out, start, end, first, last, highest):
 
 @inlined
 def make_dense(mega, stages, scheme, step):
-    """Coefficients of the continuous extension over the step."""
+    """Set the coefficients of the dense output of a step."""
     last = scheme.time.shape[0] - 1
     for i in range(1, mega.position.shape[0] - 1):
         v, a = stages.velocity[i], stages.acceleration[i]
@@ -184,14 +184,14 @@ def make_dense(mega, stages, scheme, step):
 
 @inlined
 def blend(r, part):
-    """Value of a dense output at a part of the step."""
+    """Evaluate a dense output at a part of the step."""
     left = 1.0 - part
     return r[0] + part * (r[1] + left * (r[2] + part * (r[3] + left * r[4])))
 
 
 @kernel
 def dense_state(stages, part, position, velocity):
-    """State at a part of the step, into `position` and `velocity`."""
+    """Set `position` and `velocity` at a part of the step."""
     for i in range(1, position.shape[0] - 1):
         for c in range(3):
             position[i, c] = blend(stages.dense_position[i, c], part)

@@ -1,4 +1,4 @@
-"""What follows an event: impacts, and the mechanism from then on.
+"""Solve what follows an event: the impact, and the mechanism from then on.
 
 Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
 of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over. What
@@ -51,7 +51,7 @@ SOONEST = 1e-9
 
 @kernel
 def place_voussoirs(model, state, work):
-    """Faces and contacts of all joints where the voussoirs are."""
+    """Place faces and contacts of all joints where the voussoirs are."""
     placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
 
@@ -78,7 +78,7 @@ def pose_impact(run, joint, corner):
 
 @inlined
 def _close_slow_joints(run):
-    """End in ``work.contact`` and ``work.slide`` motions so slow that they are nearly over.
+    """Close joints and stop slips, in `work`, whose motion is so slow that it is nearly over.
 
     A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
     is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
@@ -121,7 +121,7 @@ def _approaches(run):
 
 @inlined
 def take_impact(run):
-    """Take the velocities after an impact over, and what it closes for good."""
+    """Accept the velocities after an impact, and close slow joints."""
     model, state, work = run.model, run.state, run.work
     had = kinetic_energy(model, state.velocity)
     for j in range(state.slip.size):
@@ -144,7 +144,7 @@ def take_impact(run):
 
 @inlined
 def _take_velocities(run):
-    """Take solved velocities and modes over."""
+    """Accept solved velocities and modes."""
     state, work = run.state, run.work
     for i in range(1, state.velocity.shape[0] - 1):
         for c in range(3):
@@ -157,7 +157,7 @@ def _take_velocities(run):
 
 @inlined
 def _find_touching(j, run):
-    """Corners of a joint that touch and stay, into ``work.candidate``; its slip rate."""
+    """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
     model, state, work = run.model, run.state, run.work
     rate, speed = 0.0, run.motion.speed
     for k in range(2):
@@ -176,7 +176,7 @@ def _find_touching(j, run):
 
 @inlined
 def ground_now(run, leaves_rest):
-    """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
+    """Return the ground acceleration [m/s2]; at the end of a rest, just outside its range."""
     time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
     end, x, slope_x, y, slope_y = segment_at(time, run.grounds)
     if not leaves_rest or np.isnan(options.rest_plus):
@@ -241,7 +241,7 @@ def solve_posed(model, state, work, path):
 
 @inlined
 def take_modes(run):
-    """Take the modes of accelerations that are solved over; False where these are impossible."""
+    """Accept the modes of solved accelerations; False if the accelerations are impossible."""
     model, state, work = run.model, run.state, run.work
     for i in range(1, state.position.shape[0] - 1):
         if not abs(work.solved[i, 0]) + abs(work.solved[i, 1]) <= IMPOSSIBLE * model.gravity:
@@ -261,7 +261,7 @@ def take_modes(run):
 
 @inlined
 def cause_of(run):
-    """Why the mechanism ends: cause, and joint of the chain."""
+    """Return why the mechanism ends: the cause, and the joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
     contact = run.state.contact
     if law == second_level.SLIP_END:
@@ -276,7 +276,7 @@ def cause_of(run):
 
 @inlined
 def change_mode(run, cause, joint, law):
-    """Change the mode of the joint whose law has ended: where the search for modes starts."""
+    """Change the mode of the joint whose law has ended, to start the search for modes."""
     contact, slide = run.work.contact, run.work.slide
     if cause == BY_STICK:
         slide[joint] = 0.0
@@ -290,7 +290,7 @@ def change_mode(run, cause, joint, law):
 
 @inlined
 def fastest_of(run):
-    """Largest speed of any body, rotations times joint length included; nan where none is."""
+    """Return the largest speed of any body, with rotations times joint length; nan if broken."""
     fastest = spoiled = 0.0
     for i in range(1, run.state.velocity.shape[0] - 1):
         v = run.state.velocity[i]

@@ -1,4 +1,4 @@
-"""How long steps are: short at impacts, long between them.
+"""Choose step sizes: short at impacts, long between them.
 
 A step in which a corner would close is refused after its first linear problem. Its gap, the rate
 at which it closes and the acceleration that the problem gives determine when it will close. The
@@ -44,7 +44,7 @@ MOST, LEAST = 0.9, 0.25
 
 @inlined
 def _closing_time(gap, before, after, bend, step, latest):
-    """When a gap closes, from the beginning of a step on; `latest` if it does not until then [s].
+    """Return the time from the beginning of a step at which a gap closes, at most `latest` [s].
 
     `gap` is that at the middle of the step, `before` and `after` are its rates on either side, and
     `bend` is the centripetal part of its acceleration.
@@ -59,14 +59,14 @@ def _closing_time(gap, before, after, bend, step, latest):
 
 @inlined
 def beyond(step, shortest, ahead):
-    """A time after a step, over that for which the bias of its open corners stands [1]."""
+    """Return a time after a step over the time that the bias of its open corners covers [1]."""
     half = 0.5 * smaller(step, shortest)
     return (ahead - half) / (0.5 * step + half)
 
 
 @kernel
 def time_to_impact(model, state, work, shortest, ahead):
-    """When the first of the corners that ask to close will do so, from now on [s].
+    """Return the time from now at which the first corner that asks to close will close [s].
 
     Returns step and time ahead where no corner does.
     """
@@ -96,7 +96,7 @@ def time_to_impact(model, state, work, shortest, ahead):
 
 @kernel
 def errors_of_step(model, state, work, tolerance):
-    """Where a solved step closes a corner, and where its error of energy is too large.
+    """Return where a solved step closes a corner, and where its energy error is too large.
 
     A slip that ends inside a long step sticks until its end, held by a friction that made energy.
     """
@@ -112,7 +112,7 @@ def errors_of_step(model, state, work, tolerance):
 
 @kernel
 def refuse_poor(model, state, work, solved, stops, tolerance):
-    """Of solved steps those that are not good enough: to be made shorter, or again as they are.
+    """Find solved steps that are not good enough: to repeat as they are, or shorter.
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
     open instead: such a step is made again without.
@@ -138,7 +138,7 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 
 @kernel
 def expect_impact(model, state, work, options, solved):
-    """Look again when an impact will be, in the step that leads up to it."""
+    """Update the expected time of an impact in the step that leads up to it."""
     clock, shortest = state.clock, options.time_step
     step = clock[Clock.STEP]
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME] - step
@@ -153,7 +153,7 @@ def expect_impact(model, state, work, options, solved):
 
 @inlined
 def shorten(model, state, work, options, refused, poor):
-    """Cut steps that were refused before the impact, and take a quarter of the poor ones."""
+    """Cut refused steps before the impact, and poor ones to a quarter."""
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
@@ -171,7 +171,7 @@ def shorten(model, state, work, options, refused, poor):
 
 @inlined
 def next_step(state, options, where, until):
-    """Size of the step after one that has been made; none goes on past `until`."""
+    """Set the size of the next step, which ends at `until` at the latest."""
     clock = state.clock
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
     unfinished = False
@@ -189,7 +189,7 @@ def next_step(state, options, where, until):
 
 @inlined
 def locates(state, options, live):
-    """Where a step is long enough to be refused if a corner closes in it, except in its middle."""
+    """Whether a step is so long that a corner which closes off its middle refuses it."""
     clock = state.clock
     step = clock[Clock.STEP]
     return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))

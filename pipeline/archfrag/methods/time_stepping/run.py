@@ -70,7 +70,7 @@ def try_step(model, grounds, state, work, options, live):
 
 @kernel
 def step_four(model, grounds, state, work, options):
-    """Step four runs for as long as none waits; why is left in ``state.clock[Clock.CODE]``."""
+    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
     model, state, work = with_shapes(model, state, work)
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
@@ -91,7 +91,7 @@ def step_four(model, grounds, state, work, options):
 
 @kernel
 def step_one(model, grounds, state, work, options, output):
-    """As `step_four`, one run with its history."""
+    """Step one run with its history; as `step_four`."""
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     while clock[Clock.CODE] == common.GO:
@@ -154,7 +154,7 @@ def return_run(one, number, four):
 
 
 class Jobs(NamedTuple):
-    """Many runs, and which of them are in progress."""
+    """Many runs, and the numbers of those in progress."""
 
     motion: np.ndarray  # (n_run,) int64: which ground motion moves each
     factor: np.ndarray  # (n_run,) on it
@@ -250,7 +250,7 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
 
 
 def rest_of(model: Model) -> tuple[float, float]:
-    """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
+    """Return the rest range of a chain in its own geometry [g]; nan if it cannot rest."""
     one = new_one(model)
     common.begin(model, one.state, one.work, 0, 0.0)
     found, plus, minus = service.rest_range(model, one.state, one.work)

@@ -1,4 +1,4 @@
-"""What a run by steps may need besides Newton's iteration, done for it alone.
+"""What time stepping does for one run alone, besides Newton's iteration.
 
 Rest, its history, a solution path where the modes are not reconciled, and measurements of the
 contact residual.
@@ -45,7 +45,7 @@ def is_as_built(model, state):
 
 @allocating
 def rest_range(model, state, work):
-    """Load factors between which a configuration stays at rest; found, plus, minus."""
+    """Return whether a configuration can rest, and its load factors plus and minus."""
     place_contacts(model, state.slip, work.face, work.tangent, work)
     n_joint = state.slip.size
     candidate = np.ones((n_joint, 2), np.int8)
@@ -80,7 +80,7 @@ def start_moving(state, options, output):
 
 @kernel
 def write_rest(model, grounds, state, work, path, output):
-    """Frame of the chain at rest, with the reactions that balance the body force."""
+    """Write a frame of the chain at rest, with reactions that balance the body force."""
     if output.frames.time.size == 0:
         return
     clock = state.clock
@@ -125,7 +125,7 @@ def rest_until_onset(model, grounds, state, options, plus, minus, output):
 
 @kernel
 def write_if_due(model, state, work, output):
-    """Frame of the instant from which a solved step sets out, before it is made.
+    """Write a frame of the beginning of a solved step, if one is due.
 
     Reactions act at the middles of steps; those of the instant lie between them.
     """
@@ -159,7 +159,7 @@ def keep_forces(work, step, output):
 
 @kernel
 def dominant_change(state, work):
-    """What joints do in a solved step, before it is made; cause, joint."""
+    """Return the most important change of a joint in a solved step: cause, joint."""
     cause, joint, rank = -1, -1, 0
     for j in range(state.slip.size):
         was = state.contact[j, 0] + state.contact[j, 1]
@@ -185,7 +185,7 @@ def dominant_change(state, work):
 
 @kernel
 def accept_recorded(model, state, work, impulse, options, output):
-    """Make a solved step of one run, and write what is due; as `accept_step`."""
+    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
     write_if_due(model, state, work, output)
     cause, joint, time = -1, -1, state.clock[Clock.TIME]
     if output.log.time.size > 0:
@@ -200,14 +200,14 @@ def accept_recorded(model, state, work, impulse, options, output):
 
 @kernel
 def measure_state(model, state, work):
-    """Note how far the state that the last step reached is from the contact laws."""
+    """Record the contact residual of the present state."""
     residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @kernel
 def handle_unsolved(model, grounds, state, work, path, options, output):
-    """Make a step whose modes are not reconciled, or halve it; returns the code."""
+    """Solve an unsolved step along paths, or halve it; return the code."""
     clock = state.clock
     time, step = clock[Clock.TIME], clock[Clock.STEP]
     impulse = impulse_between(grounds, clock, time, time + step)
@@ -230,7 +230,7 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle_pause(model, grounds, state, work, path, options, output):
-    """Between two steps: measure what is due, and see whether the chain rests; the code."""
+    """Measure what is due, and let the chain rest if it stays at rest; return the code."""
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
@@ -257,7 +257,7 @@ def handle_pause(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle(model, grounds, state, work, path, options, output):
-    """Do for one run what stopped it; the code that it goes on with, or ends with."""
+    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
     code = int(state.clock[Clock.CODE])
     if code == common.UNSOLVED:
         code = handle_unsolved(model, grounds, state, work, path, options, output)
@@ -269,7 +269,7 @@ def handle(model, grounds, state, work, path, options, output):
 
 @inlined
 def code_after(state, options, until, outcome):
-    """Why runs wait after an attempt at a step: of what holds, what is last below.
+    """Return the codes of runs after an attempt at a step; the last that applies counts.
 
     `outcome` are masks: solved, unsolved, collapsed, broken.
     """

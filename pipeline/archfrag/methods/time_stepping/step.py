@@ -45,7 +45,7 @@ OVERLAP_INTERVAL = 8.0
 
 @inlined
 def _limited_bias(bx, by, nx, ny, limit):
-    """Bias that corrects overlap, and slip, no faster than at a limit [m/s]."""
+    """Limit the rate at which a bias corrects overlap and slip [m/s]."""
     inward = larger(-limit - (nx * bx + ny * by), 0.0)
     bx, by = bx + inward * nx, by + inward * ny
     along = nx * by - ny * bx
@@ -55,7 +55,7 @@ def _limited_bias(bx, by, nx, ny, limit):
 
 @inlined
 def bend_of(j, k, velocity, work):
-    """Acceleration at which an offset at a corner changes at constant velocities [m/s2].
+    """Return the acceleration of a corner's offset at constant velocities [m/s2].
 
     The centripetal ones of both bodies, and that of Coriolis where a vertex slides on a face.
     """
@@ -74,7 +74,7 @@ def bend_of(j, k, velocity, work):
 
 @inlined
 def offset_of(j, k, model, work):
-    """`corner_offset` at the middle of the step; none where it is rounding [m]."""
+    """Return `corner_offset` at the middle of the step, zero if it is rounding [m]."""
     ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
     tiny = abs(ex) + abs(ey) < model.rounding
     return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
@@ -82,7 +82,7 @@ def offset_of(j, k, model, work):
 
 @kernel
 def aim_contacts(model, state, work, step, shortest):
-    """Bias that makes the contact laws hold where the next step looks for contacts.
+    """Set the bias so that the contact laws hold where the next step looks for contacts.
 
     An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
     the velocity u to come, and a time k at the one then reached. b is `bend_of`.
@@ -124,7 +124,7 @@ def aim_contacts(model, state, work, step, shortest):
 
 @inlined
 def free_fall(model, state, work, impulse, span):
-    """Velocities without reactions after a time `span` [s], into ``work.free``."""
+    """Set ``work.free``: velocities without reactions after a time `span` [s]."""
     fall = impulse.y + span * model.gravity
     for i in range(1, state.position.shape[0] - 1):
         work.free[i, 0] = state.velocity[i, 0] - impulse.x
@@ -144,19 +144,19 @@ def go_to_middle(model, state, work, step):
 
 @inlined
 def is_centred(clock, step):
-    """Where an impact is expected in the middle of the next step."""
+    """Whether an impact is expected in the middle of the next step."""
     return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
 
 
 @inlined
 def time_before(state, step):
-    """How long the mechanism before an expected impact goes on in a step [s]."""
+    """Return the part of a step before an expected impact [s]."""
     return select(is_centred(state.clock, step), 0.5 * step, 0.0 * step)
 
 
 @kernel
 def carry_on(model, state, work, span):
-    """Let the reactions of the last step act for a time before an impact, into ``work.free``.
+    """Let the reactions of the last step act on ``work.free`` until an impact.
 
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
@@ -174,7 +174,7 @@ def carry_on(model, state, work, span):
 
 @kernel
 def pose_step(model, state, work, impulse, step, shortest):
-    """Set up the contact problem of a step, but for the modes to start from."""
+    """Set up the contact problem of a step, without initial modes."""
     free_fall(model, state, work, impulse, step)
     go_to_middle(model, state, work, step)
     span = time_before(state, step)
@@ -185,7 +185,7 @@ def pose_step(model, state, work, impulse, step, shortest):
 
 @kernel
 def take_velocities(model, state, work, impulse, where):
-    """Take the solved velocities over, and record the work of the ground."""
+    """Accept the solved velocities, and record the work of the ground."""
     given = 0.0
     for i in range(1, state.position.shape[0] - 1):
         mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
@@ -198,7 +198,7 @@ def take_velocities(model, state, work, impulse, where):
 
 @inlined
 def _is_complete(j, model, state, work):
-    """Whether no corner that touches still closes, or opens again, at a rate that counts."""
+    """Whether no touching corner still closes, or opens again, at a rate that counts."""
     nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True
@@ -214,7 +214,7 @@ def _is_complete(j, model, state, work):
 
 @kernel
 def count_changes(model, state, work, where):
-    """Count what joints do in a step, and remember impacts that go on after it."""
+    """Count changes of joints in a step, and mark impacts that go on after it."""
     count = state.count
     for j in range(state.slip.shape[0]):
         was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
@@ -238,7 +238,7 @@ def count_changes(model, state, work, where):
 
 @kernel
 def record_motion(model, state, where):
-    """Peaks of displacement, rotation and kinetic energy; where positions are not finite."""
+    """Record peaks of displacement, rotation, kinetic energy; return where they are not finite."""
     farthest = fastest = 0.0
     rotation, length = state.peak[Peak.ROTATION], model.length[0]
     spoiled = farthest
@@ -266,7 +266,7 @@ def record_motion(model, state, where):
 
 @kernel
 def record_overlap(model, state, work, where):
-    """Deepest overlap of two neighbours at a corner, over the joint's length."""
+    """Record the deepest overlap of two neighbours at a corner, over the joint's length."""
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
         for k in range(2):
@@ -277,7 +277,7 @@ def record_overlap(model, state, work, where):
 
 @kernel
 def make_step(model, state, work, impulse, where, loss_limit):
-    """Take solved velocities and the positions that they reach over; as `accept_step`."""
+    """Accept solved velocities and the positions that they reach; as `accept_step`."""
     clock, count = state.clock, state.count
     step, changes = clock[Clock.STEP], False
     for i in range(1, state.position.shape[0] - 1):
@@ -321,7 +321,7 @@ def add_carried(state, work, span):
 
 @kernel
 def accept_step(model, state, work, impulse, where, loss_limit):
-    """Make a step whose contact problem is solved, and record what it did; collapsed, broken.
+    """Accept a step whose contact problem is solved; return collapsed, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
     """
