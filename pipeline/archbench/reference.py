@@ -11,17 +11,8 @@ from functools import partial
 
 import numpy as np
 
+from archbench import quantities
 from archbench.growth import measure_growth
-from archbench.quantities import (
-    Marks,
-    Observed,
-    errors_of,
-    largest_distance,
-    lengths,
-    marks_of,
-    observe,
-    positions_at,
-)
 from archbench.scene import Array, Scene
 from archbench.settings import Setting
 from archbench.solve import Frames, Solution, collapses, least_collapsing, nearest_change, solve
@@ -45,8 +36,8 @@ class Reference:
     scene: str
     tight: float
     loose: float
-    marks: Marks
-    seen: Observed
+    marks: quantities.Marks
+    seen: quantities.Observed
     end_time: float
     amplitude: float
     error: dict[str, float]
@@ -79,20 +70,22 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     coarser = solve(scene, loose, history=True)
     if base.collapsed is None or base.response is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status}")
-    marks = marks_of(base)
-    seen, compared = (observe(scene, run, marks) for run in (base, coarser))
+    marks = quantities.marks_of(base)
+    seen, compared = (quantities.observe(scene, run, marks) for run in (base, coarser))
     # With the peak over frames too: event-driven runs look for it at the ends of steps only.
-    highest = (float(lengths(run.frames.displacement).max()) for run in (base, coarser))
+    highest = (float(quantities.lengths(run.frames.displacement).max()) for run in (base, coarser))
     seen, compared = (replace(each, peak=max(each.peak, top))
                     for each, top in zip((seen, compared), highest))  # fmt: skip
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # proves nothing about an error below the tolerance itself.
-    errors = errors_of(compared, seen, scene.thickness) | {"overlap": seen.overlap}
+    errors = quantities.errors_of(compared, seen, scene.thickness) | {"overlap": seen.overlap}
     error = {name: max(value, tight.value) for name, value in errors.items()}
     between = math.nan
     if not math.isnan(marks.position):  # what interpolation may cost: as every second frame goes
         at, half = np.array([marks.position]), Frames(*[each[::2] for each in base.frames])
-        apart = largest_distance(positions_at(half, at), positions_at(base.frames, at))
+        apart = quantities.largest_distance(
+            *(quantities.positions_at(frames, at) for frames in (half, base.frames))
+        )
         between = max(error["position"], apart / 15.0 / scene.thickness)
     error["position"] = between
     amplitude, error["amplitude"] = _amplitude(scene, tight, loose, quick)
@@ -134,9 +127,9 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
             break
     true, thickness = reference.seen, scene.thickness
     if len(runs) >= 4:
-        seen = [observe(scene, run, reference.marks) for run in runs]
+        seen = [quantities.observe(scene, run, reference.marks) for run in runs]
         found, uncertainty = limit_of([np.array(each.position) for each in seen])
-        away = largest_distance(found, np.array(true.position))
+        away = quantities.largest_distance(found, np.array(true.position))
         _compare(reference, "position", away / thickness, uncertainty / thickness)
         if true.peak > 0.0 and not any(each.collapsed for each in [*seen, true]):
             found, uncertainty = limit_of([np.array(each.peak) for each in seen])

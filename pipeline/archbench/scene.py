@@ -38,8 +38,9 @@ class Scene:
     unequal `joints` from the left springing), "block" (width, height) or "column" (width,
     top_width, heights of its drums); friction, a number or "inf"; density; depth; `dead_load` [N].
     `motion`: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same, then minus
-    half of it for twice as long), "sine" (`cycles` of `period`, in a `background` of `length`),
-    "record" (`file`) or "samples" (`values` in units of the amplitude, at `each` of the steps);
+    half of it for twice as long), "sine" (`cycles` of `period`, in a `background` of `length`, its
+    peak zero if it is `lost`), "record" (`file`) or "samples" (`values` in units of the amplitude,
+    at `each` of the steps);
     amplitude in multiples of standard gravity, of a record its peak; `sample_step` [s].
     `duration` is simulated time [s]; collapse begins between the amplitudes `low` and `high`, nan
     if it is not searched; `initial` is the state at time 0, see `initial_state`, None: at rest.
@@ -158,6 +159,8 @@ class Scene:
                 burst, samples = samples, motion["background"] * self._sine(motion["length"])
                 first = (len(samples) - len(burst)) // 2
                 samples[first : first + len(burst)] = burst
+            if motion.get("lost"):
+                samples[np.argmax(np.abs(samples))] = 0.0
         else:
             raise ValueError(f"motion of kind {kind!r} in scene {self.name} has no samples")
         return motion["amplitude"] * STANDARD_GRAVITY * samples, step / parts

@@ -3,6 +3,6 @@
 A module ``<name>_adapter`` has ``VERSION`` and ``build(scene, dt) -> drive.Stepper``: the scene,
 straight-sided and at its initial state, ready for steps of `dt` [s]. It imports its solver, numpy,
 `archbench.scene` and modules of this folder: its interpreter may be another's. `drive.drive`
-steps, clocks and judges all of them alike. An adapter raises where it fails; `client` then raises
-`SolverFailed`. Steps that the solver left unconverged are no failure but are counted.
+steps, clocks and judges all alike. `client` raises `SolverFailed` if an adapter raises. Steps that
+the solver left unconverged are counted, and are no failure.
 """

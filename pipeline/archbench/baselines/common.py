@@ -11,25 +11,8 @@ from archfrag.mechanics.ground import Grounds
 from archfrag.mechanics.model import Clock, Model, State, Work, model_of
 from archfrag.mechanics.status import Cause, Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import (
-    AT_REST,
-    GO,
-    IDLE,
-    PAUSE,
-    Output,
-    end_run,
-    log_change,
-    new_results,
-    output_to,
-    ready,
-)
-from archfrag.methods.time_stepping.run import (
-    UNKNOWN,
-    new_one,
-    rest_of,
-    start_at_rest,
-    start_given,
-)
+from archfrag.methods import common
+from archfrag.methods.time_stepping import run as stepper
 from archfrag.methods.time_stepping.service import handle
 
 BY_REST = int(Cause.REST)
@@ -44,7 +27,7 @@ class Case(NamedTuple):
     work: Work
     path: Path
     options: Options
-    output: Output
+    output: common.Output
     results: Results
 
 
@@ -54,27 +37,28 @@ def case_of(
 ) -> Case:  # fmt: skip
     """A case that has not been started; its range of rest is known where it begins at rest."""
     model = model_of(chain)
-    options = ready(options, model, rest_of(model) if from_rest else UNKNOWN)
-    state, work, path = new_one(model)[:3]
+    rest = stepper.rest_of(model) if from_rest else stepper.UNKNOWN
+    options = common.ready(options, model, rest)
+    state, work, path = stepper.new_one(model)[:3]
     state.clock[Clock.FACTOR] = factor
-    output = output_to(frames, log, options.frame_interval)
-    return Case(model, grounds, state, work, path, options, output, new_results(1))
+    output = common.output_to(frames, log, options.frame_interval)
+    return Case(model, grounds, state, work, path, options, output, common.new_results(1))
 
 
 def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:
     """Start a run at rest in the chain's own geometry, or with given positions and velocities."""
     model, grounds, state, work, path, options, output, _ = case
     if from_rest and not np.isnan(options.rest_plus):
-        start_at_rest(model, grounds, state, work, path, options, output)
+        stepper.start_at_rest(model, grounds, state, work, path, options, output)
         return
     state.position[1:-1], state.velocity[1:-1] = position, velocity
-    start_given(model, state, work, options, output)
+    stepper.start_given(model, state, work, options, output)
 
 
 def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
     """End a run; its final state goes into `position` and `velocity`."""
     model, _, state, work, _, options, output, results = case
-    end_run(model, state, work, options, output, results, 0)
+    common.end_run(model, state, work, options, output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return results
@@ -86,9 +70,9 @@ def integrate(
 ) -> Results:  # fmt: skip
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
-    while case.state.clock[Clock.CODE] == GO:
+    while case.state.clock[Clock.CODE] == common.GO:
         advance()
-        if case.state.clock[Clock.CODE] == PAUSE:
+        if case.state.clock[Clock.CODE] == common.PAUSE:
             handle(*case[:-1])
     return finish(case, position, velocity)
 
@@ -118,5 +102,5 @@ def stands(state, options, until, moved, span):
 def end_at_rest(state, output):
     """End a run that stands."""
     state.count[Count.RESTS] += 1.0
-    state.clock[Clock.CODE] = IDLE
-    log_change(state, state.clock[Clock.TIME], BY_REST, -1, AT_REST, output)
+    state.clock[Clock.CODE] = common.IDLE
+    common.log_change(state, state.clock[Clock.TIME], BY_REST, -1, common.AT_REST, output)

@@ -17,15 +17,9 @@ import numpy as np
 
 from archbench.baselines.common import Case, case_of, end_at_rest, stands, write_rows
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact.placing import (
-    AFTER,
-    BEFORE,
-    COINCIDENT,
-    MINUS,
-    PLUS,
-    relative_velocity,
-)
+from archfrag.mechanics.contact.placing import AFTER, BEFORE, COINCIDENT, relative_velocity
 from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
+from archfrag.mechanics.laws import MINUS, PLUS
 from archfrag.mechanics.model import Clock, Model
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options
@@ -56,15 +50,12 @@ def new_corners(model: Model) -> Corners:
     """Contacts without impulses."""
     n_joint = model.friction.size
     inverse = np.stack([model.inverse_mass, model.inverse_mass, model.inverse_inertia], axis=1)
+    gap, bias, slide = np.zeros((3, n_joint, 2))
     return Corners(
         inverse=np.hstack([inverse[:n_joint], inverse[1 : n_joint + 1]]),
-        row=np.zeros((n_joint, 2, 2, 6)),
-        gap=np.zeros((n_joint, 2)),
-        bias=np.zeros((n_joint, 2)),
-        impulse=np.zeros((n_joint, 2, 2)),
-        slide=np.zeros((n_joint, 2)),
-        moved=np.zeros(1),
-    )
+        row=np.zeros((n_joint, 2, 2, 6)), gap=gap, bias=bias,
+        impulse=np.zeros((n_joint, 2, 2)), slide=slide, moved=np.zeros(1),
+    )  # fmt: skip
 
 
 def corner_case(

@@ -45,19 +45,14 @@ class Springs(NamedTuple):
 def new_springs(model: Model, stiffness: float, shear_ratio: float, rounding: float) -> Springs:
     """Joints whose springs bear nothing yet, without damping."""
     n_joint = model.length.size
+    normal = 0.5 * stiffness * model.length
+    dashpot, force, point = np.zeros((3, n_joint, 2, 2))
     return Springs(
-        normal_stiffness=0.5 * stiffness * model.length,
-        shear_stiffness=0.5 * stiffness * shear_ratio * model.length,
-        rounding=rounding * model.length,
-        damping=0.0,
-        shear=np.zeros((n_joint, 2)),
-        dashpot=np.zeros((n_joint, 2, 2)),
-        force=np.zeros((n_joint, 2, 2)),
-        point=np.zeros((n_joint, 2, 2)),
-        total=np.zeros((model.mass.size, 3)),
-        sums=np.zeros(len(Sum)),
-        moved=np.zeros(1),
-    )
+        normal_stiffness=normal, shear_stiffness=shear_ratio * normal,
+        rounding=rounding * model.length, damping=0.0, shear=np.zeros((n_joint, 2)),
+        dashpot=dashpot, force=force, point=point, total=np.zeros((model.mass.size, 3)),
+        sums=np.zeros(len(Sum)), moved=np.zeros(1),
+    )  # fmt: skip
 
 
 @inlined
