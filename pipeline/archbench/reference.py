@@ -74,10 +74,9 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     seen, compared = (quantities.observe(scene, run, marks) for run in (base, coarser))
     # With the peak over frames too: event-driven runs look for it at the ends of steps only.
     highest = (float(quantities.lengths(run.frames.displacement).max()) for run in (base, coarser))
-    seen, compared = (replace(each, peak=max(each.peak, top))
-                    for each, top in zip((seen, compared), highest))  # fmt: skip
-    # Runs whose steps end with every sample agree in all digits at several tolerances, which
-    # proves nothing about an error below the tolerance itself.
+    pairs = zip((seen, compared), highest)
+    seen, compared = (replace(each, peak=max(each.peak, top)) for each, top in pairs)
+    # Runs whose steps end with every sample agree in all digits: this proves nothing below rtol.
     errors = quantities.errors_of(compared, seen, scene.thickness) | {"overlap": seen.overlap}
     error = {name: max(value, tight.value) for name, value in errors.items()}
     between = math.nan
