@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 from tests.mechanics.linkages import joined
-from tests.physics.audit import g, pulse, tilted
+from tests.validation.scenes import g, pulse, tilted
 
 import archfrag as af
 from archbench.baselines import common

@@ -2,10 +2,7 @@
 
 Where the joint is open Signorini's law splits (Eqs 23a and 23b): towards one side the block's
 own corner stands on the pedestal, towards the other the pedestal's edge bears the block's face.
-Both are compared with equations of motion written for the two bodies' geometry.
 """
-
-import functools
 
 import numpy as np
 import pytest
@@ -14,49 +11,23 @@ from scipy.integrate import solve_ivp
 import archfrag as af
 from archbench.paper.arch import cross
 from tests.mechanics.linkages import rotate
-from tests.physics.audit import g
-
-simulate = functools.partial(af.simulate, method="time_stepping")
+from tests.validation.scenes import g
 
 HALF, UP = 0.3, 0.6
 GYRATION = (HALF**2 + UP**2) / 3.0
-# To the left, so that the block's right corner is over the pedestal; and to the right.
-SHIFTS = [-0.1, 0.1]
-FINE = {"rtol": 1e-11, "atol": 1e-13}
+FRICTION, TILT, DURATION = 0.05, 0.25, 0.15
 
 
-def pivots(shift):
-    """Where a block shifted by `shift` touches when it leans to the right, and to the left."""
-    return min(HALF, HALF + shift), max(-HALF, -HALF + shift)
+def leaning(shift):
+    """Displacement of a block shifted, then rotated to the right about what it stands on."""
+    pivot = np.array([min(HALF, HALF + shift), 0.0])
+    centre = pivot + rotate(np.array([shift, UP]) - pivot, -TILT)
+    return np.array([[centre[0], centre[1] - UP, -TILT]])
 
 
-def leaning(shift, tilt):
-    """Displacement from rest of a block shifted, then rotated to the right by `tilt`, (1, 3)."""
-    pivot = np.array([pivots(shift)[0], 0.0])
-    centre = pivot + rotate(np.array([shift, UP]) - pivot, -tilt)
-    return np.array([[centre[0], centre[1] - UP, -tilt]])
-
-
-def moved(friction, shift, tilt, duration, dt):
-    """History of such a block, let go at rest on ground that does not move."""
-    block = af.Block(2.0 * HALF, 2.0 * UP, friction=friction)
-    still = af.Motion(np.zeros(round(duration / dt) + 1), dt)
-    start = leaning(shift, tilt), np.zeros((1, 3))
-    return simulate(block, still, dt=dt, initial=start, history=True, follow=0.0).history
-
-
-def slide(friction, shift, tilt, duration):
-    """Motion of a leaning block whose contact slides, (n, 3) at so many equal times.
-
-    Returns
-    -------
-    time : ndarray, (n,) [s]
-    state : ndarray, (6, n)
-        x, y, rotation and their rates.
-    slip_rate : ndarray, (n,)
-    """
-    corner = np.array([HALF, -UP])
-    edge = np.array([HALF, 0.0])
+def slide(shift):
+    """Times and displacements (3, n) of the block by its equations of motion; its slip rates."""
+    corner, edge = np.array([HALF, -UP]), np.array([HALF, 0.0])
 
     def contact(state):
         """Normal, arm from the centre to the contact, and what the gap accelerates unforced."""
@@ -78,40 +49,38 @@ def slide(friction, shift, tilt, duration):
 
     def moving(_, state, sense):
         normal, arm, unforced = contact(state)
-        reaction = normal - sense * friction * np.array([normal[1], -normal[0]])
+        reaction = normal - sense * FRICTION * np.array([normal[1], -normal[0]])
         moment, lever = cross(arm, reaction), cross(arm, normal)
         press = -unforced / (normal @ reaction + lever * moment / GYRATION)
         assert press > 0.0
         return [*state[3:], *(press * reaction - [0.0, g]), press * moment / GYRATION]
 
-    x, y, rotation = leaning(shift, tilt)[0]
-    start = np.array([x, y + UP, rotation, 0.0, 0.0, 0.0])
+    start = np.append(leaning(shift)[0] + [0.0, UP, 0.0], np.zeros(3))
+    time = np.linspace(0.0, DURATION, 50)[1:]
     for sense in (1.0, -1.0):
-        found = solve_ivp(moving, (0.0, duration), start, args=(sense,), dense_output=True, **FINE)
-        time = np.linspace(0.0, duration, 50)[1:]
-        state = found.sol(time)
-        slips = np.array([slip_rate(s) for s in state.T])
+        found = solve_ivp(
+            moving, (0.0, DURATION), start, args=(sense,), t_eval=time, rtol=1e-11, atol=1e-13
+        )
+        slips = np.array([slip_rate(s) for s in found.y.T])
         if (sense * slips > 0.0).all():
-            return time, state, slips
+            return time, found.y[:3] - [[0.0], [UP], [0.0]], slips
     raise AssertionError("the contact sticks")
 
 
-class TestSliding:
-    """The vertex runs over the other body's face."""
-
-    @pytest.mark.parametrize("shift", SHIFTS)
-    def test_equals_the_equations_of_motion(self, shift):
-        friction, tilt, duration = 0.05, 0.25, 0.15
-        time, state, slips = slide(friction, shift, tilt, duration)
-        assert np.abs(slips[-1]) > 0.05
-        errors = []
-        for dt in (2e-4, 1e-4):
-            history = moved(friction, shift, tilt, duration, dt)
-            found = np.column_stack(
-                [history.displacement.values[:, 0], history.rotation.values[:, 0]]
-            )
-            exact = state[:3] - np.array([[0.0], [UP], [0.0]])
-            error = [np.interp(time, history.time, found[:, k]) - exact[k] for k in range(3)]
-            errors.append(np.abs(error).max())
-        assert errors[1] < 3e-8
-        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+# To the left, so that the block's right corner is over the pedestal; and to the right.
+@pytest.mark.parametrize("shift", [-0.1, 0.1])
+def test_a_vertex_that_runs_over_the_other_bodys_face_obeys_the_equations_of_motion(shift):
+    time, exact, slips = slide(shift)
+    assert np.abs(slips[-1]) > 0.05
+    block, start = af.Block(2.0 * HALF, 2.0 * UP, FRICTION), (leaning(shift), np.zeros((1, 3)))
+    errors = []
+    for dt in (2e-4, 1e-4):
+        history = af.simulate(
+            block, af.Motion(np.zeros(round(DURATION / dt) + 1), dt), method="time_stepping",
+            dt=dt, initial=start, history=True, follow=0.0,
+        ).history  # fmt: skip
+        found = *history.displacement.values[:, 0].T, history.rotation.values[:, 0]
+        moved = np.array([np.interp(time, history.time, each) for each in found])
+        errors.append(np.abs(moved - exact).max())
+    assert errors[1] < 3e-8
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)

@@ -17,8 +17,7 @@ from archbench.paper.block import (
     uniform_block,
 )
 from archbench.paper.regions import painleve_friction
-from tests.physics.audit import tilted
-from tests.validation.scenes import falls, first_collapse, g
+from tests.validation.scenes import falls, first_collapse, g, tilted
 
 TOPIC = "Single block"
 EXACT = {"rtol": 1e-11, "atol": 1e-13}
