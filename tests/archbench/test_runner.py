@@ -52,8 +52,8 @@ def test_finished_tasks_are_not_done_again_and_a_cut_line_is(tmp_path, monkeypat
     bench = Bench(tmp_path, report=lambda _: None)
     tasks = {("a", 1): (3, 4), ("b", 2): (6, 8)}
     assert bench.run("sums", math.hypot, tasks, 1.0) == {("a", 1): 5.0, ("b", 2): 10.0}
-    file = next((tmp_path / "finished").glob("sums-one.jsonl"))
-    file.write_text("\n".join((file.read_text().splitlines()[0], '[["b", 2], 7.8')) + "\n")
+    file = tmp_path / "finished" / "sums-one.jsonl"
+    file.write_text(file.read_text().splitlines()[0] + '\n[["b", 2], 7.8\n')
     bench.run("sums", math.hypot, tasks, 1.0)
     monkeypatch.setattr(runner, "sources", lambda: "other")
     bench.run("sums", math.hypot, tasks, 1.0)
