@@ -174,8 +174,8 @@ class TestRegions:
         free = [-ground_x, -1.0 - ground_y, 0.0]
         answer = contact_answer(block, BASE, 0.0, free, friction, 0.0, 0.0)
         x, y, rotation = answer.velocity[0]
-        rocks, slides = abs(rotation) > STILL, abs(x + 0.5 * rotation) > STILL
-        found = ((REST, SLIDE), (ROCK, SLIDE_ROCK))[rocks][slides]
+        rocks, slides = block.reach_a * abs(rotation) > STILL, abs(x + 0.5 * rotation) > STILL
+        found = np.array([[REST, SLIDE], [ROCK, SLIDE_ROCK]])[int(rocks), int(slides)]
         assert answer.solved
         assert region == (LIFT_OFF if y - block.reach_a * abs(rotation) > STILL else found)
         return region

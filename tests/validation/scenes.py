@@ -64,6 +64,15 @@ def first_collapse(collapses, low, high, step, precision=1e-4):
     return 0.5 * (below + above)
 
 
+def least(holds, low, high, precision=1e-10):
+    """Least argument at which something holds, by bisection."""
+    assert holds(high) and not holds(low)
+    while high - low > precision:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
 def limit_analysis(arch, sense):
     """Largest k for which forces at the joints' ends balance the weights and k times them [g].
 
