@@ -66,7 +66,7 @@ def first_collapse(collapses, low, high, step, precision=1e-4):
 
 def least(holds, low, high, precision=1e-10):
     """Least argument at which something holds, by bisection."""
-    assert holds(high) and not holds(low)
+    assert [holds(low), holds(high)] == [False, True]
     while high - low > precision:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if holds(middle) else (middle, high)

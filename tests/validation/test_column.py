@@ -28,18 +28,18 @@ SHORT = {
 
 @pytest.mark.parametrize("duration", LEAST)
 def test_least_amplitude_that_collapses(validated, duration):
-    arch = column()
-
     def collapses(amplitude):
-        return falls(arch, pulse(amplitude, duration), method="event_driven", rtol=1e-5)
+        return falls(column(), pulse(amplitude, duration), method="event_driven", rtol=1e-5)
 
     rough = np.mean(list(LEAST[duration].values()))
     found = first_collapse(collapses, 0.8 * rough, 1.3 * rough, 0.02 * rough, 1e-3)
+    case, quantity = (
+        f"+a for {duration:g} s, −a/2 for {2 * duration:g} s",
+        "least a that collapses",
+    )
     for code, reference in LEAST[duration].items():
-        validated(
-            f"+a for {duration:g} s, −a/2 for {2 * duration:g} s", "least a that collapses", found,
-            reference, code, rel=0.05, unit="g", short=SHORT.get((duration, code), ""),
-        )  # fmt: skip
+        short = SHORT.get((duration, code), "")
+        validated(case, quantity, found, reference, code, rel=0.05, unit="g", short=short)
 
 
 def test_slide_on_a_smooth_base(validated):
