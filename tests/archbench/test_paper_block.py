@@ -11,23 +11,7 @@ import pytest
 from tests.mechanics.adapters import Mode, Problem, solve
 
 from archbench.paper import block as paper
-from archbench.paper.block import (
-    CORNER_A,
-    CORNER_B,
-    LIFT_OFF,
-    REST,
-    ROCK,
-    SLIDE,
-    SLIDE_ROCK,
-    RigidBlock,
-    corner_arm,
-    gradient,
-    gradient_rate,
-    metric,
-    rocking_mechanism,
-    starting_motion,
-    uniform_block,
-)
+from archbench.paper.block import CORNER_A, CORNER_B, gradient, metric, uniform_block
 from archbench.paper.regions import (
     impact_ratio,
     painleve_friction,
@@ -36,6 +20,7 @@ from archbench.paper.regions import (
 )
 from archfrag.arch import STANDARD_GRAVITY as g
 
+REST, SLIDE, ROCK, SLIDE_ROCK, LIFT_OFF = paper.Mechanism
 RIGHT, LEFT = 0, 1  # a chain's corners of the base: intrados and extrados
 BASE = CORNER_A, CORNER_B
 NEAR, STILL = 1e-9, 2e-11
@@ -44,14 +29,16 @@ NEAR, STILL = 1e-9, 2e-11
 def random_block(rng):
     """Any body with a flat base and its mass centre above it."""
     reaches = rng.uniform(0.1, 1.0, 2)
-    return RigidBlock(rng.uniform(10, 1000), rng.uniform(5, 500), *reaches, rng.uniform(0.2, 2))
+    return paper.RigidBlock(
+        rng.uniform(10, 1000), rng.uniform(5, 500), *reaches, rng.uniform(0.2, 2)
+    )
 
 
 def contact_answer(block, corners, rotation, free, friction, omega, slip):
     """The contact problem of a chain of one body that touches flat ground at `corners`."""
     point, touching = np.zeros((1, 2, 2)), np.zeros((1, 2), bool)
     for corner, side in ((RIGHT, CORNER_B), (LEFT, CORNER_A)):
-        point[0, corner] = corner_arm(block, side, rotation)
+        point[0, corner] = paper.corner_arm(block, side, rotation)
         touching[0, corner] = side in corners
     up, sense = np.array([[0.0, 1.0]]), int(np.sign(slip))
     both = np.stack([up, up], axis=1)
@@ -92,7 +79,7 @@ class TestGradients:
             kinetic = block.mass * (x * x + y * y) + block.inertia * tilt * tilt
             assert velocity @ velocity == pytest.approx(kinetic)
             slope = (gradient(block, later) - gradient(block, sooner)) / (2 * d)
-            assert gradient_rate(block, arm, tilt) == pytest.approx(slope, abs=1e-8)
+            assert paper.gradient_rate(block, arm, tilt) == pytest.approx(slope, abs=1e-8)
             psi = paper.generalised_reaction(n, [3.0, 7.0])
             assert psi @ velocity == pytest.approx([3.0, 7.0] * moved, abs=1e-7)
 
@@ -127,9 +114,9 @@ class TestPlane:
         rng = np.random.default_rng(7)
         for _ in range(50):
             block, omega = random_block(rng), rng.uniform(-2, 2)
-            arm = corner_arm(block, rng.choice([CORNER_A, CORNER_B]), rng.uniform(-0.5, 0.5))
-            n, rate = gradient(block, arm), gradient_rate(block, arm, omega)
-            mechanism = rocking_mechanism(block, arm, omega)
+            arm = paper.corner_arm(block, rng.choice([CORNER_A, CORNER_B]), rng.uniform(-0.5, 0.5))
+            n, rate = gradient(block, arm), paper.gradient_rate(block, arm, omega)
+            mechanism = paper.rocking_mechanism(block, arm, omega)
             assert n @ mechanism == pytest.approx((0, 0), abs=1e-12)
             known = paper.centripetal_acceleration(n, rate, mechanism).sum(axis=0)
             expected = omega**2 * metric(block) * [*arm, 0.0]
@@ -169,7 +156,7 @@ class TestRegions:
     def agree(self, block, ground_x, ground_y, friction):
         """The motion of a block of unit height that stood flat, by all of them."""
         region = starting_region(block, ground_x, ground_y, friction)
-        start = starting_motion(block, ground_x, ground_y, friction, 1.0)
+        start = paper.starting_motion(block, ground_x, ground_y, friction, 1.0)
         assert (start.mechanism, start.solutions) == (region, 1)
         free = [-ground_x, -1.0 - ground_y, 0.0]
         answer = contact_answer(block, BASE, 0.0, free, friction, 0.0, 0.0)
@@ -206,7 +193,9 @@ class TestRegions:
             block, friction = random_block(rng), rng.uniform(0.05, 2.0)
             load = paper.least_load(block, CORNER_A, friction)
             for part, rests in ((0.999, True), (1.001, False)):
-                assert (starting_motion(block, part * load, 0.0, friction, g)[0] == REST) is rests
+                assert (
+                    paper.starting_motion(block, part * load, 0.0, friction, g)[0] == REST
+                ) is rests
 
     def test_nothing_holds_a_block_whose_ground_falls_faster_than_itself(self):
         for ground_y in (-1.2, -3.0):

@@ -12,14 +12,7 @@ from archbench.quantities import errors_of, marks_of, observe, positions_at
 from archbench.reference import MARGIN, find_reference, limit_of, richardson
 from archbench.scene import load_scene
 from archbench.settings import Setting
-from archbench.solve import (
-    Frames,
-    least_collapsing,
-    nearest_change,
-    solve,
-    solve_many,
-    with_samples,
-)
+from archbench.solve import Frames, least_collapsing, nearest_change, solve, with_samples
 from archbench.speed import POINTS, kept_errors, points_of
 from archfrag.errors import InputError
 
@@ -27,14 +20,6 @@ from archfrag.errors import InputError
 def test_a_record_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="arch7_real_elc180 needs the record"):
         with_samples(load_scene("arch7_real_elc180"), (tmp_path, None))
-
-
-def test_a_study_s_runs_are_those_of_single_calls():
-    scene, setting = load_scene("arch7_pulse"), Setting("auto", "rtol", 1e-2)
-    many = solve_many(scene, setting, [0.9, 2.0])
-    single = [solve(scene.at(0.5 * factor), setting) for factor in (0.9, 2.0)]
-    assert [run.collapsed for run in many] == [run.collapsed for run in single] == [False, True]
-    assert many[0].peak == pytest.approx(single[0].peak, rel=1e-9)
 
 
 @pytest.mark.parametrize("true", [0.93, 0.9999, 1.00002, 1.02, 1.4])
@@ -87,26 +72,26 @@ def block():
     return scene, run, marks_of(run)
 
 
-class TestQuantities:
-    def test_positions_between_frames_follow_the_motion(self, block):
-        _, run, marks = block
-        inside = (run.frames.time > marks.onset + 1e-3) & (run.frames.time < marks.position)
-        frames = Frames(*(each[inside] for each in run.frames))
-        coarse = Frames(*(each[::4] for each in frames))
-        between = positions_at(coarse, frames.time[:-4])
-        assert between == pytest.approx(frames.displacement[:-4], abs=1e-8)
+def test_positions_between_frames_follow_the_motion(block):
+    _, run, marks = block
+    inside = (run.frames.time > marks.onset + 1e-3) & (run.frames.time < marks.position)
+    frames = Frames(*(each[inside] for each in run.frames))
+    between = positions_at(Frames(*(each[::4] for each in frames)), frames.time[:-4])
+    assert between == pytest.approx(frames.displacement[:-4], abs=1e-8)
 
-    def test_a_run_has_no_error_against_itself_and_a_coarse_one_has(self, block):
-        scene, run, marks = block
-        seen = observe(scene, run, marks)
-        own = errors_of(seen, seen, scene.thickness)
-        assert (own["position"], own["peak"]) == (0.0, 0.0)
-        coarse = solve(scene, Setting("time_stepping", "dt", 8e-3), history=True)
-        errors = errors_of(observe(scene, coarse, marks), seen, scene.thickness)
-        assert errors["position"] > 1e-6
-        assert errors["peak"] > 1e-4
-        failed = errors_of(replace(seen, collapsed=None), seen, scene.thickness)
-        assert all(math.isnan(value) for value in failed.values())
+
+def test_a_run_has_no_error_against_itself_and_a_coarse_one_has(block):
+    scene, run, marks = block
+    seen = observe(scene, run, marks)
+    coarse = solve(scene, Setting("time_stepping", "dt", 8e-3), history=True)
+    own, errors, failed = (
+        errors_of(each, seen, scene.thickness)
+        for each in (seen, observe(scene, coarse, marks), replace(seen, collapsed=None))
+    )
+    assert (own["position"], own["peak"]) == (0.0, 0.0)
+    assert errors["position"] > 1e-6
+    assert errors["peak"] > 1e-4
+    assert all(math.isnan(value) for value in failed.values())
 
 
 def test_a_scene_from_reference_to_points():
