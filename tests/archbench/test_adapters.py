@@ -38,10 +38,8 @@ class TestEveryScene:
             assert np.all(cross(edge, np.roll(edge, -1, axis=0)) > 0.0)
         inner, outer = scene.joint_lines()
         for ground, start, end in zip(scene.supports(), inner[[0, -1]], outer[[0, -1]]):
-            away = np.sort(np.abs(cross(end - start, ground - start))) / np.linalg.norm(
-                end - start
-            )
-            assert away == pytest.approx([0.0, 0.0, *[2 * scene.thickness] * 2])
+            away = np.abs(cross(end - start, ground - start)) / math.dist(start, end)
+            assert sorted(away) == pytest.approx([0.0, 0.0, *[2 * scene.thickness] * 2])
 
     @pytest.mark.parametrize("dt", [0.005, 0.0005])
     def test_steps_have_the_impulse_of_the_motion(self, scene, dt):

@@ -28,15 +28,6 @@ def test_a_history_changes_nothing_and_has_the_peak_though_steps_are_long():
     assert kept.peak_displacement == pytest.approx(moved.max(), rel=1e-3)
 
 
-def test_four_hinges_near_the_onset():
-    start = af.onset(MANY)
-    run = simulate(MANY, sampled(lambda t: 1.01 * start.plus, 0.3), history=True)
-    first = next(change for change in run.mechanism if change.model != "rest")
-    assert first.model == "four_hinges"
-    assert run.model_time["four_hinges"] > 0.1
-    assert sorted(first.joints) == [joint for joint, _ in start.hinges]
-
-
 @pytest.mark.parametrize("method", ["event_driven", "auto"])
 def test_two_voussoirs_whose_hinges_and_slide_allow_no_finite_motion(method):
     # Two hinges at the springings and a slide at the crown move at first order only.

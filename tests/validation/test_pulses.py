@@ -1,4 +1,4 @@
-"""Arches under pulses beside other solvers: amplitudes that collapse, positions, peaks."""
+"""Arches and a column under pulses beside other solvers."""
 
 import functools
 
@@ -7,7 +7,7 @@ import pytest
 
 import archbench  # noqa: F401  registers the baselines
 import archfrag as af
-from tests.validation.scenes import falls, first_collapse, g, oppenheim, pulse
+from tests.validation.scenes import column, falls, first_collapse, g, oppenheim, pulse
 
 TOPIC = "Arch under pulses"
 FINE = {"method": "event_driven", "rtol": 1e-7}
@@ -31,6 +31,23 @@ PEAKS = (
     ("MuJoCo, 0.1 ms", 0.195, "0.182 to 0.195 m for its steps of 1 to 0.1 ms"),
     ("Siconos, finest step", 0.161, "0.145 to 0.161 m for its steps; no common limit"),
 )
+# Least amplitudes that collapse [g]; thlgrs/HybriDFEM-4, a public repository, has the table.
+COLUMN = {
+    0.15: {"UDEC": 2.05, "LMGC90": 2.20, "HybriDFEM": 2.14},
+    0.20: {"UDEC": 1.46, "LMGC90": 1.48, "HybriDFEM": 1.46},
+    0.30: {"UDEC": 0.87, "LMGC90": 0.88, "HybriDFEM": 0.88},
+    0.33: {"UDEC": 0.78, "LMGC90": 0.79, "HybriDFEM": 0.78},
+    0.34: {"UDEC": 0.46, "LMGC90": 0.44, "HybriDFEM": 0.39},
+    0.36: {"LMGC90": 0.38, "HybriDFEM": 0.34},
+    0.40: {"UDEC": 0.31, "LMGC90": 0.30, "HybriDFEM": 0.29},
+    0.60: {"UDEC": 0.25, "LMGC90": 0.24, "HybriDFEM": 0.23},
+}
+COLUMN_SHORT = {
+    (0.15, "UDEC"): "7 % below the two other codes",
+    (0.34, "HybriDFEM"): "the three codes differ by 18 % where the mode of collapse changes",
+    (0.36, "HybriDFEM"): "11 % below LMGC90; UDEC has no value",
+    (0.60, "UDEC"): "two digits; 9 % above HybriDFEM",
+}
 
 
 class TestTwoParts:
@@ -111,3 +128,37 @@ class TestSemicircle:
         for code, reference in (("LMGC90", 0.224), ("pymunk", 0.225), ("MuJoCo", 0.241)):
             short = "" if code != "MuJoCo" else "the solvers' peaks differ by 8 %"
             validated(case, quantity, found, reference, code, rel=0.05, unit="m", short=short)
+
+
+class TestColumn:
+    """The column of Dimitri, De Lorenzis and Zavarise beside three codes and a closed form."""
+
+    TOPIC = "Column of eight blocks"
+
+    @pytest.mark.parametrize("duration", COLUMN)
+    def test_least_amplitude_that_collapses(self, validated, duration):
+        def collapses(amplitude):
+            return falls(column(), pulse(amplitude, duration), method="event_driven", rtol=1e-5)
+
+        codes = COLUMN[duration]
+        rough = np.mean(list(codes.values()))
+        found = first_collapse(collapses, 0.8 * rough, 1.3 * rough, 0.02 * rough, 1e-3)
+        case, quantity = SWING.format(duration, 2 * duration), "least a that collapses"
+        for code, reference in codes.items():
+            short = COLUMN_SHORT.get((duration, code), "")
+            validated(case, quantity, found, reference, code, rel=0.05, unit="g", short=short)
+
+    def test_slide_on_a_smooth_base(self, validated):
+        friction, amplitude, duration = 0.1, 0.4, 0.2
+        smooth, push = column(np.r_[friction, np.full(7, 0.5)]), pulse(amplitude, duration)
+        run = af.simulate(smooth, push, history=True, method="event_driven", rtol=1e-6)
+        # There until it stops, back while the ground still pushes, and on until it stops again.
+        ahead, behind = amplitude - friction, 0.5 * amplitude + friction
+        there = 0.5 * ahead * duration**2 * (1.0 + ahead / behind)
+        pushed = duration * (2.0 - ahead / behind)
+        rate = 0.5 * amplitude - friction
+        back = 0.5 * rate * pushed**2 * (1.0 + rate / friction)
+        found, expected = run.history.displacement.values[-1, 0, 0], g * (back - there)
+        case = "base of friction 0.1, +0.4 g for 0.2 s, −0.2 g for 0.4 s"
+        quantity, source = "where it comes to rest", "Newmark 1965"
+        validated(case, quantity, found, expected, source, rel=2e-3, unit="m")
