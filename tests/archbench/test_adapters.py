@@ -1,7 +1,6 @@
 """Scenes and adapters: the chain that every solver is given, and the contract that all keep."""
 
 import math
-import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -33,17 +32,14 @@ class TestEveryScene:
         for found, own in zip(scene.bodies(), (ours.mass, ours.inertia, ours.centroid)):
             np.testing.assert_allclose(found, own, rtol=1e-12, atol=1e-12)
 
-    def test_outlines_are_anticlockwise_and_the_ground_holds_the_springing_faces(self, scene):
+    def test_outlines_are_anticlockwise_and_the_ground_ends_at_the_springing_faces(self, scene):
         for outline in (*scene.polygons(), *scene.supports()):
             edge = np.roll(outline, -1, axis=0) - outline
             assert np.all(cross(edge, np.roll(edge, -1, axis=0)) > 0.0)
         inner, outer = scene.joint_lines()
         for ground, start, end in zip(scene.supports(), inner[[0, -1]], outer[[0, -1]]):
-            length = np.linalg.norm(end - start)
-            along = (end - start) / length
-            across = (ground - start) @ [-along[1], along[0]]
-            assert np.ptp((ground - start) @ along) == pytest.approx(length + 2 * scene.thickness)
-            assert sorted(np.abs(across)) == pytest.approx([0.0, 0.0, *[2 * scene.thickness] * 2])
+            away = np.abs(cross(end - start, ground - start)) / math.dist(start, end)
+            assert sorted(away) == pytest.approx([0.0, 0.0, *[2 * scene.thickness] * 2])
 
     @pytest.mark.parametrize("dt", [0.005, 0.0005])
     def test_steps_have_the_impulse_of_the_motion(self, scene, dt):
@@ -93,7 +89,7 @@ def build(scene, dt):
     return Sideways(math.sin)
 
 
-def test_collapse_is_a_centroid_beyond_two_thicknesses():
+def test_collapse_is_a_centroid_beyond_two_thicknesses_and_no_motion_is_a_failure():
     scene = replace(PULSE, duration=5.0)
     found = drive(Sideways(lambda t: 0.5 * t * t), scene, 0.005, history=True)
     expected, end = math.sqrt(2.0 * 2.0 * scene.thickness), found.simulated_seconds
@@ -103,18 +99,9 @@ def test_collapse_is_a_centroid_beyond_two_thicknesses():
     stands = drive(Sideways(lambda t: 2.9 * math.sin(t)), scene, 0.005)
     assert not stands.collapsed
     assert stands.peak_displacement == pytest.approx(2.9, rel=1e-4)
-
-
-def test_positions_that_are_no_motion_are_a_failure_and_no_collapse():
     for place in (lambda t: math.nan, lambda t: 1e3 * t * t):
         with pytest.raises(ArithmeticError, match="m/s at"):
-            drive(Sideways(place), PULSE, 0.005)
-
-
-def test_a_solver_that_is_not_there_is_reported(monkeypatch):
-    monkeypatch.setenv("ARCHFRAG_LMGC90_PYTHON", shutil.which("false"))
-    found = client.solver_versions(["lmgc90"])["lmgc90"]
-    assert found.startswith("not installed: process ended (1)")
+            drive(Sideways(place), scene, 0.005)
 
 
 def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
@@ -131,7 +118,6 @@ def test_a_failed_run_is_no_outcome_and_the_next_one_runs(monkeypatch):
     solver.limit = 1.0
     with pytest.raises(SolverFailed, match=r"no answer in 1 s"):
         solver.run(PULSE, 1e-5)
-    assert solver.process is None
 
 
 # Largest relative error of the keystone before the first impact, and of the block; `lmgc90` starts

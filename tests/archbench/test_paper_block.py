@@ -8,27 +8,10 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.mechanics.adapters import Mode, Problem, problem_in, solve
+from tests.mechanics.adapters import Mode, Problem, solve
 
-import archfrag as af
 from archbench.paper import block as paper
-from archbench.paper.block import (
-    CORNER_A,
-    CORNER_B,
-    LIFT_OFF,
-    REST,
-    ROCK,
-    SLIDE,
-    SLIDE_ROCK,
-    RigidBlock,
-    corner_arm,
-    gradient,
-    gradient_rate,
-    metric,
-    rocking_mechanism,
-    starting_motion,
-    uniform_block,
-)
+from archbench.paper.block import CORNER_A, CORNER_B, gradient, metric, uniform_block
 from archbench.paper.regions import (
     impact_ratio,
     painleve_friction,
@@ -36,28 +19,26 @@ from archbench.paper.regions import (
     starting_region,
 )
 from archfrag.arch import STANDARD_GRAVITY as g
-from archfrag.mechanics.contact.modes import start_modes
-from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import Impulse
-from archfrag.mechanics.model import model_of, new_state, new_work
-from archfrag.methods.common import clear
-from archfrag.methods.time_stepping.step import pose_step
 
+REST, SLIDE, ROCK, SLIDE_ROCK, LIFT_OFF = paper.Mechanism
 RIGHT, LEFT = 0, 1  # a chain's corners of the base: intrados and extrados
-STEP, NEAR, STILL = 1e-4, 1e-9, 2e-11
+BASE = CORNER_A, CORNER_B
+NEAR, STILL = 1e-9, 2e-11
 
 
 def random_block(rng):
     """Any body with a flat base and its mass centre above it."""
     reaches = rng.uniform(0.1, 1.0, 2)
-    return RigidBlock(rng.uniform(10, 1000), rng.uniform(5, 500), *reaches, rng.uniform(0.2, 2))
+    return paper.RigidBlock(
+        rng.uniform(10, 1000), rng.uniform(5, 500), *reaches, rng.uniform(0.2, 2)
+    )
 
 
 def contact_answer(block, corners, rotation, free, friction, omega, slip):
     """The contact problem of a chain of one body that touches flat ground at `corners`."""
     point, touching = np.zeros((1, 2, 2)), np.zeros((1, 2), bool)
     for corner, side in ((RIGHT, CORNER_B), (LEFT, CORNER_A)):
-        point[0, corner] = corner_arm(block, side, rotation)
+        point[0, corner] = paper.corner_arm(block, side, rotation)
         touching[0, corner] = side in corners
     up, sense = np.array([[0.0, 1.0]]), int(np.sign(slip))
     both = np.stack([up, up], axis=1)
@@ -98,7 +79,7 @@ class TestGradients:
             kinetic = block.mass * (x * x + y * y) + block.inertia * tilt * tilt
             assert velocity @ velocity == pytest.approx(kinetic)
             slope = (gradient(block, later) - gradient(block, sooner)) / (2 * d)
-            assert gradient_rate(block, arm, tilt) == pytest.approx(slope, abs=1e-8)
+            assert paper.gradient_rate(block, arm, tilt) == pytest.approx(slope, abs=1e-8)
             psi = paper.generalised_reaction(n, [3.0, 7.0])
             assert psi @ velocity == pytest.approx([3.0, 7.0] * moved, abs=1e-7)
 
@@ -133,9 +114,9 @@ class TestPlane:
         rng = np.random.default_rng(7)
         for _ in range(50):
             block, omega = random_block(rng), rng.uniform(-2, 2)
-            arm = corner_arm(block, rng.choice([CORNER_A, CORNER_B]), rng.uniform(-0.5, 0.5))
-            n, rate = gradient(block, arm), gradient_rate(block, arm, omega)
-            mechanism = rocking_mechanism(block, arm, omega)
+            arm = paper.corner_arm(block, rng.choice([CORNER_A, CORNER_B]), rng.uniform(-0.5, 0.5))
+            n, rate = gradient(block, arm), paper.gradient_rate(block, arm, omega)
+            mechanism = paper.rocking_mechanism(block, arm, omega)
             assert n @ mechanism == pytest.approx((0, 0), abs=1e-12)
             known = paper.centripetal_acceleration(n, rate, mechanism).sum(axis=0)
             expected = omega**2 * metric(block) * [*arm, 0.0]
@@ -159,50 +140,9 @@ class TestPlane:
         assert not paper.inside_cone(0.0, -1.0, 0.6)
 
 
-class Standing:
-    """A uniform block of unit height, its accelerations and its first step by the kernels."""
-
-    def __init__(self, base):
-        chain = af.Block(base, 1.0, friction=1.0).chain
-        self.base, self.block = base, uniform_block(base, 1.0, chain.mass[0])
-        self.model, self.chain = model_of(chain), chain
-        self.state, self.work = new_state(self.model), new_work(self.model)
-        self.state.position[1, :2] = chain.centroid[0]
-        clear(self.state)
-        faces = self.work.rotated, self.work.face, self.work.tangent
-        move_faces(self.model, self.state.position, *faces)
-
-    def motion_of(self, velocity):
-        """Motion by velocities, or accelerations over g, of a block that stood flat."""
-        x, y, rotation = velocity
-        slip, rises = x + 0.5 * rotation, y - 0.5 * self.base * abs(rotation)
-        if rises > STILL:
-            return LIFT_OFF
-        if abs(rotation) * 0.5 * self.base > STILL:
-            return ROCK if abs(slip) <= STILL else SLIDE_ROCK
-        return REST if abs(slip) <= STILL else SLIDE
-
-    def by_accelerations(self, ground_x, ground_y, friction):
-        """Motion that the contact problem of accelerations gives."""
-        free = [-ground_x, -1.0 - ground_y, 0.0]
-        corners = (CORNER_A, CORNER_B)
-        answer = contact_answer(self.block, corners, 0.0, free, friction, 0.0, 0.0)
-        return self.motion_of(answer.velocity[0]) if answer.solved else None
-
-    def by_step(self, ground_x, ground_y, friction):
-        """Motion that one time step gives."""
-        speed, model = STEP * self.model.gravity, self.model
-        model.friction[0], model.ray[0] = friction, (1.0, friction)
-        impulse = Impulse(speed * ground_x, speed * ground_y)
-        pose_step(model, self.state, self.work, impulse, STEP, STEP)
-        start_modes(self.state, self.work, True, False)
-        answer = solve(problem_in(model, self.work.position, self.work))
-        return self.motion_of(answer.velocity[0] / speed) if answer.solved else None
-
-
-def borders(base, friction, load):
+def borders(block, friction, load):
     """Distance from the borders of the regions in units of k_s / (1 + k_v) and mu."""
-    tipping = rocking_friction(uniform_block(base, 1.0, 1.0), CORNER_A, load)
+    base, tipping = 2.0 * block.reach_a, rocking_friction(block, CORNER_A, load)
     return min(
         abs(load - min(friction, base)),
         abs(friction - tipping) if load >= base else math.inf,
@@ -211,36 +151,41 @@ def borders(base, friction, load):
 
 
 class TestRegions:
-    """Four forms of the same answer: regions, the block's problem, the chain's, a step."""
+    """Three forms of the same answer: regions, the block's problem, the chain's."""
 
-    def agree(self, standing, ground_x, ground_y, friction):
-        block = standing.block
+    def agree(self, block, ground_x, ground_y, friction):
+        """The motion of a block of unit height that stood flat, by all of them."""
         region = starting_region(block, ground_x, ground_y, friction)
-        start = starting_motion(block, ground_x, ground_y, friction, 1.0)
+        start = paper.starting_motion(block, ground_x, ground_y, friction, 1.0)
         assert (start.mechanism, start.solutions) == (region, 1)
-        assert standing.by_accelerations(ground_x, ground_y, friction) == region
-        assert standing.by_step(ground_x, ground_y, friction) == region
+        free = [-ground_x, -1.0 - ground_y, 0.0]
+        answer = contact_answer(block, BASE, 0.0, free, friction, 0.0, 0.0)
+        x, y, rotation = answer.velocity[0]
+        rocks, slides = block.reach_a * abs(rotation) > STILL, abs(x + 0.5 * rotation) > STILL
+        found = np.array([[REST, SLIDE], [ROCK, SLIDE_ROCK]])[int(rocks), int(slides)]
+        assert answer.solved
+        assert region == (LIFT_OFF if y - block.reach_a * abs(rotation) > STILL else found)
         return region
 
     @pytest.mark.parametrize("base", [0.2, 0.7, 2.5])
     @pytest.mark.parametrize("ground_y", [0.0, 0.35])
     def test_inside_and_right_up_to_their_borders(self, base, ground_y):
-        rng, seen, standing = np.random.default_rng(3), Counter(), Standing(base)
+        rng, seen, block = np.random.default_rng(3), Counter(), uniform_block(base, 1.0, 2000.0)
         reach = 2.5 * max(base, 0.4)
         for load, friction in rng.uniform([-reach, 0.0], [reach, reach], (150, 2)):
-            if borders(base, friction, abs(load)) > NEAR:
-                seen[self.agree(standing, load * (1.0 + ground_y), ground_y, friction)] += 1
+            if borders(block, friction, abs(load)) > NEAR:
+                seen[self.agree(block, load * (1.0 + ground_y), ground_y, friction)] += 1
         assert set(seen) == {REST, SLIDE, ROCK, SLIDE_ROCK}
         for _ in range(10):
             low, high = base * rng.uniform(0.02, 0.98), base * rng.uniform(1.02, 4.0)
-            curve = rocking_friction(standing.block, CORNER_A, high)
+            curve = rocking_friction(block, CORNER_A, high)
             for load, friction, across in (
                 (low, low, (1, -1)), (base, high, (1, 0)), (high, base, (0, 1)),
                 (high, curve, (0, 1)),
             ):  # fmt: skip
                 for shift in (-3 * NEAR, 3 * NEAR):
                     ground_x = rng.choice([-1, 1]) * (load + shift * across[0]) * (1.0 + ground_y)
-                    self.agree(standing, ground_x, ground_y, friction + shift * across[1])
+                    self.agree(block, ground_x, ground_y, friction + shift * across[1])
 
     def test_least_load_is_the_end_of_the_region_of_rest(self):
         rng = np.random.default_rng(6)
@@ -248,11 +193,13 @@ class TestRegions:
             block, friction = random_block(rng), rng.uniform(0.05, 2.0)
             load = paper.least_load(block, CORNER_A, friction)
             for part, rests in ((0.999, True), (1.001, False)):
-                assert (starting_motion(block, part * load, 0.0, friction, g)[0] == REST) is rests
+                assert (
+                    paper.starting_motion(block, part * load, 0.0, friction, g)[0] == REST
+                ) is rests
 
     def test_nothing_holds_a_block_whose_ground_falls_faster_than_itself(self):
         for ground_y in (-1.2, -3.0):
-            assert self.agree(Standing(0.5), 0.3, ground_y, 0.5) == LIFT_OFF
+            assert self.agree(uniform_block(0.5, 1.0, 1.0), 0.3, ground_y, 0.5) == LIFT_OFF
 
 
 class TestContactProblem:
@@ -291,8 +238,8 @@ class TestContactProblem:
             if found.solutions != 1:
                 continue
             seen.add(found.mechanism)
-            free, corners = active / metric(block), (CORNER_A, CORNER_B)
-            answer = contact_answer(block, corners, 0.0, free, friction, 0.0, slips)
+            free = active / metric(block)
+            answer = contact_answer(block, BASE, 0.0, free, friction, 0.0, slips)
             same_answer(found, answer, block, 0.0, 2 * g)
         assert seen >= ({SLIDE, SLIDE_ROCK, LIFT_OFF} if slips else set(paper.Mechanism))
 
@@ -313,7 +260,7 @@ class TestContactProblem:
             assert change <= 1e-12
             if found.solutions != 1 or math.isnan(found.centre):
                 continue
-            corners = (side,) if side else (CORNER_A, CORNER_B)
+            corners = (side,) if side else BASE
             answer = contact_answer(block, corners, rotation, before, friction, 0.0, 0.0)
             same_answer(found, answer, block, rotation, np.abs(before).max())
             place = found.centre * (block.reach_a + block.reach_b) - block.reach_a

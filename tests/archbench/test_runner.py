@@ -7,13 +7,12 @@ import sys
 import time
 from contextlib import suppress
 
-import pandas as pd
 import psutil
 import pytest
 
 from archbench import runner
 from archbench.page import gather
-from archbench.runner import Bench, in_processes, load_tables
+from archbench.runner import Bench, in_processes
 from archfrag.errors import InputError
 
 
@@ -52,21 +51,12 @@ def test_finished_tasks_are_not_done_again_and_a_cut_line_is(tmp_path, monkeypat
     bench = Bench(tmp_path, report=lambda _: None)
     tasks = {("a", 1): (3, 4), ("b", 2): (6, 8)}
     assert bench.run("sums", math.hypot, tasks, 1.0) == {("a", 1): 5.0, ("b", 2): 10.0}
-    file = next((tmp_path / "finished").glob("sums-one.jsonl"))
-    file.write_text("\n".join((file.read_text().splitlines()[0], '[["b", 2], 7.8')) + "\n")
+    file = tmp_path / "finished" / "sums-one.jsonl"
+    file.write_text(file.read_text().splitlines()[0] + '\n[["b", 2], 7.8\n')
     bench.run("sums", math.hypot, tasks, 1.0)
     monkeypatch.setattr(runner, "sources", lambda: "other")
     bench.run("sums", math.hypot, tasks, 1.0)
     assert asked == [["a", "b"], ["b"], ["a", "b"]]
-
-
-def test_tables_come_back_as_they_were_saved(tmp_path):
-    table = pd.DataFrame({"method": ["auto"], "seconds": [0.25]})
-    Bench(tmp_path, report=lambda _: None).save("growth", {"runs": table})
-    pd.testing.assert_frame_equal(load_tables(tmp_path, "growth")["runs"], table)
-    (tmp_path / "growth_runs.csv").write_bytes(b"")
-    with pytest.raises(InputError, match=r"growth_runs\.csv"):
-        load_tables(tmp_path, "growth")
 
 
 def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path):

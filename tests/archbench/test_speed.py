@@ -1,4 +1,4 @@
-"""Speed against accuracy: its reference, its errors, and its tables from made-up points."""
+"""Speed against accuracy: its reference and its errors."""
 
 import math
 from dataclasses import replace
@@ -7,49 +7,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench.growth import DIFFERENCE, exponents_table, growth_of
+from archbench.growth import DIFFERENCE, growth_of
 from archbench.quantities import errors_of, marks_of, observe, positions_at
 from archbench.reference import MARGIN, find_reference, limit_of, richardson
 from archbench.scene import load_scene
-from archbench.settings import Setting, ladders
-from archbench.solve import (
-    Frames,
-    least_collapsing,
-    nearest_change,
-    solve,
-    solve_many,
-    with_samples,
-)
-from archbench.speed import POINTS, kept_errors, levels_table, lost_table, points_of
+from archbench.settings import Setting
+from archbench.solve import Frames, least_collapsing, nearest_change, solve, with_samples
+from archbench.speed import POINTS, kept_errors, points_of
 from archfrag.errors import InputError
-from archfrag.methods.registry import resolve
-
-
-def made_up(*rows):
-    """Points of one scene: (method, value, seconds, error), from coarse to fine."""
-    table = pd.DataFrame(rows, columns=["method", "value", "seconds", "error"])
-    return table.assign(scene="s", quantity="amplitude", floor=1e-7, drawn=True, parameter="dt")
-
-
-@pytest.mark.parametrize("column", ["values", "quick", "fragility", "fragility_quick"])
-def test_settings_of_ladders_are_known_to_the_registry(column):
-    for method, settings in ladders(column, ["siconos"]).items():
-        info = resolve(method)
-        own = {each.name for each in info.parameters} if info else {"dt"}
-        assert {setting.parameter for setting in settings} <= own
 
 
 def test_a_record_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="arch7_real_elc180 needs the record"):
         with_samples(load_scene("arch7_real_elc180"), (tmp_path, None))
-
-
-def test_a_study_s_runs_are_those_of_single_calls():
-    scene, setting = load_scene("arch7_pulse"), Setting("auto", "rtol", 1e-2)
-    many = solve_many(scene, setting, [0.9, 2.0])
-    single = [solve(scene.at(0.5 * factor), setting) for factor in (0.9, 2.0)]
-    assert [run.collapsed for run in many] == [run.collapsed for run in single] == [False, True]
-    assert many[0].peak == pytest.approx(single[0].peak, rel=1e-9)
 
 
 @pytest.mark.parametrize("true", [0.93, 0.9999, 1.00002, 1.02, 1.4])
@@ -76,44 +46,23 @@ def test_limit_and_order_of_a_vector():
     assert abs(float(limit) - 0.2) < doubt
 
 
-def test_exponent_of_a_power_law():
-    runs = pd.DataFrame({"method": "auto", "voussoirs": (7, 14, 28), "moving_seconds": 2.0})
-    row = exponents_table(runs.assign(seconds=1e-3 * runs["voussoirs"] ** 1.5)).iloc[0]
-    assert row[["low", "exponent", "high"]].tolist() == pytest.approx([1.5] * 3)
-    assert row["seconds_at_last"] == pytest.approx(5e-4 * 28**1.5)
-
-
-class TestGrowth:
+def test_growth_of_a_difference_is_measured_and_runs_into_its_horizon():
     time = np.linspace(0.0, 10.0, 1001)
-
-    def test_exponential_growth_is_measured_and_runs_into_its_horizon(self):
-        growth = growth_of(self.time, DIFFERENCE * np.exp(2.0 * self.time)[None, :], 1.0, 0.0)
-        assert growth["exponent"] == pytest.approx(2.0, rel=1e-9)
-        assert growth["horizon"] == pytest.approx(math.log(1e-2 / DIFFERENCE) / 2.0, abs=0.011)
-
-    def test_what_does_not_grow_has_no_horizon(self):
-        noise = 1.0 + 0.1 * np.sin(37.0 * self.time)
-        growth = growth_of(self.time, DIFFERENCE * noise[None, :], 1.0, 0.0)
-        assert math.isinf(growth["horizon"])
-        assert growth["low"] < 0.0 < growth["high"]
+    noise = 1.0 + 0.1 * np.sin(37.0 * time)
+    grows, stays = (
+        growth_of(time, DIFFERENCE * each[None, :], 1.0, 0.0)
+        for each in (np.exp(2.0 * time), noise)
+    )
+    assert grows["exponent"] == pytest.approx(2.0, rel=1e-9)
+    assert grows["horizon"] == pytest.approx(math.log(1e-2 / DIFFERENCE) / 2.0, abs=0.011)
+    assert math.isinf(stays["horizon"])
+    assert stays["low"] < 0.0 < stays["high"]
 
 
-class TestTables:
-    def test_chance_at_a_coarse_setting_is_not_accuracy_and_errors_stand_at_the_floor(self):
-        points = made_up(("a", 4, 1.0, 1e-5), ("a", 2, 2.0, 1e-2), ("a", 1, 4.0, 1e-9))
-        assert kept_errors(points)["kept"].tolist() == [1e-2, 1e-2, 1e-7]
-
-    def test_the_cheapest_at_each_error_and_what_auto_loses(self):
-        points = made_up(
-            ("auto", 1e-1, 1.0, 9e-2), ("auto", 1e-3, 8.0, 9e-4), ("mujoco", 4e-3, 0.5, 9e-2),
-            ("mujoco", 2e-3, 9.0, 9e-3), ("mujoco", 1e-3, 10.0, 9e-5),
-        )  # fmt: skip
-        table = levels_table(points).round(9).set_index(["error", "method"])["over_cheapest"]
-        assert table[0.1].to_dict() == {"auto": 2.0, "mujoco": 1.0}
-        assert table[0.01].to_dict() == {"auto": 1.0, "mujoco": 1.125}
-        lost = lost_table(points)
-        assert lost["value"].tolist() == [4e-3, 1e-3]
-        assert lost["auto_seconds"].tolist() == [1.0, math.inf]
+def test_chance_at_a_coarse_setting_is_not_accuracy_and_errors_stand_at_the_floor():
+    points = pd.DataFrame({"value": [4, 2, 1], "seconds": 1.0, "error": [1e-5, 1e-2, 1e-9]})
+    points = points.assign(method="a", scene="s", quantity="amplitude", floor=1e-7, drawn=True)
+    assert kept_errors(points)["kept"].tolist() == [1e-2, 1e-2, 1e-7]
 
 
 @pytest.fixture(scope="module")
@@ -123,26 +72,26 @@ def block():
     return scene, run, marks_of(run)
 
 
-class TestQuantities:
-    def test_positions_between_frames_follow_the_motion(self, block):
-        _, run, marks = block
-        inside = (run.frames.time > marks.onset + 1e-3) & (run.frames.time < marks.position)
-        frames = Frames(*(each[inside] for each in run.frames))
-        coarse = Frames(*(each[::4] for each in frames))
-        between = positions_at(coarse, frames.time[:-4])
-        assert between == pytest.approx(frames.displacement[:-4], abs=1e-8)
+def test_positions_between_frames_follow_the_motion(block):
+    _, run, marks = block
+    inside = (run.frames.time > marks.onset + 1e-3) & (run.frames.time < marks.position)
+    frames = Frames(*(each[inside] for each in run.frames))
+    between = positions_at(Frames(*(each[::4] for each in frames)), frames.time[:-4])
+    assert between == pytest.approx(frames.displacement[:-4], abs=1e-8)
 
-    def test_a_run_has_no_error_against_itself_and_a_coarse_one_has(self, block):
-        scene, run, marks = block
-        seen = observe(scene, run, marks)
-        own = errors_of(seen, seen, scene.thickness)
-        assert (own["position"], own["peak"]) == (0.0, 0.0)
-        coarse = solve(scene, Setting("time_stepping", "dt", 8e-3), history=True)
-        errors = errors_of(observe(scene, coarse, marks), seen, scene.thickness)
-        assert errors["position"] > 1e-6
-        assert errors["peak"] > 1e-4
-        failed = errors_of(replace(seen, collapsed=None), seen, scene.thickness)
-        assert all(math.isnan(value) for value in failed.values())
+
+def test_a_run_has_no_error_against_itself_and_a_coarse_one_has(block):
+    scene, run, marks = block
+    seen = observe(scene, run, marks)
+    coarse = solve(scene, Setting("time_stepping", "dt", 8e-3), history=True)
+    own, errors, failed = (
+        errors_of(each, seen, scene.thickness)
+        for each in (seen, observe(scene, coarse, marks), replace(seen, collapsed=None))
+    )
+    assert (own["position"], own["peak"]) == (0.0, 0.0)
+    assert errors["position"] > 1e-6
+    assert errors["peak"] > 1e-4
+    assert all(math.isnan(value) for value in failed.values())
 
 
 def test_a_scene_from_reference_to_points():

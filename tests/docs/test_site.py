@@ -68,23 +68,15 @@ def pages(site):
             if "_static" not in path.parts}  # fmt: skip
 
 
-def test_pages_are_there(pages):
+def test_every_link_between_pages_leads_to_its_place(site, pages):
     assert "math" in pages["method/index.html"].tags
     assert "study-vary" in pages["study_file.html"].anchors
-    wanted = {"index", "tutorial", "limits", "study_file", "changelog", "howto/index",
-              "howto/records", "howto/drawing", "method/index", "validation",
-              "reference/python", "reference/command_line", "made/tutorial-report"}  # fmt: skip
-    assert {f"{name}.html" for name in wanted} <= set(pages)
-
-
-def test_every_link_between_pages_leads_to_its_place(site, pages):
+    assert "made/tutorial-report.html" in pages
     broken = []
     for name, page in pages.items():
         for link in page.links:
             target, anchor = urldefrag(link)
             if urlparse(link).scheme or link.startswith("//"):
-                if urlparse(link).scheme.startswith("http") and not urlparse(link).netloc:
-                    broken.append(f"{name}: {link}")
                 continue
             path = (site / name).parent / unquote(target) if target else site / name
             place = os.path.relpath(path, site)

@@ -17,28 +17,25 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def dist(tmp_path_factory):
-    """Folder with an sdist and the wheel that is built from that sdist."""
-    folder = tmp_path_factory.mktemp("dist")
+def unpacked(tmp_path_factory):
+    """A wheel built from the sdist, as an installation would lay it out; the sdist is checked."""
+    dist, folder = (tmp_path_factory.mktemp(name) for name in ("dist", "installed"))
     done = subprocess.run(
-        [sys.executable, "-m", "build", "--no-isolation", "-o", str(folder), str(ROOT)],
+        [sys.executable, "-m", "build", "--no-isolation", "-o", str(dist), str(ROOT)],
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    return folder
-
-
-@pytest.fixture(scope="module")
-def unpacked(dist, tmp_path_factory):
-    """The wheel's content in a folder, as an installation would lay it out."""
-    folder = tmp_path_factory.mktemp("installed")
     with zipfile.ZipFile(next(dist.glob("*.whl"))) as wheel:
         wheel.extractall(folder)
+    with tarfile.open(next(dist.glob("*.tar.gz"))) as sdist:
+        folders = {"/".join(name.split("/")[1:3]) for name in sdist.getnames()}
+    assert not [name for name in folders if name.startswith(("tests", "pipeline/archbench"))]
+    assert {"pipeline/archfrag", "records/synthetic", "configs/shipped.yaml"} <= folders
     return folder
 
 
 def run(unpacked, cwd, *command):
-    """`archfrag` of the unpacked wheel, out of reach of the checkout."""
+    """`archfrag` of the wheel, out of reach of the checkout."""
     return subprocess.run(
         [sys.executable, "-P", "-m", "archfrag.cli", *command], cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(unpacked)}, capture_output=True, text=True,
@@ -51,29 +48,14 @@ def git(*command):
     ).stdout.split()
 
 
-class TestContent:
-    def test_only_the_package(self, unpacked):
-        names = {"archfrag", f"archfrag-{archfrag.__version__}.dist-info"}
-        assert {path.name for path in unpacked.iterdir()} == names
-
-    def test_every_module_and_data_file_of_the_package(self, unpacked):
-        missing = [
-            name
-            for name in git("ls-files", "pipeline/archfrag")
-            if (ROOT / name).exists() and not (unpacked / name.removeprefix("pipeline/")).exists()
-        ]
-        assert not missing
-
-    def test_sdist_has_neither_tests_nor_laboratory(self, dist):
-        with tarfile.open(next(dist.glob("*.tar.gz"))) as sdist:
-            folders = {"/".join(name.split("/")[1:3]) for name in sdist.getnames()}
-        assert not [name for name in folders if name.startswith(("tests", "pipeline/archbench"))]
-        assert {"pipeline/archfrag", "records/synthetic", "configs/shipped.yaml"} <= folders
-
-    def test_commit_is_that_of_the_checkout(self, unpacked):
-        (head,) = git("rev-parse", "HEAD")
-        assert (unpacked / "archfrag" / "commit.txt").read_text().startswith(head)
-        assert head in run(unpacked, unpacked, "--version").stdout
+def test_the_wheel_has_the_whole_package_and_nothing_else_and_knows_its_commit(unpacked):
+    names = {"archfrag", f"archfrag-{archfrag.__version__}.dist-info"}
+    assert {path.name for path in unpacked.iterdir()} == names
+    files = [name for name in git("ls-files", "pipeline/archfrag") if (ROOT / name).exists()]
+    assert [n for n in files if not (unpacked / n.removeprefix("pipeline/")).exists()] == []
+    (head,) = git("rev-parse", "HEAD")
+    assert (unpacked / "archfrag" / "commit.txt").read_text().startswith(head)
+    assert head in run(unpacked, unpacked, "--version").stdout
 
 
 class TestInit:

@@ -1,4 +1,4 @@
-"""Motion in time against closed forms, equations of motion integrated apart, and bookkeeping."""
+"""Time stepping: rest, what each step and each impact take, residual, symmetry, the end."""
 
 import functools
 import sys
@@ -11,7 +11,7 @@ from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.path import solve_with_fallback
 from archfrag.mechanics.contact.placing import move_faces, relative_velocity
 from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import Impulse, grounds_of, impulse_between
+from archfrag.mechanics.ground import grounds_of, impulse_between
 from archfrag.mechanics.model import Clock, model_of
 from archfrag.mechanics.status import Count, Energy, Status
 from archfrag.mechanics.types import Options
@@ -19,8 +19,7 @@ from archfrag.methods.common import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
 from archfrag.methods.time_stepping.run import new_one
 from archfrag.methods.time_stepping.service import code_after
 from archfrag.methods.time_stepping.step import accept_step, pose_step, time_before
-from tests.physics.audit import g, impulse, pulse, random_scene, sampled
-from tests.physics.irregular import irregular_scene
+from tests.validation.scenes import g, oppenheim, pulse, sampled
 
 simulate = functools.partial(af.simulate, method="time_stepping")
 
@@ -31,34 +30,8 @@ def code_of(state, options, until, solved):
     return code_after(state, options, until, (solved, not solved, False, False))
 
 
-@pytest.fixture
-def every_step_measured(monkeypatch):
-    """Contact laws measured in every step instead of in every sixty-fourth."""
-    monkeypatch.setattr(sys.modules["archfrag.simulate"], "CHECK_INTERVAL", 1)
-
-
 @kernel
-def step_on(model, state, work, path, pushes, step, moved_by):
-    """Step a chain at rest through every push, whatever its rest range; whether all is solved."""
-    clear(state)
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    state.clock[Clock.STEP] = step
-    for i in range(pushes.size):
-        impulse = Impulse(pushes[i], 0.0)
-        pose_step(model, state, work, impulse, step, step)
-        solved, compliant = solve_with_fallback(model, state, work, path)
-        if compliant or not solved:
-            return False
-        accept_step(model, state, work, impulse, True, 0.5)
-        for j in range(1, state.position.shape[0] - 1):
-            for c in range(2):
-                away = abs(state.position[j, c] - model.centroid[j, c])
-                moved_by[i] = max(moved_by[i], away)
-    return True
-
-
-@kernel
-def step_at_random(model, grounds, state, work, path, lengths, kinds):
+def step_through(model, grounds, state, work, path, lengths, kinds):
     """Step a chain through steps of given lengths; the worst energy balance of one of them [J].
 
     Counted in `kinds` (5,): steps, with a slip, with an impact, with an opening, with a corner.
@@ -111,108 +84,64 @@ def step_at_random(model, grounds, state, work, path, lengths, kinds):
     return worst
 
 
-class TestImpacts:
-    """Energy that a located impact takes, against events: not more by a part of the step."""
-
-    def test_reactions_act_up_to_an_impact(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
-        samples = 1.5 * g * af.onset(arch).plus * (np.arange(0.0, 1.2, 1e-3) < 0.3)
-        push = af.Motion(samples, 1e-3)
-        run = simulate(arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.0)
-        moves, still = run.history, af.Motion(np.zeros(80), 1e-4)
-        impacts = np.array([each.time for each in run.mechanism if each.cause == "impact"])
-        taken = excess = 0.0
-        for before, at, after in zip(impacts, impacts[1:], impacts[2:]):
-            if at < 0.31 or at - before < 8e-3 or after - at < 4e-3:
-                continue
-            k = np.searchsorted(moves.time.values, at - 4e-3) - 1
-            place, motion = (
-                np.concatenate([moves[a].values[k], moves[b].values[k][:, None]], axis=1)
-                for a, b in (("displacement", "rotation"), ("velocity", "angular_velocity"))
-            )
-            exact, ours = (
-                simulate(arch, still, initial=(place, motion), follow=0.0, **by).energy
-                for by in ({"method": "event_driven", "rtol": 1e-9}, {})
-            )
-            taken -= exact["impacts"]
-            excess += sum(exact[kind] - ours[kind] for kind in ("kinetic", "potential"))
-        assert taken > 0.0
-        assert abs(excess) < 0.005 * taken
+def stepped(arch, motion, lengths):
+    """State, worst energy balance and kinds of steps of a chain, every step integrated."""
+    model, kinds = model_of(arch.chain), np.zeros(5, np.int64)
+    one = new_one(model)
+    one.state.position[:, :2] = model.centroid
+    worst = step_through(
+        model, grounds_of([motion]), one.state, one.work, one.path, lengths, kinds
+    )
+    return one.state, worst, kinds
 
 
 class TestRest:
-    """What stands does not creep, even when every step is integrated."""
+    """What stands does not creep."""
+
+    thin = af.Arch.circular(10.0, 1.2, 180.0, 27, 0.7, sector=False)
 
     def test_steps_without_rest_detection_do_not_creep(self):
-        arch = af.Arch.circular(10.0, 1.2, 180.0, 27, 0.7, sector=False)
-        step = 2e-3
-        limit = af.onset(arch).plus
-        noise = np.random.default_rng(3).uniform(-1.0, 1.0, 6001) * 0.9 * limit * g
-        edges = np.arange(-0.5, 3000.0) * step
-        pushes = impulse(noise, 0.01, edges[:-1], edges[1:])
-        model, moved_by = model_of(arch.chain), np.zeros(pushes.size)
-        one = new_one(model)
-        one.state.position[:, :2] = model.centroid
-        assert step_on(model, one.state, one.work, one.path, pushes, step, moved_by)
-        # Rounding wanders up to what one degenerate step allows, and stays there.
-        assert max(moved_by) <= 1e-7
-        assert max(moved_by[1500:]) <= 2.0 * max(moved_by[:1500]) + 1e-9
+        limit = af.onset(self.thin).plus
+        noise = np.random.default_rng(3).uniform(-0.9, 0.9, 6001) * limit * g
+        state, _, kinds = stepped(self.thin, (noise, None, 0.01), np.full(3000, 2e-3))
+        # Rounding wanders up to what one degenerate step allows.
+        away = state.position[1:-1, :2] - self.thin.chain.centroid
+        assert np.abs(away).max() <= 1e-7
+        assert kinds[0] == 3000
+
+    def test_nothing_moves_for_a_minute(self):
+        still = np.zeros((27, 3))
+        for initial in (None, (still, still)):
+            response = af.simulate(self.thin, af.Motion(np.zeros(6001), 0.01), initial=initial)
+            assert response.status is Status.STANDING
+            assert response.peak_displacement <= 1e-9
 
     def test_what_only_the_ground_held_up_falls_when_the_record_ends(self):
         right = np.array([[0.25, 0.0], [0.80, 3.0]])
         column = af.Arch.from_joints(right, right - [0.5, 0.0], 1.0, free_end=True)
         still = np.zeros((1, 3))
         held = af.Motion(np.full(101, 0.04 * g), 0.01)
-        response = simulate(column, held, initial=(still, still))
-        assert response.collapsed is True
+        assert simulate(column, held, initial=(still, still)).collapsed is True
 
-    @pytest.mark.parametrize(("solved", "else_"), [(True, PAUSE), (False, UNSOLVED)])
-    @pytest.mark.parametrize(
-        ("time", "steps", "ends"), [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
+
+@pytest.mark.parametrize(("solved", "else_"), [(True, PAUSE), (False, UNSOLVED)])
+@pytest.mark.parametrize(
+    ("time", "steps", "ends"), [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
+)
+def test_a_run_ends_in_time_though_every_step_needs_service(time, steps, ends, solved, else_):
+    state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
+    state.clock[Clock.TIME], state.count[Count.STEPS] = time, steps
+    options = Options(1e-3, 1e-3, 1e-3, 1.0, 10, 0.5, 64, 1e-2, 0.0, 1e-3, 1e-6)
+    assert code_of(state, options, 2.0, solved) == (else_ if ends is None else ends)
+
+
+def test_residual_falls_with_the_step(monkeypatch):
+    # Measured in every step, with the reactions of the step that led to a state.
+    monkeypatch.setattr(sys.modules["archfrag.simulate"], "CHECK_INTERVAL", 1)
+    coarse, fine = (
+        simulate(oppenheim(), pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
     )
-    def test_ends_in_time_though_every_step_needs_service(self, time, steps, ends, solved, else_):
-        state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
-        state.clock[Clock.TIME], state.count[Count.STEPS] = time, steps
-        assert state.clock[Clock.FASTEST] == 0.0
-        options = Options(1e-3, 1e-3, 1e-3, 1.0, 10, 0.5, 64, 1e-2, 0.0, 1e-3, 1e-6)
-        found = code_of(state, options, 2.0, solved)
-        assert found == (else_ if ends is None else ends)
-
-
-class TestFreeFlight:
-    """Nothing holds a body up: lift-off under vertical ground motion is ballistic."""
-
-    def test_height_of_a_block_thrown_by_the_ground(self):
-        block = af.Block(1.0, 2.0, friction=0.6)
-        time = 0.03
-        still = np.zeros(400)
-        down = np.where(np.arange(400) * 1e-4 <= time, -2.0 * g, 0.0)
-        thrown = simulate(block, af.Motion(still, 1e-4, down), dt=1e-4)
-        assert thrown.status is Status.STANDING
-        assert thrown.peak_displacement == pytest.approx(g * time**2, rel=0.02)
-        assert thrown.peak_rotation < 1e-9
-
-
-class TestSignorini:
-    """No voussoir enters another; lost contact is collapse, and nothing else is."""
-
-    def test_residual_falls_with_the_step(self, every_step_measured):
-        # A state is measured with the reactions of the step that led to it.
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        found = [
-            simulate(arch, pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
-        ]
-        assert 0.0 < found[1] < 0.5 * found[0] < 1e-2
-
-    def test_contact_problems_of_every_step_of_real_motions_are_solved(self):
-        rng = np.random.default_rng(33)
-        steps = fallbacks = 0
-        for _ in range(20):
-            response = simulate(*random_scene(rng))
-            assert response.status in (Status.STANDING, Status.COLLAPSED)
-            steps += response.steps
-            fallbacks += response.fallbacks
-        assert fallbacks < 1e-4 * steps
+    assert 0.0 < fine < 0.5 * coarse < 1e-2
 
 
 class TestEnergy:
@@ -228,73 +157,70 @@ class TestEnergy:
             arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
         time = np.arange(0.0, 8.0, 1e-3)
         wave = 6.0 * np.sin(9.0 * time) * np.sin(0.4 * time)
-        model = model_of(arch.chain)
-        grounds = grounds_of([(wave, 0.5 * wave[::-1], 1e-3)])
-        one, kinds = new_one(model), np.zeros(5, np.int64)
-        one.state.position[1:-1, :2] = arch.chain.centroid
         lengths = 10.0 ** rng.uniform(-4.6, -2.6, 20_000)
-        worst = step_at_random(model, grounds, one.state, one.work, one.path, lengths, kinds)
-        assert worst <= 1e-12 * one.state.energy[Energy.LARGEST_KINETIC]
+        state, worst, kinds = stepped(arch, (wave, 0.5 * wave[::-1], 1e-3), lengths)
+        assert worst <= 1e-12 * state.energy[Energy.LARGEST_KINETIC]
         assert (kinds[:4] > 50).all()
 
-    # What made it: a slip that ended inside a long step, an impact off the middle of its step,
-    # reactions carried up to an impact where joints open.
-    @pytest.mark.parametrize("seed", [930283, 930270, 930852])
-    def test_contacts_give_none(self, seed):
-        scene = irregular_scene(seed)
-        energy = simulate(scene.arch, scene.motion).energy
-        assert energy["balance_error"] <= 1e-4 * energy["largest_kinetic"]
+    @pytest.mark.parametrize("follow", [0.0, 20.0])
+    def test_the_balance_closes_in_motion_and_at_rest(self, follow):
+        energy = af.simulate(oppenheim(), pulse(0.5, 0.3), follow=follow).energy
+        assert (energy["kinetic"] > 0.0) == (follow == 0.0)
+        gained = energy["kinetic"] + energy["potential"]
+        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
+        assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
+
+    def test_an_impact_takes_what_it_takes_by_events_and_not_more_by_a_part_of_the_step(self):
+        arch, still = oppenheim(), af.Motion(np.zeros(80), 1e-4)
+        push = sampled(lambda t: np.where(t < 0.3, 1.5 * af.onset(arch).plus, 0.0), 1.2, dt=1e-3)
+        run = simulate(arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.0)
+        impacts = np.array([each.time for each in run.mechanism if each.cause == "impact"])
+        moves, taken, excess = run.history, 0.0, 0.0
+        for before, at, after in zip(impacts, impacts[1:], impacts[2:]):
+            if at < 0.31 or at - before < 8e-3 or after - at < 4e-3:
+                continue
+            start = moves.isel(time=np.searchsorted(moves.time.values, at - 4e-3) - 1)
+            place, motion = (
+                np.column_stack([start[a], start[b]])
+                for a, b in (("displacement", "rotation"), ("velocity", "angular_velocity"))
+            )
+            exact, ours = (
+                simulate(arch, still, initial=(place, motion), follow=0.0, **by).energy
+                for by in ({"method": "event_driven", "rtol": 1e-9}, {})
+            )
+            taken -= exact["impacts"]
+            excess += sum(exact[kind] - ours[kind] for kind in ("kinetic", "potential"))
+        assert taken > 0.0
+        assert abs(excess) < 0.005 * taken
 
 
-class TestSymmetry:
-    """The laws know no left and right."""
-
-    def test_mirrored_arch_and_motion_give_the_mirrored_response(self):
-        rng = np.random.default_rng(36)
-        angle = np.radians(168.0 - np.concatenate([[0.0], rng.uniform(0.6, 1.4, 8).cumsum()]) * 18)
-        ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        inner, outer = 9.2 * ray, (10.8 + 0.05 * np.arange(9))[:, None] * ray
-        flip = np.array([-1.0, 1.0])
-        dead = rng.uniform(0.0, 5e4, 8)
-        one = af.Arch.from_joints(inner, outer, 0.7, dead_load=dead)
-        two = af.Arch.from_joints(
-            (inner * flip)[::-1], (outer * flip)[::-1], 0.7, dead_load=dead[::-1]
-        )
-        assert af.onset(one).plus == pytest.approx(af.onset(two).minus, rel=1e-9)
-        assert af.onset(one).plus != pytest.approx(af.onset(one).minus, rel=1e-3)
-        motion = sampled(lambda t: 1.3 * af.onset(one).plus, 0.25)
-        right = simulate(one, motion, history=True)
-        left = simulate(two, motion, scale=-1.0, history=True)
-        n = int(np.searchsorted(right.history.time.values, 0.35))
-        mirrored = left.history.displacement.values[:n, ::-1] * flip
-        assert right.history.displacement.values[:n] == pytest.approx(mirrored, abs=1e-9)
-        assert np.abs(mirrored).max() > 1e-3
+def test_a_mirrored_arch_and_motion_give_the_mirrored_response():
+    rng = np.random.default_rng(36)
+    angle = np.radians(168.0 - np.concatenate([[0.0], rng.uniform(0.6, 1.4, 8).cumsum()]) * 18)
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    lines = 9.2 * ray, (10.8 + 0.05 * np.arange(9))[:, None] * ray
+    flip, dead = np.array([-1.0, 1.0]), rng.uniform(0.0, 5e4, 8)
+    one = af.Arch.from_joints(*lines, 0.7, dead_load=dead)
+    mirrored = ((line * flip)[::-1] for line in lines)
+    two = af.Arch.from_joints(*mirrored, 0.7, dead_load=dead[::-1])
+    start = af.onset(one)
+    assert start.plus == pytest.approx(af.onset(two).minus, rel=1e-9)
+    assert start.plus != pytest.approx(start.minus, rel=1e-3)
+    motion = sampled(lambda t: 1.3 * start.plus, 0.25)
+    right, left = (
+        simulate(arch, motion, scale=scale, history=True).history
+        for arch, scale in ((one, 1.0), (two, -1.0))
+    )
+    n = int(np.searchsorted(right.time.values, 0.35))
+    image = left.displacement.values[:n, ::-1] * flip
+    assert right.displacement.values[:n] == pytest.approx(image, abs=1e-9)
+    assert np.abs(image).max() > 1e-3
 
 
-class TestFollowing:
-    """The end of the record is not the end of the motion."""
-
-    def test_goes_on_until_rest_within_its_limit(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        motion = pulse(0.5, 0.3)
-        total = simulate(arch, motion)
-        assert total.status is Status.STANDING
-        assert total.end_time > motion.duration + 0.1
-        part = simulate(arch, motion, follow=0.05)
-        assert part.status is Status.UNFINISHED
-        assert part.collapsed is None
-        assert part.end_time == pytest.approx(motion.duration + 0.05, abs=1e-3)
-
-    def test_rest_and_motion_make_up_the_total_time(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        quiet = np.zeros(20000)
-        pushed = pulse(0.5, 0.3).acceleration
-        motion = af.Motion(np.concatenate([quiet, pushed, quiet, quiet]), 1e-4)
-        response = simulate(arch, motion, dt=5e-4)
-        spent = response.model_time
-        assert sum(spent.values()) == pytest.approx(response.end_time, abs=1e-3)
-        assert response.end_time == pytest.approx(motion.duration, abs=1e-3)
-        assert spent["rest"] > 3.0
-        assert spent["all_voussoirs"] == pytest.approx(response.steps * 5e-4, abs=2e-3)
-        alone = simulate(arch, af.Motion(np.concatenate([pushed, quiet]), 1e-4), dt=5e-4)
-        assert response.peak_displacement == pytest.approx(alone.peak_displacement, rel=0.05)
+def test_a_run_goes_on_after_its_record_until_rest_within_its_limit():
+    motion = pulse(0.5, 0.3)
+    total, part = (simulate(oppenheim(), motion, follow=limit) for limit in (20.0, 0.05))
+    assert total.status is Status.STANDING
+    assert total.end_time > motion.duration + 0.1
+    assert (part.status, part.collapsed) == (Status.UNFINISHED, None)
+    assert part.end_time == pytest.approx(motion.duration + 0.05, abs=1e-3)

@@ -26,11 +26,23 @@ def column(friction=math.inf):
     )
 
 
-def pulse(amplitude, duration, back=0.5, dt=1e-4):
+def sampled(shape, duration, dt=1e-4):
+    """Motion whose acceleration [g] at time t [s] is ``shape(t)``, and zero from `duration` on."""
+    time = np.arange(0.0, duration + 0.01, dt)
+    return af.Motion(np.where(time < duration - 1e-9, shape(time), 0.0) * g, dt)
+
+
+def pulse(amplitude, duration, back=0.5):
     """+a for `duration`, then back times -a for twice as long [g, s]."""
-    time = np.arange(0.0, 3.0 * duration + 0.01, dt)
-    later = np.where(time < 3.0 * duration - 1e-9, -back, 0.0)
-    return af.Motion(amplitude * g * np.where(time < duration - 1e-9, 1.0, later), dt)
+    return sampled(lambda t: amplitude * np.where(t < duration - 1e-9, 1.0, -back), 3.0 * duration)
+
+
+def tilted(width, height, tilt):
+    """State of a block rotated about its right corner by `tilt` [rad], at rest."""
+    half, up = width / 2.0, height / 2.0
+    across = half - (half * math.cos(tilt) - up * math.sin(tilt))
+    rise = half * math.sin(tilt) + up * math.cos(tilt) - up
+    return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
 
 
 def falls(arch, motion, **options):
@@ -52,22 +64,24 @@ def first_collapse(collapses, low, high, step, precision=1e-4):
     return 0.5 * (below + above)
 
 
+def least(holds, low, high, precision=1e-10):
+    """Least argument at which something holds, by bisection."""
+    assert [holds(low), holds(high)] == [False, True]
+    while high - low > precision:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
 def limit_analysis(arch, sense):
-    """Largest load factor of an arch by limit analysis [g]."""
+    """Largest k for which forces at the joints' ends balance the weights and k times them [g].
+
+    A linear programme over all joint forces (static theorem).
+    """
     chain, lines = arch.chain, arch.chain.face_after.copy()
     lines[: arch.n_voussoir] += chain.centroid[:, None]
-    return largest_factor(lines, chain.mass, chain.centroid, chain.friction, sense)
-
-
-def largest_factor(lines, weight, centre, friction, sense):
-    """Largest k for which forces at the joints' ends balance the weights and k times them.
-
-    A linear programme over all joint forces (static theorem). `lines` are the joints
-    (n_joint, end, xy); `weight` and `centre` belong to the bodies, in order; a joint beyond the
-    last body is a springing.
-    """
-    n_body, n_joint = len(weight), len(lines)
-    weight = weight / weight.sum()
+    centre, friction, weight = chain.centroid, chain.friction, chain.mass / chain.mass.sum()
+    n_body, n_joint = arch.n_voussoir, arch.n_joint
     # Unknowns: normal forces at both ends of each joint, its shear, and the load factor.
     balance, load = np.zeros((3 * n_body, 3 * n_joint + 1)), np.zeros(3 * n_body)
     cone = []
@@ -79,8 +93,9 @@ def largest_factor(lines, weight, centre, friction, sense):
                 places = ((inner, normal), (outer, normal), (inner, tangent))
                 for k, (point, (x, y)) in enumerate(places):
                     arm = point - centre[body]
-                    column = sign * np.array([x, y, arm[0] * y - arm[1] * x])
-                    balance[3 * body : 3 * body + 3, 3 * j + k] = column
+                    balance[3 * body : 3 * body + 3, 3 * j + k] = (
+                        sign * x, sign * y, sign * (arm[0] * y - arm[1] * x)
+                    )  # fmt: skip
         if np.isfinite(friction[j]):
             for side in (1.0, -1.0):
                 row = np.zeros(3 * n_joint + 1)

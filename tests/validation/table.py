@@ -29,15 +29,10 @@ def read_table(path: Path = COMMITTED) -> dict[tuple[str, ...], dict[str, str]]:
         return {tuple(row[name] for name in KEY): row for row in csv.DictReader(file)}
 
 
-def file_of(row: dict[str, str]) -> str:
-    """File of the test that found a row."""
-    return row["test"].partition("::")[0]
-
-
 def write_table(path: Path, found: list[dict[str, str]]) -> None:
     """Rows of the files whose tests ran, and of the others what was there before."""
-    ran = {file_of(row) for row in found}
-    kept = [row for row in read_table(path).values() if file_of(row) not in ran]
+    ran = {row["test"].partition("::")[0] for row in found}
+    kept = [row for row in read_table(path).values() if row["test"].partition("::")[0] not in ran]
     rows = sorted(kept + found, key=lambda row: row["test"])
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
@@ -65,9 +60,8 @@ class Validated:
         A value that is known to fall short gives the reason in `short`, and has to. While a table
         is written, failures wait for the end of the test, so that all its rows are there.
         """
-        allowed = max(abs, rel * math.fabs(reference))
         ours, reference = float(ours), float(reference)
-        difference = ours - reference
+        allowed, difference = max(abs, rel * math.fabs(reference)), ours - reference
         holds = math.fabs(difference) <= allowed
         if math.fabs(difference) < 1e-8 * math.fabs(reference):
             difference = 0.0  # rounding, which is another one on another machine
@@ -87,10 +81,8 @@ class Validated:
             return
         assert not self.wrong, self.wrong[0]
         assert key in self.committed, f"{found}: no row of the table; write it anew"
-        before = self.committed[key]
-        changed = math.fabs(ours - float(before["ours"])) > max(
-            1e-4 * math.fabs(ours), 1e-3 * allowed
-        )
+        before, slack = self.committed[key], max(1e-4 * math.fabs(ours), 1e-3 * allowed)
+        changed = math.fabs(ours - float(before["ours"])) > slack
         assert not changed, f"{found}: {before['ours']} in the table; write it anew"
         same = ("reference", "tolerance", "unit", "holds", "note", "test")
         assert [before[name] for name in same] == [row[name] for name in same]
@@ -105,10 +97,8 @@ def validated(request):
     yield found
     assert not found.wrong, "\n".join(found.wrong)
     if committed is not None:
-        rows = {key for key, row in committed.items() if row["test"] == found.test}
-        assert rows <= found.seen, (
-            f"the table has rows of this test that it no longer finds: {rows - found.seen}"
-        )
+        gone = {key for key, row in committed.items() if row["test"] == found.test} - found.seen
+        assert not gone, f"the table has rows of this test that it no longer finds: {gone}"
 
 
 class Writer:

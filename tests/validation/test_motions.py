@@ -19,14 +19,14 @@ G = 9.80665
 RECORDS = Path(__file__).resolve().parents[3] / "shared" / "records"
 
 
-def sine(frequency=2.0, amplitude=3.0, duration=5.0, dt=0.001):
+def sine(amplitude, duration, dt):
+    """Of 2 Hz."""
     time = np.arange(round(duration / dt) + 1) * dt
-    return af.Motion(amplitude * np.sin(2.0 * np.pi * frequency * time), dt)
+    return af.Motion(amplitude * np.sin(4.0 * np.pi * time), dt)
 
 
 class TestMeasures:
     TOPIC = "Intensity measures and spectra"
-    SINE = "sine of 3 m/s², 2 Hz, 5 s"
 
     @pytest.mark.parametrize(
         ("name", "expected", "unit", "rel"),
@@ -38,31 +38,21 @@ class TestMeasures:
         ],
     )
     def test_sine(self, validated, name, expected, unit, rel):
-        validated(
-            self.SINE, name, measure(sine(), name), expected, "closed form", rel=rel, unit=unit
-        )
+        case, found = "sine of 3 m/s², 2 Hz, 5 s", measure(sine(3.0, 5.0, 0.001), name)
+        validated(case, name, found, expected, "closed form", rel=rel, unit=unit)
 
-    def test_duration(self, validated):
-        steady = af.Motion(np.full(1001, 2.0), 0.01)
-        validated(
-            "constant acceleration for 10 s", "D5_95", measure(steady, "D5_95"), 9.0,
-            "closed form", rel=1e-9, unit="s",
-        )  # fmt: skip
-
-    def test_oscillator(self, validated):
-        long = sine(frequency=2.0, amplitude=1.0, duration=30.0, dt=0.002)
-        validated(
-            "sine of 1 m/s², 2 Hz, 30 s", "Sa(0.5 s) at resonance",
-            spectral_acceleration(long, 0.5)[0], 10.0, "closed form: A/(2ζ)", rel=2e-3,
-            unit="m/s²",
-        )  # fmt: skip
+    def test_duration_and_oscillator(self, validated):
+        case, steady = "constant acceleration for 10 s", af.Motion(np.full(1001, 2.0), 0.01)
+        found = measure(steady, "D5_95")
+        validated(case, "D5_95", found, 9.0, "closed form", rel=1e-9, unit="s")
+        case, source = "sine of 1 m/s², 2 Hz, 30 s", "closed form: A/(2ζ)"
+        found = spectral_acceleration(sine(1.0, 30.0, 0.002), 0.5)[0]
+        validated(case, "Sa(0.5 s) at resonance", found, 10.0, source, rel=2e-3, unit="m/s²")
         step = af.Motion(np.full(300, 2.0), 0.01)
         peak = 2.0 * (1.0 + math.exp(-math.pi * 0.05 / math.sqrt(1.0 - 0.05**2)))
         for period, found in zip((0.5, 1.0), spectral_acceleration(step, [0.5, 1.0])):
-            validated(
-                "sudden 2 m/s²", f"Sa({period:g} s)", found, peak, "closed form", rel=2e-3,
-                unit="m/s²",
-            )  # fmt: skip
+            case, name = "sudden 2 m/s²", f"Sa({period:g} s)"
+            validated(case, name, found, peak, "closed form", rel=2e-3, unit="m/s²")
 
     @pytest.mark.parametrize("period", [0.2, 0.5, 1.0, 4.0])
     def test_spectrum_of_noise(self, validated, period):
@@ -96,17 +86,14 @@ class TestSelection:
     DEVIATION = (0.2360, 0.2696, 0.3111, 0.0, 0.4507, 0.5760, 0.6412, 0.6658)
 
     def test_correlation(self, validated):
-        for first, second, expected in self.FIGURE_4:
-            validated(
-                f"ln Sa({first:g} s) and ln Sa({second:.3g} s)", "correlation",
-                correlation(first, second), expected, "Baker and Jayaram 2008, figure 4",
-                abs=5e-3,
-            )  # fmt: skip
-        for period, expected in ((0.05, 0.42), (0.5, 0.75)):
-            validated(
-                f"ln Sa({period:g} s) and ln Sa(1 s)", "correlation", correlation(period, 1.0),
-                expected, "Bradley 2010, table I", abs=5e-3,
-            )  # fmt: skip
+        figure, table = "Baker and Jayaram 2008, figure 4", "Bradley 2010, table I"
+        for first, second, expected, source in (
+            *((*values, figure) for values in self.FIGURE_4),
+            (0.05, 1.0, 0.42, table), (0.5, 1.0, 0.75, table),
+        ):  # fmt: skip
+            case = f"ln Sa({first:g} s) and ln Sa({second:.3g} s)"
+            found = correlation(first, second)
+            validated(case, "correlation", found, expected, source, abs=5e-3)
 
     def test_conditional_spectrum(self, validated, monkeypatch):
         median = np.array([0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440])
@@ -116,14 +103,11 @@ class TestSelection:
         found = conditional_spectrum(near, 1.1067, 0.2, self.PERIODS)
         case, source = "given Sa(0.2 s) = 1.1067 g", "pygmm's tests (MIT)"
         for number, period in enumerate(self.PERIODS):
-            validated(
-                case, f"median Sa({period:g} s)", found.median[number], self.MEDIAN[number],
-                source, rel=1e-3, unit="g",
-            )  # fmt: skip
-            validated(
-                case, f"dispersion of Sa({period:g} s)", found.sd[number], self.DEVIATION[number],
-                source, abs=2e-4,
-            )  # fmt: skip
+            name, median, deviation = f"Sa({period:g} s)", found.median[number], found.sd[number]
+            expected = self.MEDIAN[number]
+            validated(case, f"median {name}", median, expected, source, rel=1e-3, unit="g")
+            expected = self.DEVIATION[number]
+            validated(case, f"dispersion of {name}", deviation, expected, source, abs=2e-4)
 
 
 @pytest.mark.skipif(
