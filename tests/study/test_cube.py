@@ -9,21 +9,15 @@ import xarray as xr
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.answer.cube import build_cube, write_cube
-from archfrag.study.answer.fits import fit_cube, fit_text, load_fits
+from archfrag.study.answer.fits import fit_cube, load_fits
 from archfrag.study.files import finite
 from archfrag.study.runs.outcome import COLUMNS
 from archfrag.study.runs.store import gather
 
 
 @pytest.fixture(scope="module")
-def cube_file(done):
-    return write_cube(done.study)
-
-
-@pytest.fixture
-def cube(cube_file):
-    with xr.open_dataset(cube_file) as opened:
-        yield opened
+def cube(done):
+    return xr.load_dataset(write_cube(done.study))
 
 
 class TestContent:
@@ -60,43 +54,31 @@ class TestContent:
         assert "workers" not in everything
 
 
-class TestFile:
-    def test_another_study_and_missing_runs_are_refused(self, copied):
-        path = write_cube(copied.study)
-        before = path.read_bytes()
-        other = copied.study.model_copy(update={"id": "other"})
-        with pytest.raises(OutputError) as caught:
-            write_cube(other)
-        assert str(caught.value) == (
-            f"{path}: the cube of study 'small' is in the place of study 'other'; give the "
-            "studies different output folders, or move the file"
-        )
-        assert path.read_bytes() == before
-        next(copied.plan.parts.glob("*.npy")).unlink()
-        path.unlink()
-        with pytest.raises(InputError, match="2 of 12 runs of iteration 1 are missing or damaged"):
-            write_cube(copied.study)
-        assert not path.exists()
-
-
-class TestFits:
-    def test_curves_are_stored_and_read_back_or_reported_why_there_is_none(self, copied):
-        write_cube(copied.study)
-        fits = fit_cube(copied.study).arches
-        assert set(fits) == {"ring", "slab"}
-        answers = load_fits(copied.study).arches
-        for name, fit in fits.items():
-            assert finite(answers[name].to_dict()) == finite(fit.to_dict())
-            if isinstance(fit.curve, str):
-                assert answers[name].curve == fit.curve
-                assert fit.curve in fit_text(copied.study, name, fit)
-            else:
-                assert answers[name].curve.to_dict() == fit.curve.to_dict()
-
-    @pytest.mark.parametrize(
-        "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]
+def test_another_study_and_missing_runs_are_refused(copied):
+    path = write_cube(copied.study)
+    before = path.read_bytes()
+    other = copied.study.model_copy(update={"id": "other"})
+    with pytest.raises(OutputError) as caught:
+        write_cube(other)
+    assert str(caught.value) == (
+        f"{path}: the cube of study 'small' is in the place of study 'other'; give the "
+        "studies different output folders, or move the file"
     )
-    def test_damaged_fits_are_a_message(self, copied, content):
+    assert path.read_bytes() == before
+    next(copied.plan.parts.glob("*.npy")).unlink()
+    path.unlink()
+    with pytest.raises(InputError, match="2 of 12 runs of iteration 1 are missing or damaged"):
+        write_cube(copied.study)
+    assert not path.exists()
+
+
+def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
+    write_cube(copied.study)
+    fits, answers = fit_cube(copied.study).arches, load_fits(copied.study).arches
+    assert set(fits) == {"ring", "slab"}
+    for name, fit in fits.items():
+        assert finite(answers[name].to_dict()) == finite(fit.to_dict())
+    for content in ('{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"):
         (copied.study.folder / "fits.json").write_text(content)
         with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
             load_fits(copied.study)
