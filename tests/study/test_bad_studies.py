@@ -33,6 +33,18 @@ VARY = [
     ("of: {thickness: {distribution: normal, mean: 1.5, cov: 3}}", " of 4 samples, the first is "),
     ("of: {density: {distribution: normal, mean: 2e6, cov: 0.01}}", "sample 1 (density = "),
 ]  # fmt: skip
+# What is done to the records, and a part of the message.
+STEPS = [
+    ("[bandpas]", "processing[0].bandpas is not a known key; did you mean bandpass?"),
+    ("[{bandpass: {low: 1}}]", "processing[0].bandpass.low is not a known key"),
+    ("[bandpass]", "processing[0] (bandpass): wave0: corners None and None Hz"),
+    ("[{trim: {}}]", "(trim): one of arias, threshold_g and times is needed"),
+    ("[{trim: {arias: [0.9, 0.1]}}]", "(trim): wave0: cannot cut from"),
+    ("[demean, {bandpass: {highest: 60}}]", "processing[1] (bandpass): wave0: corner"),
+    ("[{demean: {}, taper: {}}]", "processing[0] must have one of the keys demean"),
+    ("[{taper: {side: top}}]", "side = top must be"),
+    ("[response]", "has no StationXML"),
+]
 # Text of the small study (None: all of it), what stands in its place, and a part of the message.
 BAD = [
     (old, f"{key}: {value}", key)
@@ -41,6 +53,9 @@ BAD = [
 ]
 BAD += [
     ("friction: 0.7", f"friction: 0.7, vary: {{samples: 4, {vary}}}", part) for vary, part in VARY
+]
+BAD += [
+    (f"files: {FILES}", f"files: {FILES}\n  processing: {steps}", part) for steps, part in STEPS
 ]
 BAD += [
     # YAML.
@@ -68,7 +83,7 @@ BAD += [
     (f"{RING}, thickness: 1.5, ", "", "arches[0].radius, arches[0].thickness must be given"),
     (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are id, profile"),
     ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be a valid integer"),
-    ("friction: 0.7", "friction: 0.7, vary: {samples: 12, of: {friction: {UNIFORM}}}", "a power of"),
+    ("friction: 0.7", "friction: 0.7, vary: {samples: 12, of: {friction: {UNIFORM}}}", "power of"),
     ("thickness: 1.5", "thickness: 0.3", "arches[0] (ring): does not stand under its own weight"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
     ("friction: 0.7", f"friction: [{', '.join(['1'] * 3000)}]", "at most 2001"),
@@ -81,7 +96,6 @@ BAD += [
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
     (f"files: {FILES}", f"files: {FILES}\n  select: [wave]", "'wave' is not a record of the"),
-    (f"files: {FILES}", f"files: {FILES}\n  processing: [response]", "has no StationXML"),
     # Intensity.
     ("unit: g", "unit: cm/s", "intensity.unit = cm/s must be one of g, m/s2"),
     ("measure: PGA", "measure: Sa(1e9)", "must have periods from 0.01 to 20 s"),
