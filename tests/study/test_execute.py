@@ -4,7 +4,6 @@ import contextlib
 import subprocess
 import sys
 import threading
-import time
 
 import numpy as np
 import psutil
@@ -12,8 +11,8 @@ import pytest
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
-from archfrag.study.runs import CASE, execute
-from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
+from archfrag.study.runs import execute
+from archfrag.study.runs.execute import kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
 
 
@@ -34,33 +33,33 @@ def worker_processes():
     return found
 
 
-class Killer(threading.Thread):
-    """Kills workers as soon as the first part is there: one of them, or whoever comes."""
+@contextlib.contextmanager
+def killer(folder, every):
+    """Kill workers once the first part is there: one of them, or whoever comes; given are all."""
+    killed, stop = [], threading.Event()
 
-    def __init__(self, folder, every):
-        super().__init__(daemon=True)
-        self.folder, self.every, self.killed = folder, every, 0
-        self.stop = threading.Event()
-
-    def run(self):
-        while not self.stop.is_set():
-            if list(self.folder.glob("parts/*/*.npy")):
-                for process in worker_processes()[: None if self.every else 1]:
+    def kill():
+        while not stop.wait(0.05) and (every or not killed):
+            if list(folder.glob("parts/*/*.npy")):
+                for process in worker_processes()[: None if every else 1]:
                     with contextlib.suppress(psutil.NoSuchProcess):
                         process.kill()
-                        self.killed += 1
-                if self.killed and not self.every:
-                    return
-            time.sleep(0.05)
+                        killed.append(process)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    try:
+        yield killed
+    finally:
+        stop.set()
+        thread.join(10.0)
 
 
-def cleared(done, step=None):
+def cleared(study, step):
     """The same study without parts; with steps so short that there is time to kill somebody."""
-    for path in done.study.work.glob("parts/*/*.npy"):
+    for path in study.work.glob("parts/*/*.npy"):
         path.unlink()
-    method = done.study.method
-    method = method if step is None else method.model_copy(update={"dt": step})
-    return done.study.model_copy(update={"method": method})
+    return study.model_copy(update={"method": study.method.model_copy(update={"dt": step})})
 
 
 @pytest.fixture
@@ -96,46 +95,35 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     assert (log["kept"], log["workers"]) == (12, 0)
 
 
-@pytest.mark.parametrize(
-    ("method", "expected"),
-    [
-        ({"name": "time_stepping"}, ["time_stepping"]),
-        ({"name": "auto"}, ["auto"]),
-        ({"name": "auto", "rtol": 1e-5}, ["event_driven"]),
-    ],
-)
-def test_only_the_kernels_that_the_runs_need(done, method, expected):
-    arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
-    changes = {"arches": arches, "method": Method(**method)}
-    assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == expected
+def test_only_the_kernels_that_the_runs_need(done):
+    arches = done.study.arches[:1]
+    fine = Method(name="auto", rtol=1e-5)
+    for method, expected in (
+        (done.study.method, "time_stepping"), (Method(name="auto"), "auto"), (fine, "event_driven")
+    ):  # fmt: skip
+        changes = {"arches": arches, "method": method}
+        assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == [expected]
 
 
 @pytest.mark.usefixtures("_at_once")
 def test_workers_make_the_same_runs_and_one_that_is_killed_costs_nothing_but_time(copied):
-    study = cleared(copied, 1e-4)
-    killer = Killer(study.work, every=False)
-    killer.start()
-    log, _ = run_batch(study, workers=2, quiet=True)
-    killer.join(10.0)
-    assert (killer.killed, log["workers"]) == (1, 2)
+    study = cleared(copied.study, 1e-4)
+    with killer(study.work, every=False) as killed:
+        log, _ = run_batch(study, workers=2, quiet=True)
+    assert (len(killed), log["workers"]) == (1, 2)
     assert not worker_processes()
     plan = make_plan(study)
     disturbed = gather(plan)
-    cleared(copied)
-    run_batch(study, workers=1, quiet=True)
+    run_batch(cleared(study, 1e-4), workers=1, quiet=True)
     assert_same(gather(plan), disturbed)
 
 
 @pytest.mark.usefixtures("_at_once")
 def test_workers_killed_again_and_again_end_the_batch(copied):
-    study = cleared(copied, 1e-5)
-    killer = Killer(study.work, every=True)
-    killer.start()
-    try:
-        with pytest.raises(WorkerError, match="killed or ran out of memory 4 times") as caught:
-            run_batch(study, workers=2, quiet=True)
-    finally:
-        killer.stop.set()
+    study = cleared(copied.study, 1e-5)
+    killed = pytest.raises(WorkerError, match="killed or ran out of memory 4 times")
+    with killer(study.work, every=True), killed as caught:
+        run_batch(study, workers=2, quiet=True)
     assert caught.value.exit_code == 5
     parts = list(make_plan(study).parts.glob("*.npy"))
     assert 1 <= len([path for path in parts if read_part(path) is not None]) < 6
@@ -150,12 +138,3 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
         WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"
     ):
         run_batch(study, quiet=True)
-
-
-def test_chunks_are_of_one_arch_and_of_the_size_asked_for():
-    cases = np.zeros(10, CASE)
-    cases["arch"], cases["record"] = [0] * 7 + [3] * 3, np.arange(10)
-    sizes = iter([2, 4, 8, 2, 2])
-    found = list(chunks(cases, lambda: next(sizes)))
-    assert [len(each) for each in found] == [2, 4, 1, 2, 1]
-    np.testing.assert_array_equal(np.concatenate(found), cases)

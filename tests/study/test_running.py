@@ -8,17 +8,9 @@ import time
 
 import pytest
 
-from archfrag.errors import OutputError
 from archfrag.study.file.schema import load_study
 from archfrag.study.running import Stopped, only_run, stoppable
 from tests.study.small import small_study
-
-
-@pytest.fixture
-def study(tmp_path):
-    study = load_study(small_study(tmp_path))
-    study.work.mkdir(parents=True)
-    return study
 
 
 class TestStop:
@@ -69,22 +61,12 @@ def test_a_run_without_a_scheduler_does_not_load_dask(tmp_path):
     assert found.stdout.split() == ["False", "True"], found.stderr
 
 
-class TestLock:
-    def test_another_run_is_named_and_whatever_ends_it_frees_the_lock(self, study):
-        with only_run(study):
-            with pytest.raises(OutputError, match=f"process {os.getpid()} on "), only_run(study):
-                pass
-            with pytest.raises(OutputError), only_run(study):
-                pass
-        with pytest.raises(Stopped), only_run(study):
-            raise Stopped(signal.SIGTERM)
-        with only_run(study):
-            pass
+def test_a_file_system_without_locks_does_without(tmp_path, monkeypatch):
+    def none(*_):
+        raise OSError(38, "Function not implemented")
 
-    def test_a_file_system_without_locks_does_without(self, study, monkeypatch):
-        def none(*_):
-            raise OSError(38, "Function not implemented")
-
-        monkeypatch.setattr("fcntl.flock", none)
-        with only_run(study), only_run(study):
-            pass
+    study = load_study(small_study(tmp_path))
+    study.work.mkdir(parents=True)
+    monkeypatch.setattr("fcntl.flock", none)
+    with only_run(study), only_run(study):
+        pass
