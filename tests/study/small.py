@@ -56,11 +56,6 @@ def dumped(study: Study) -> str:
     return yaml.safe_dump(study.model_dump(exclude_none=True), sort_keys=False)
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    """Names and contents of all files of a folder, hidden ones too."""
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
 def files_below(folder: Path) -> dict[Path, bytes]:
     """All files below a folder with their contents."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

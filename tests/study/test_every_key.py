@@ -2,31 +2,18 @@
 
 import contextlib
 import json
-import shutil
 from pathlib import Path
 
-from click.testing import CliRunner
-
-from archfrag.cli import main
 from archfrag.errors import ArchfragError
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.steps import stale_steps
-from tests.study.small import dumped, small_study
+from tests.study.small import command, dumped, small_study
 
 TEXT = Path(__file__).with_name("every.yaml").read_text()
 HAZARD = "PGA [g],rate\n0.01,0.1\n0.1,0.01\n0.5,0.001\n2.0,0.0001\n"
 TABLE = "id,width,height,owner\none,0.4,2.0,me\ntwo,0.5,2.1,you\n"
 # Where it runs, and where results go, changes no result.
 SAME = ("output", "execution")
-
-
-def base(folder):
-    """The study of all keys, not run."""
-    path = small_study(folder, TEXT, "every.yaml")
-    (folder / "hazard.csv").write_text(HAZARD)
-    (folder / "table.csv").write_text(TABLE)
-    shutil.copyfile(folder / "table.csv", folder / "other.csv")
-    return path
 
 
 def leaves(value, here=()):
@@ -80,9 +67,12 @@ def changed(path):
 
 
 def test_each_change_is_seen(tmp_path):
-    path = base(tmp_path)
+    path = small_study(tmp_path, TEXT, "every.yaml")
+    (tmp_path / "hazard.csv").write_text(HAZARD)
+    for name in ("table.csv", "other.csv"):
+        (tmp_path / name).write_text(TABLE)
     for step in ("motions", "batch", "cube", "fit", "report"):
-        done = CliRunner().invoke(main, [step, str(path), *["--quiet"] * (step == "batch")])
+        done = command(step, path, *["--quiet"] * (step == "batch"))
         assert done.exit_code == 0, done.output
     assert stale_steps(load_study(path))[0] == []
     seen = set()

@@ -13,8 +13,6 @@ from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
 from tests.study.small import TEXT, command, files_below, make_runs, small_study, write_at2
 
-INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
-
 
 def prepared(folder, text=TEXT):
     """A study whose motions are prepared."""
@@ -23,11 +21,6 @@ def prepared(folder, text=TEXT):
     finish(study, "motions")
     assert stale_steps(study)[0][0] == "batch-0of1"
     return study
-
-
-def older(path):
-    """Give a file a date before all others, as unpacking an archive does."""
-    os.utime(path, (1.0e9, 1.0e9))
 
 
 def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_path):
@@ -39,10 +32,11 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
 
     def changed_by(*changes):
         for path, content in changes:
-            content = content.encode() if isinstance(content, str) else content
-            path.unlink() if content is None else path.write_bytes(content)
-            if content is not None:
-                older(path)
+            if content is None:
+                path.unlink()
+            else:  # with a date before all others, as unpacking an archive gives
+                path.write_bytes(content)
+                os.utime(path, (1.0e9, 1.0e9))
         stale, changed = stale_steps(study)
         assert (stale[0] == "motions") == bool(changed)
         return [line.partition(" (sha256 ")[0] for line in changed]
@@ -57,34 +51,31 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
     assert exchanged == [f"record {path} has changed" for path in (one, two)]
     assert changed_by(*contents.items()) == []
     for path, kind in ((index, "index"), (tmp_path / "index.csv", "index"), (own, "inventory")):
-        assert changed_by((path, "id,file\n")) == [f"{kind} {path} is new"]
+        assert changed_by((path, b"id,file\n")) == [f"{kind} {path} is new"]
         assert changed_by((path, None)) == []
     inventory = tmp_path / "stations.xml"
-    assert changed_by((inventory, "<two/>")) == [f"inventory {inventory} has changed"]
+    assert changed_by((inventory, b"<two/>")) == [f"inventory {inventory} has changed"]
     with pytest.raises(RecordError, match=r"stations\.xml: there is no such file"):
         changed_by((inventory, None))
 
 
 def test_the_unit_in_the_index(tmp_path):
-    path = small_study(
-        tmp_path, TEXT.replace('files: ["records/*.AT2"]', "index: records/index.csv")
-    )
-    index = tmp_path / "records" / "index.csv"
+    text = TEXT.replace('files: ["records/*.AT2"]', "index: records/index.csv")
+    path, factors = small_study(tmp_path, text), []
     trace = Trace(np.sin(np.arange(150.0)), {"delta": 0.01, "channel": "HNE"})
     trace.write(str(tmp_path / "records" / "wave0.mseed"), format="MSEED")
-    index.write_text(INDEX)
-    first = prepare_motions(load_study(path))[0].factor
-    index.write_text(INDEX.replace("m/s2", "cm/s2"))
-    assert prepare_motions(load_study(path))[0].factor == pytest.approx(100 * first)
+    for unit in ("m/s2", "cm/s2"):
+        index = f"id,file,unit\nwave0,wave0.mseed,{unit}\n"
+        (tmp_path / "records" / "index.csv").write_text(index)
+        factors.append(prepare_motions(load_study(path))[0].factor)
+    assert factors[1] == pytest.approx(100 * factors[0])
 
 
 def test_what_only_the_cube_states_is_noticed(tmp_path):
     """Another name of the same unit; a column of a table that gives what is the default."""
     table = tmp_path / "table.csv"
     table.write_text("id,width,depth\none,0.4,1.0\n")
-    many = (
-        "  - {id: many, table: table.csv, profile: block, height: 2.0, friction: .inf}\nmotions:"
-    )
+    many = "  - {id: many, table: table.csv, profile: block, height: 2, friction: .inf}\nmotions:"
     text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
     study = prepared(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
     for step in ("batch-0of1", "cube"):
@@ -122,16 +113,15 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
 
 def test_two_stored_motions_swapped_by_hand(copied):
     one, two = (copied.study.work / record.file for record in load_prepared(copied.study))
-    content = one.read_bytes()
-    one.write_bytes(two.read_bytes())
-    two.write_bytes(content)
-    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
-    with pytest.raises(InputError) as caught:
-        make_plan(copied.study)
-    assert str(caught.value).startswith(message)
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
+    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
     assert changed[0].startswith(message)
+    with pytest.raises(InputError, match="missing, changed or damaged"):
+        make_plan(copied.study)
     with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])
     prepare_motions(copied.study)
@@ -147,9 +137,8 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0][0] == "batch-0of1"
     monkeypatch.setattr("archfrag.study.runs.store.kernel_hash", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
-    other = study.model_copy(
-        update={"intensity": study.intensity.model_copy(update={"levels": (0.1, 0.2)})}
-    )
+    levels = study.intensity.model_copy(update={"levels": (0.1, 0.2)})
+    other = study.model_copy(update={"intensity": levels})
     stale, (changed,) = stale_steps(other)
     assert stale[0] == "batch-0of1"
     assert changed.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")
