@@ -1,12 +1,10 @@
 """The lognormal curve, its band, and the parts of its dispersion in a class."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from archfrag.fragility.curve import Fragility, split_capacities, split_curves
+from archfrag.fragility.curve import split_capacities, split_curves
 from archfrag.fragility.fit import fit_stripes
 
 STRIPES = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
@@ -26,12 +24,6 @@ def test_delta_method_is_that_of_the_numerical_derivative():
     for interval, error in zip((STRIPES.theta_interval(), STRIPES.beta_interval()), errors):
         low, high = np.log(interval)
         assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
-
-
-def test_json_round_trip():
-    copy = Fragility.from_dict(json.loads(json.dumps(STRIPES.to_dict())))
-    assert copy == STRIPES
-    assert np.array_equal(copy.covariance, STRIPES.covariance)
 
 
 MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1

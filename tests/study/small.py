@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import netCDF4
 import numpy as np
@@ -61,9 +61,22 @@ def files_below(folder: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def make_runs(study: Study) -> dict:
-    """Make all runs that are missing, in this process."""
-    return run_batch(study, workers=1, quiet=True)[0]
+def changed(study: Study, section: str, **keys: Any) -> Study:
+    """The study with other values of some keys of a section."""
+    other = getattr(study, section).model_copy(update=keys)
+    return study.model_copy(update={section: other})
+
+
+def make_runs(study: Study, quiet: bool = True) -> dict:
+    """Make all runs that are missing, in this process; the entry of the log."""
+    return run_batch(study, workers=1, quiet=quiet)[0]
+
+
+def cube_of(study: Study, quiet: bool = True) -> tuple[dict, xr.Dataset]:
+    """Make a study up to its cube: the entry of the log, and the cube."""
+    prepare_motions(study)
+    log = make_runs(study, quiet)
+    return log, xr.load_dataset(write_cube(study))
 
 
 class Made(NamedTuple):
@@ -78,10 +91,7 @@ class Made(NamedTuple):
 def made(path: Path) -> Made:
     """Make a study up to its curves, in this process."""
     study = load_study(path)
-    prepare_motions(study)
-    log = make_runs(study)
-    cube = xr.load_dataset(write_cube(study))
-    return Made(study, log, cube, fitted(study))
+    return Made(study, *cube_of(study), fitted(study))
 
 
 def fitted(study: Study) -> dict:

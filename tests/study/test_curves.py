@@ -43,27 +43,18 @@ def all_survive(cube):
     cube["verdict"][:] = Verdict.STANDING
 
 
-UNITS = f"""\
-id: units
-title: Units
-output: out-{{measure}}
-arches:
-  - {{{{id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
-     friction: 0.7}}}}
-motions:
-  index: {ROOT / "records" / "index.csv"}
+SHIPPED = f"""index: {ROOT / "records" / "index.csv"}
   select: [syn-m55-r005, syn-m55-r030, syn-m60-r020, syn-m65-r005, syn-m65-r050, syn-m70-r020,
-    syn-m75-r010, syn-m75-r060]
-intensity: {{{{measure: {{measure}}, unit: {{unit}}, levels: {{levels}}}}}}
-method: {{{{name: time_stepping, dt: 2.0e-3, follow: 2.0}}}}
-"""
+    syn-m75-r010, syn-m75-r060]"""
 
 
 def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
     def written(measure, unit, *levels):
-        path = tmp_path / f"{measure}.yaml"
-        path.write_text(UNITS.format(measure=measure, unit=unit, levels=list(levels)))
-        return path
+        text = TEXT.replace("output: out", f"output: {measure}").replace(
+            "unit: g", f"unit: {unit}"
+        )
+        text = text.replace("[0.1, 0.6, 1.2]", str([*levels])).replace("PGA", measure)
+        return small_study(tmp_path, text.replace('files: ["records/*.AT2"]', SHIPPED))
 
     def states(fits):
         """Curve of each limit state that has one."""

@@ -35,22 +35,6 @@ def bracketed(seen):
     return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
-def test_designs_are_answered_each_with_its_own_verdicts():
-    def design(arch, lengths):
-        grid, seen = Grid(arch, np.arange(1), LEVELS, np.ones(1), 1.0, np.empty((1, 0))), []
-        for length in lengths:
-            seen.append((yield grid.cases([0] * length, range(length))).tolist())
-        return {"seen": seen}
-
-    answers = iter([[1, 2, 3, 0, 1], [2]])
-    requests = {0: design(0, [2, 0, 1]), 1: design(1, []), 5: design(5, [3])}
-    cases, notes = ask(requests, lambda _: np.array(next(answers), np.int8))
-    assert cases["arch"].tolist() == [0, 0, 5, 5, 5, 0]
-    assert notes == {
-        1: {"seen": []}, 5: {"seen": [[3, 0, 1]]}, 0: {"seen": [[1, 2], [], [2]]}
-    }  # fmt: skip
-
-
 class TestIda:
     @pytest.mark.parametrize("n_level", [1, 2, 3, 15])
     def test_brackets_end_at_the_borders_or_at_failures_beside_them(self, n_level):

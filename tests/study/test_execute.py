@@ -14,6 +14,7 @@ from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute
 from archfrag.study.runs.execute import kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
+from tests.study.small import changed
 
 
 def assert_same(results, expected):
@@ -59,7 +60,7 @@ def cleared(study, step):
     """The same study without parts; with steps so short that there is time to kill somebody."""
     for path in study.work.glob("parts/*/*.npy"):
         path.unlink()
-    return study.model_copy(update={"method": study.method.model_copy(update={"dt": step})})
+    return changed(study, "method", dt=step)
 
 
 @pytest.fixture
@@ -132,9 +133,6 @@ def test_workers_killed_again_and_again_end_the_batch(copied):
 def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
     monkeypatch.setattr(execute, "ANSWER_WITHIN", 0.5)
     next(copied.plan.parts.glob("*.npy")).unlink()
-    execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
-    study = copied.study.model_copy(update={"execution": execution})
-    with pytest.raises(
-        WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"
-    ):
+    study = changed(copied.study, "execution", scheduler="tcp://127.0.0.1:1")
+    with pytest.raises(WorkerError, match="execution.scheduler: tcp://127.0.0.1:1 cannot be used"):
         run_batch(study, quiet=True)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.files import WORK, replacing, sweep, temporary_prefix, write_csv
+from archfrag.files import replacing, sweep, temporary_prefix, write_csv
 from archfrag.motions.index import load_index, write_index
 from archfrag.study.files import write_text
 from tests.study.small import command, files_below, write_at2
@@ -58,17 +58,6 @@ def test_sweeping_removes_what_a_killed_process_left_and_nothing_else(tmp_path):
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert found == set(kept)
     assert (tmp_path / "parts").is_dir()
-
-
-def test_a_temporary_file_lives_in_the_hidden_folder_of_the_results(tmp_path):
-    for name in ("out", "elsewhere"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "out" / WORK).mkdir()
-    (tmp_path / "elsewhere" / WORK).symlink_to(tmp_path / "out")
-    for name, place in (("out", tmp_path / "out" / WORK), ("elsewhere", tmp_path / "elsewhere")):
-        with replacing(tmp_path / name / "cube.nc") as temporary:
-            assert temporary.parent == place
-        assert (tmp_path / name / "cube.nc").is_file()
 
 
 def test_files_follow_the_umask(tmp_path):

@@ -4,14 +4,21 @@ import os
 
 import numpy as np
 import pytest
-from obspy import Trace
 
 from archfrag.errors import InputError, RecordError
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
-from tests.study.small import TEXT, command, files_below, make_runs, small_study, write_at2
+from tests.study.small import (
+    TEXT,
+    changed,
+    command,
+    files_below,
+    make_runs,
+    small_study,
+    write_at2,
+)
 
 
 def prepared(folder, text=TEXT):
@@ -57,18 +64,6 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
     assert changed_by((inventory, b"<two/>")) == [f"inventory {inventory} has changed"]
     with pytest.raises(RecordError, match=r"stations\.xml: there is no such file"):
         changed_by((inventory, None))
-
-
-def test_the_unit_in_the_index(tmp_path):
-    text = TEXT.replace('files: ["records/*.AT2"]', "index: records/index.csv")
-    path, factors = small_study(tmp_path, text), []
-    trace = Trace(np.sin(np.arange(150.0)), {"delta": 0.01, "channel": "HNE"})
-    trace.write(str(tmp_path / "records" / "wave0.mseed"), format="MSEED")
-    for unit in ("m/s2", "cm/s2"):
-        index = f"id,file,unit\nwave0,wave0.mseed,{unit}\n"
-        (tmp_path / "records" / "index.csv").write_text(index)
-        factors.append(prepare_motions(load_study(path))[0].factor)
-    assert factors[1] == pytest.approx(100 * factors[0])
 
 
 def test_what_only_the_cube_states_is_noticed(tmp_path):
@@ -137,8 +132,6 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0][0] == "batch-0of1"
     monkeypatch.setattr("archfrag.study.runs.store.kernel_hash", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
-    levels = study.intensity.model_copy(update={"levels": (0.1, 0.2)})
-    other = study.model_copy(update={"intensity": levels})
-    stale, (changed,) = stale_steps(other)
+    stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
     assert stale[0] == "batch-0of1"
-    assert changed.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")
+    assert why.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")

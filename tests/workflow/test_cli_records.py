@@ -179,13 +179,6 @@ class TestConvert:
         other = at2.rename(tmp_path / "record.dat")
         assert "has it from elsewhere" in refused("convert", other, "--out", out)
 
-    def test_what_is_accepted_is_in_the_index(self, at2, tmp_path):
-        at2.write_text(at2_text(30.0 * wave()))
-        assert "peak of channel 180" in refused("convert", at2, "--out", tmp_path / "o")
-        done("convert", at2, "--accept", "pga", "--out", tmp_path / "o")
-        (entry,) = load_index(tmp_path / "o")
-        assert load_motion(entry).metadata["accepted"]
-
 
 def test_fetch_continues_and_its_exit_code_tells_what_may_pass(monkeypatch, tmp_path):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
