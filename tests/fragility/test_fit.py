@@ -15,13 +15,7 @@ from archfrag.fragility.probit import inverse_mills, log_between
 
 STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
-# fmt: off
-CAPACITIES = np.array([
-    0.49, 0.62, 0.63, 0.63, 0.65, 0.70, 0.71, 0.72, 0.77, 0.79, 0.80, 0.84, 0.91, 0.92, 0.93,
-    0.97, 1.04, 1.04, 1.05, 1.08, 1.08, 1.09, 1.12, 1.13, 1.22, 1.32, 1.33, 1.34, 1.40, 1.40,
-    1.47, 1.72, 1.76, 2.15, 2.31, 2.42, 2.50,
-])
-# fmt: on
+CAPACITIES = np.exp(np.random.default_rng(3).normal(0.05, 0.4, 37))
 INF = np.inf
 SEARCH = {"method": "Nelder-Mead", "options": {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 4000}}
 

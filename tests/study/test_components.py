@@ -1,4 +1,4 @@
-"""Components of a study's records: verticals, pairs, and what is done to them."""
+"""Records of a study: found, read, scaled and stored; their verticals, pairs and processing."""
 
 import json
 import shutil
@@ -6,17 +6,22 @@ import shutil
 import numpy as np
 import pytest
 
-from archfrag.errors import RecordError
+from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
 from archfrag.study.checks import check_study, uncorrected
-from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
+from archfrag.study.files import sha256_of
+from archfrag.study.runs import CASE
+from archfrag.study.runs.store import make_plan
 from tests.motions.helpers import at2_text, wave
 from tests.motions.samples import geonet_text
-from tests.study.small import TEXT, cube_of, small_study
+from tests.study.small import ROOT, TEXT, cube_of, small_study, write_at2
 
 G = 9.80665
 FILES = 'files: ["records/*.AT2"]'
+INDEX = ROOT / "records" / "index.csv"
 CODES = {"000": ("Q-ELC000.AT2", 1.5), "090": ("Q-ELC090.AT2", 2.5), "UP": ("Q-ELC-UP.AT2", 4.0)}
 
 
@@ -147,3 +152,97 @@ def test_the_cube_states_processing_and_verticals(tmp_path):
     assert cube["record_vertical"].values.tolist() == [1]
     steps = json.loads(cube.attrs["archfrag_processing"])
     assert steps == [{"step": "demean", "settings": {}}]
+
+
+@pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
+@pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
+def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
+    text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
+    unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
+    text = text.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
+    study = load_study(small_study(tmp_path, text))
+    prepare_motions(study)
+    plan = make_plan(study)
+    for number, record in enumerate(plan.records):
+        motion, cases = load_record(study.work, record), np.zeros(len(plan.levels), CASE)
+        cases["record"], cases["level"] = number, plan.levels
+        assert record.dt == motion.dt == pytest.approx(0.01 if steps == "[]" else 0.005)
+        reached = [measure(motion.scaled(factor), name) for factor in plan.factors(cases)]
+        np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
+
+
+def test_prepared_records_are_found_again_with_their_origin(tmp_path):
+    study = study_with(tmp_path, FILES)
+    with pytest.raises(InputError, match=r"motions\.json: the motions are not prepared yet"):
+        load_prepared(study)
+    prepared = prepare_motions(study)
+    assert load_prepared(study) == prepared
+    assert [record.id for record in prepared] == ["wave0", "wave1"]
+    digest = sha256_of(tmp_path / "records" / "wave1.AT2")
+    assert (prepared[1].source, prepared[1].sha256) == ("wave1.AT2", digest)
+    motion = load_record(study.work, prepared[1])
+    assert (motion.id, motion.dt, motion.metadata["file_sha256"]) == ("wave1", 0.01, digest)
+    assert load_prepared(load_study(small_study(tmp_path), ["intensity.levels=[0.2]"]))
+    other = load_study(small_study(tmp_path), ["intensity.measure=Sa(0.5)"])
+    with pytest.raises(InputError, match="was made for other records or another measure"):
+        load_prepared(other)
+    (study.work / "motions.json").write_text("{")
+    with pytest.raises(InputError, match=r"motions\.json: is damaged"):
+        load_prepared(study)
+
+
+def test_shipped_records_are_selected_in_the_order_asked_for(tmp_path):
+    study = study_with(tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]")
+    prepared = prepare_motions(study)
+    found = [(record.id, record.magnitude, record.distance) for record in prepared]
+    assert found == [("syn-m70-r020", 7.0, 20.0), ("syn-m55-r010", 5.5, 10.0)]
+
+
+def write(folder, *names):
+    for path in (folder / name for name in names):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_at2(path, np.sin(np.arange(50.0)), 0.01)
+
+
+def ids(study):
+    return [record.id for record in prepare_motions(study)]
+
+
+def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
+    """Wherever the study lies."""
+    motions = 'files: ["records/*.AT2", "more/**/*.AT2", "H.AT2"]'
+    for place in ("here", "there/again"):
+        study = study_with(tmp_path / place, motions)
+        more = [f"more/{name}.AT2" for name in ("wave1", "H", "1/H", "b/1/H", "other")]
+        write(tmp_path / place, "H.AT2", *more)
+        distinct = "H more+1+H more+H more+b+1+H more+wave1 other records+wave1 wave0"
+        assert sorted(ids(study)) == distinct.split()
+
+
+def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
+    both = study_with(tmp_path, 'files: ["records/*.AT2", "records/*.at2"]')
+    assert ids(both) == ["wave0", "wave1"]
+    study = study_with(tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]')
+    with pytest.raises(StudyError, match=r"motions\.files\[1\]: an entry before it matches .*1"):
+        prepare_motions(study)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("*[!t]", "ARL360 nis090"), ("*.AT2", "ARL360 nis090"), ("ARL[2-4]60.At2", "ARL360"),
+        ("a[r]L*", "ARL360"), ("[!a-fx-z]*.AT2", "nis090"), ("?RL360.aT2", "ARL360"),
+    ],
+)  # fmt: skip
+def test_patterns_match_in_any_case(tmp_path, pattern, found):
+    study = study_with(tmp_path, f'files: ["data [1]/{pattern}"]')
+    names = "ARL360.at2", "C.txt", "nis090.AT2", "nis090.XML", "index.csv"
+    write(tmp_path / "data [1]", *names)
+    assert ids(study) == found.split()
+
+
+def test_two_records_of_one_id_are_refused(tmp_path):
+    name = "syn-m55-r010"
+    write(tmp_path / "records", f"{name}.AT2")
+    with pytest.raises(RecordError, match=rf"\.AT2: the record id '{name}' already belongs to"):
+        prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))

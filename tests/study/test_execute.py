@@ -1,9 +1,12 @@
-"""Batches here and in worker processes: the same results, losses survived or reported."""
+"""Batches here and in worker processes: the same results, losses and signals survived."""
 
 import contextlib
+import os
+import signal
 import subprocess
 import sys
 import threading
+import time
 
 import numpy as np
 import psutil
@@ -11,6 +14,7 @@ import pytest
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
+from archfrag.study.running import Stopped, only_run, stoppable
 from archfrag.study.runs import execute
 from archfrag.study.runs.execute import kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
@@ -134,5 +138,62 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
     monkeypatch.setattr(execute, "ANSWER_WITHIN", 0.5)
     next(copied.plan.parts.glob("*.npy")).unlink()
     study = changed(copied.study, "execution", scheduler="tcp://127.0.0.1:1")
-    with pytest.raises(WorkerError, match="execution.scheduler: tcp://127.0.0.1:1 cannot be used"):
+    with pytest.raises(WorkerError, match=r"execution.scheduler: tcp://.*cannot be used"):
         run_batch(study, quiet=True)
+
+
+class TestStop:
+    def test_the_first_signal_raises_and_the_others_are_ignored(self):
+        before = signal.getsignal(signal.SIGTERM)
+
+        def be_stopped_thrice():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(5.0)
+            finally:
+                os.kill(os.getpid(), signal.SIGINT)
+                os.kill(os.getpid(), signal.SIGTERM)
+
+        with pytest.raises(Stopped, match="stopped by SIGTERM"), stoppable():
+            be_stopped_thrice()
+        assert signal.getsignal(signal.SIGTERM) == before
+
+    def test_code_that_does_not_return_is_ended(self):
+        """A hash of many rounds stands for a compiler."""
+        code = (
+            "import hashlib; from archfrag.study import running; running.GRACE = 0.5\n"
+            "with running.stoppable():\n"
+            "    print('ready', flush=True)\n"
+            "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
+        )
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)  # until the hash has begun
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5.0) == 128 + signal.SIGTERM
+        process.communicate()
+
+
+def test_a_run_without_a_scheduler_does_not_load_dask(tmp_path):
+    """Afterwards it can be imported; where xarray is loaded already, nothing is hidden from it."""
+    code = (
+        "import sys; from archfrag.study.running import without_dask\n"
+        "for _ in range(2):\n"
+        "    with without_dask():\n"
+        "        import xarray; xarray.Dataset({'a': ('x', [1.0])}).to_netcdf(sys.argv[1])\n"
+        "    print('dask' in sys.modules)\n"
+        "    import dask.base\n"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "a.nc"], capture_output=True, text=True
+    )
+    assert found.stdout.split() == ["False", "True"], found.stderr
+
+
+def test_a_file_system_without_locks_does_without(copied, monkeypatch):
+    def none(*_):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with only_run(copied.study), only_run(copied.study):
+        pass

@@ -9,8 +9,8 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 CLIENTS = ("sbatch", "sinfo", "squeue", "scancel", "srun")
 DAEMONS = {  # in the order in which they need each other, each with its options
@@ -30,8 +30,7 @@ def why_not() -> str:
     return f"not installed: {', '.join(missing)}" if missing else ""
 
 
-@dataclass(frozen=True)
-class Slurm:
+class Slurm(NamedTuple):
     """A cluster that is up."""
 
     folder: Path
@@ -39,14 +38,12 @@ class Slurm:
 
     def ask(self, *command: str) -> str:
         """Standard output of a client."""
-        done = subprocess.run(
-            command, env=self.environment, capture_output=True, text=True, timeout=30
-        )
-        return done.stdout.strip()
+        given = {"capture_output": True, "text": True, "timeout": 30}
+        return subprocess.run(command, env=self.environment, **given).stdout.strip()
 
 
 @contextlib.contextmanager
-def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
+def local_slurm() -> Iterator[Slurm]:
     """Start the daemons, and end them and all jobs with the block."""
     # Sockets' paths must be short: no temporary folder of pytest's.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
@@ -54,7 +51,7 @@ def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
     slurm = Slurm(folder, {**os.environ, "PATH": path, "SLURM_CONF": f"{folder}/slurm.conf"})
     started: list[subprocess.Popen] = []
     try:
-        _write_files(folder, cores, memory)
+        _write_files(folder)
         for name, options in DAEMONS.items():
             command = [str(shutil.which(name, path=_PATH)), *options.format(folder).split()]
             none = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
@@ -75,7 +72,7 @@ def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _write_files(folder: Path, cores: int, memory: int) -> None:
+def _write_files(folder: Path) -> None:
     folder.chmod(0o755)
     for name in ("state", "spool"):
         (folder / name).mkdir()
@@ -87,7 +84,7 @@ def _write_files(folder: Path, cores: int, memory: int) -> None:
         controller, node = (each.getsockname()[1] for each in (one, two))
     configuration = Path(__file__).with_name("slurm.conf").read_text().format(
         folder=folder, host=socket.gethostname().split(".")[0], user=getpass.getuser(),
-        controller=controller, node=node, cores=cores, memory=memory,
+        controller=controller, node=node, cores=4, memory=8000,
     )  # fmt: skip
     (folder / "slurm.conf").write_text(configuration)
     # Snakemake's plugin starts `srun` without any SLURM_CONF.
@@ -103,9 +100,7 @@ def _wait_until_ready(slurm: Slurm, process: subprocess.Popen, name: str) -> Non
         "slurmd": lambda: slurm.ask("sinfo", "--noheader", "--format=%t") == "idle",
     }[name]
     if not wait(lambda: process.poll() is not None or ready(), 20.0) or not ready():
-        log = slurm.folder / f"{name}.log"
-        output = log.read_text(errors="replace")[-3000:] if log.is_file() else "nothing"
-        raise RuntimeError(f"{name} does not come up; its output: {output}")
+        raise RuntimeError(f"{name} does not come up: see {slurm.folder / name}.log")
 
 
 def wait(condition, seconds: float) -> bool:
