@@ -1,4 +1,4 @@
-"""Maximum likelihood: a search, invariances, and what cannot be; published data: validation."""
+"""Curves by maximum likelihood, their bands, and the parts of the dispersion in a class."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from scipy.stats import binom, norm
 from sklearn.linear_model import LogisticRegression
 
 from archfrag.errors import FitError
+from archfrag.fragility.curve import split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
-from archfrag.fragility.probit import inverse_mills, log_between
 
 STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
@@ -97,14 +97,6 @@ def test_any_counts_give_a_curve_or_a_fit_error(levels):
     assert np.all(np.linalg.eigvalsh(fit.covariance) >= 0.0)
 
 
-def test_tails_of_likelihoods():
-    ratio = inverse_mills(np.array([-40.0, 0.0, 40.0]))
-    assert ratio == pytest.approx([40.0249688, 0.7978845608, 0.0], rel=1e-8)
-    low, high = np.array([-INF, 30.0, 1.0, -2.0]), np.array([0.0, INF, 1.0, 2.0])
-    expected = [np.log(0.5), norm.logsf(30.0), -INF, np.log(norm.cdf(2.0) - norm.cdf(-2.0))]
-    assert log_between(low, high) == pytest.approx(expected, rel=1e-12)
-
-
 class TestClouds:
     def test_logistic_line_is_that_of_scikit_learn(self):
         generator = np.random.default_rng(2)
@@ -129,3 +121,58 @@ class TestClouds:
         both = fit_cloud(*given), fit_cloud(*given, event.astype(str))
         widths = [np.log(c["theta_interval"][1] / c["theta_interval"][0]) for c in both]
         assert widths[1] > 1.5 * widths[0]
+
+
+CURVE = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
+
+
+def test_delta_method_is_that_of_the_numerical_derivative():
+    def z(ln_theta, beta):
+        return (np.log(0.5) - ln_theta) / beta
+
+    a, b, h = np.log(CURVE.theta), CURVE.beta, 1e-6
+    slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
+    reach = norm.ppf(0.975) * np.sqrt(slope @ CURVE.covariance @ slope)
+    lower, upper = CURVE.band([0.5, 0.0], confidence=0.95)
+    assert norm.ppf([lower[0], upper[0]]) == pytest.approx([z(a, b) - reach, z(a, b) + reach])
+    assert (lower[1], upper[1]) == (0.0, 0.0)
+    errors = CURVE.standard_errors / [1.0, b]
+    for interval, error in zip((CURVE.theta_interval(), CURVE.beta_interval()), errors):
+        low, high = np.log(interval)
+        assert 0.5 * (high - low) == pytest.approx(1.6448536 * error, rel=1e-6)
+
+
+MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1
+SHAPE, STUDIES = (12, 20), 400
+
+
+def test_known_parts_of_capacities_come_back_and_a_negative_part_is_zero():
+    """Mean of squares over 400 studies: standard error of each beta about 1 %."""
+    generator, squares = np.random.default_rng(1), []
+    for _ in range(STUDIES):
+        record = generator.normal(0.0, RECORD, (1, 20))
+        logs = generator.normal(0.0, MODEL, (12, 1)) + record
+        capacity = np.exp(logs + generator.normal(0.0, INTERACTION, SHAPE))
+        squares.append(np.square(split_capacities(capacity)))
+    truth = [np.hypot(RECORD, INTERACTION), MODEL]
+    assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx(truth, rel=0.04)
+    logs = np.random.default_rng(7).normal(size=(1, 30)) * np.ones((5, 1))
+    noise = np.random.default_rng(8).normal(0.0, 0.3, (5, 30))
+    noise -= noise.mean(axis=1, keepdims=True)
+    assert split_capacities(np.exp(logs + noise))[1] == 0.0
+
+
+def test_sampling_error_of_curves_is_removed():
+    generator, squares = np.random.default_rng(9), []
+    for _ in range(STUDIES):
+        logs = generator.normal(0.0, RECORD, SHAPE) + generator.normal(0.0, MODEL, (12, 1))
+        beta, theta = logs.std(axis=1, ddof=1), np.exp(logs.mean(axis=1))
+        squares.append(np.square(split_curves(theta, beta, beta / np.sqrt(20))))
+    assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx([RECORD, MODEL], rel=0.05)
+
+
+def test_shared_records_have_their_error_in_common():
+    given = np.exp([0.0, 0.2, 0.4]), np.full(3, 0.4), np.full(3, 0.1)
+    own, shared = (split_curves(*given, shared=s) for s in (0.0, 0.75))
+    assert own[1] ** 2 == pytest.approx(0.04 - 0.01)
+    assert shared[1] ** 2 == pytest.approx(0.04 - 0.0025)

@@ -54,17 +54,12 @@ STEPS = [
 ]
 # Text of the small study (None: all of it), what stands in its place, and a part of the message.
 BAD = [
-    (old, f"{key}: {value}", key)
-    for key, old in (("radius", RING), ("dt", "dt: 2.0e-3"))
-    for value in ("abc", ".nan", ".inf", "-1", "1e300", "[1]", "{a: 1}", "'1'", "'1:30'")
-]
-BAD += [
-    ("friction: 0.7", f"friction: 0.7, vary: {{samples: 4, {vary}}}", part) for vary, part in VARY
-]
-BAD += [
-    (f"files: {FILES}", f"files: {FILES}\n  processing: {steps}", part) for steps, part in STEPS
-]
-BAD += [
+    *((old, f"{key}: {value}", key) for key, old in (("radius", RING), ("dt", "dt: 2.0e-3"))
+      for value in ("abc", ".nan", ".inf", "-1", "1e300", "[1]", "{a: 1}", "'1'", "'1:30'")),
+    *(("friction: 0.7", f"friction: 0.7, vary: {{samples: 4, {vary}}}", part)
+      for vary, part in VARY),
+    *((f"files: {FILES}", f"files: {FILES}\n  processing: {steps}", part)
+      for steps, part in STEPS),
     # YAML.
     ("title: A small study", "title: !!int abc", "is not valid YAML"),
     ("title: A small study", "title: !!python/object/apply:os.system [ls]", "line 2: could not"),
@@ -222,12 +217,10 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
     ("override", "part"),
     [
         ("arches.²=z", "no such place; a list is counted from 0"),
-        (f"arches.{'9' * 5000}=z", "no such place"),
         ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),
         (f"title={'[' * 3000}", "--set title: is not valid YAML"),
-        ("output=~nosuchuser/x", "of a user who does not exist"),
     ],
 )
 def test_bad_override_is_refused(folder, override, part):
@@ -244,13 +237,12 @@ PLAIN = (
 )  # fmt: skip
 
 
-def places(value, here=()):
-    """Keys and indices of all that is inside a value."""
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, inner in items:
-        yield (*here, key)
+def places(value):
+    """All mappings and lists inside a value, each with each of its keys or indices."""
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        yield value, key
         if isinstance(inner, dict | list):
-            yield from places(inner, (*here, key))
+            yield from places(inner)
 
 
 def value(draw):
@@ -266,10 +258,7 @@ def spoilt(draw):
     for _ in range(draw.randint(1, 3)):
         if not (found := list(places(study))):
             break
-        *outer, last = draw.choice(found)
-        parent = study
-        for key in outer:
-            parent = parent[key]
+        parent, last = draw.choice(found)
         what = draw.choice(["replace", "replace", "replace", "drop", "repeat", "rename"])
         if what == "replace":
             parent[last] = value(draw)
@@ -284,8 +273,8 @@ def spoilt(draw):
     return yaml.safe_dump(study, allow_unicode=True).encode("utf-8", "surrogatepass")
 
 
-def run(folder, count):
-    """Check so many studies spoilt at random, with little more memory to take than what is loaded now."""
+def check_spoilt(folder, count):
+    """Check so many studies spoilt at random, with little more memory than what is loaded now."""
     small_study(folder)
     check(folder, TEXT.encode())  # loads what any other will need
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -311,4 +300,4 @@ def test_spoilt_studies_are_answered_within_5_seconds_and_500_megabytes(tmp_path
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), int(sys.argv[2]))
+    check_spoilt(Path(sys.argv[1]), int(sys.argv[2]))

@@ -12,7 +12,6 @@ from archfrag.errors import InputError
 from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
-from archfrag.study.runs import CASE
 from archfrag.study.runs.store import (
     DECIDING,
     KEY,
@@ -63,11 +62,6 @@ class TestPlan:
         decides |= {path for name in KERNEL_FOLDERS for path in (PACKAGE / name).rglob("*.py")}
         left = {str(path.relative_to(PACKAGE)) for path in passed - decides}
         assert not [name for name in left if not name.startswith(elsewhere)]
-
-    def test_keys_of_a_thousand_factors_all_differ(self, done):
-        cases = np.zeros(1000, CASE)
-        cases["level"] = 1.0 + np.arange(1000) * 4 * np.finfo(float).eps
-        assert len({key.tobytes() for key in done.plan.keys(cases)}) == 1000
 
 
 class TestParts:

@@ -176,14 +176,11 @@ class TestSteps:
         }  # fmt: skip
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
 
-    @pytest.mark.parametrize(
-        ("error", "message"),
-        [
-            (OSError(13, "Permission denied", "a/b"), "a/b: Permission denied"),
-            (OSError(28, "No space left on device"), "No space left on device"),
-            (MemoryError(), "the memory of this machine does not suffice"),
-        ],
-    )
+    DENIED = OSError(13, "Permission denied", "a/b"), "a/b: Permission denied"
+    FULL = OSError(28, "No space left on device"), "No space left on device"
+    NO_MEMORY = MemoryError(), "the memory of this machine does not suffice"
+
+    @pytest.mark.parametrize(("error", "message"), [DENIED, FULL, NO_MEMORY])
     def test_errors_of_the_machine_are_a_message(self, tmp_path, monkeypatch, error, message):
         def broken(study):
             raise error

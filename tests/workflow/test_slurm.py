@@ -14,7 +14,7 @@ from archfrag.study.checks import shipped_folder
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
-from tests.study.small import ROOT, TEXT, small_study
+from tests.study.small import ROOT, TEXT, cube_of, small_study
 from tests.workflow.local_slurm import local_slurm, wait, why_not
 
 pytestmark = [
@@ -37,11 +37,7 @@ def slurm():
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
     """The cube made without SLURM."""
-    study = load_study(small_study(tmp_path_factory.mktemp("alone"), BATCHES))
-    prepare_motions(study)
-    for batch in range(2):
-        run_batch(study, batch, workers=1, quiet=True)
-    return xr.load_dataset(write_cube(study))
+    return cube_of(load_study(small_study(tmp_path_factory.mktemp("alone"))))[1]
 
 
 @pytest.mark.skipif(
