@@ -6,23 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import logit, ndtr
-from scipy.stats import binom, norm
+from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
 from archfrag.errors import FitError
 from archfrag.fragility.curve import split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 
-STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
-COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
 CAPACITIES = np.exp(np.random.default_rng(3).normal(0.05, 0.4, 37))
 INF = np.inf
 SEARCH = {"method": "Nelder-Mead", "options": {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 4000}}
-
-
-def loss_of_stripes(p):
-    chance = norm.cdf((np.log(STRIPES) - p[0]) / p[1])
-    return -binom.logpmf(COLLAPSES, 40, chance).sum()
 
 
 def loss_of_brackets(p, lower, upper):
@@ -44,7 +37,6 @@ def bracketed(seed):
 
 TRUNCATED = np.minimum(CAPACITIES, 1.3), np.where(CAPACITIES > 1.3, INF, CAPACITIES)
 CASES = [
-    (lambda: fit_stripes(STRIPES, COLLAPSES, 40), loss_of_stripes),
     (lambda: fit_ida(CAPACITIES, 1.3), lambda p: loss_of_brackets(p, *TRUNCATED)),
     (lambda: fit_brackets(*bracketed(1)), lambda p: loss_of_brackets(p, *bracketed(1))),
     (lambda: fit_brackets(*bracketed(2)), lambda p: loss_of_brackets(p, *bracketed(2))),
@@ -73,12 +65,6 @@ def test_nearly_separated_counts_reach_their_maximum():
     up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
     slope = k * up - (n - k) * down
     assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
-
-
-def test_unit_of_intensity():
-    one, other = (fit_stripes(unit * STRIPES, COLLAPSES, 40) for unit in (1.0, 9.80665))
-    assert other.theta == pytest.approx(9.80665 * one.theta, rel=1e-11)
-    assert other.covariance == pytest.approx(one.covariance, rel=1e-9)
 
 
 COUNT = st.integers(0, 50)

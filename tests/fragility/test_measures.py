@@ -82,16 +82,6 @@ class TestGrid:
         assert by_chance <= 18
         assert better >= 36
 
-    def test_power_of_a_measure_changes_nothing_but_beta(self):
-        given = study(2)
-        cubed = {**given["values"], "IA": given["values"]["PGV"] ** 3}
-        exponent = {**given["exponent"], "IA": 3.0}
-        _, one, cube = compare_measures(**given | {"values": cubed, "exponent": exponent})["rows"]
-        assert cube["theta"] == pytest.approx(one["theta"] ** 3)
-        assert cube["beta"] == pytest.approx(3.0 * one["beta"])
-        assert cube["efficiency"] == pytest.approx(one["efficiency"])
-        assert cube["p_magnitude"] == pytest.approx(one["p_magnitude"])
-
     @pytest.mark.parametrize("top", [18, 9])
     def test_sufficiency(self, top):
         """PGA capacity depends on magnitude by -0.3; with 9 levels a third is known as a bound."""

@@ -1,4 +1,4 @@
-"""Bands keep what they promise, the isotonic curve, and the test of the lognormal shape."""
+"""Verdicts and brackets, bands that keep what they promise, isotonic curves, tests of fit."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,13 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
-from archfrag.fragility.counts import clopper_pearson, draws_of_records, find_brackets, wilson
+from archfrag.fragility.counts import (
+    clopper_pearson,
+    count_verdicts,
+    draws_of_records,
+    find_brackets,
+    wilson,
+)
 from archfrag.fragility.quoted import (
     check_lognormal,
     independent_records,
@@ -23,6 +29,54 @@ LEVELS = np.geomspace(0.1, 1.2, 12)
 P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
 IM = np.exp(BETA * ndtri(P))
 EVENTS = np.arange(24) // 3
+
+
+FEW = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
+
+
+def test_each_verdict_at_each_level():
+    counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1]])
+    assert counts.standing.tolist() == [2, 0, 0]
+    assert counts.collapsed.tolist() == [1, 1, 1]
+    assert counts.unfinished.tolist() == counts.solver_failures.tolist() == [0, 1, 0]
+    assert counts.n.tolist() == [3, 1, 1]
+    assert counts.runs.tolist() == [3, 3, 1]
+
+
+@pytest.mark.parametrize(
+    ("row", "ends", "contradictions"),
+    [
+        ([0, 0, 1, 1, 1], (0.3, 0.4), 0),
+        ([1, 1, 1, 1, 1], (0.0, 0.2), 0),
+        ([0, 0, 0, 0, 0], (0.7, np.inf), 0),
+        ([0, 1, 0, 0, 1], (0.5, 0.7), 1),
+        ([0, 2, 3, 1, 4], (0.2, 0.5), 0),
+        ([0, 1, 2, 0, 1], (0.2, 0.3), 1),
+    ],
+)
+def test_border_is_the_one_that_the_fewest_verdicts_contradict(row, ends, contradictions):
+    for order in (slice(None), slice(None, None, -1)):
+        found = find_brackets([row[order]], FEW[order])
+        assert (found.lower[0], found.upper[0]) == ends
+        assert found.contradictions[0] == contradictions
+
+
+def test_undecided_records_are_left_out():
+    found = find_brackets([[0, 0, 1, 1, 1], [2, 3, 2, 4, 2], [1, 0, 0, 0, 0]], FEW)
+    assert (found.lower[1], found.upper[1], found.decided[1]) == (0.0, np.inf, 0)
+    assert found.known().lower.size == 2
+    assert found.middle[0] == pytest.approx(np.sqrt(0.12))
+    assert np.isnan(found.middle[1])
+
+
+def test_bisected_grid_is_filled_to_the_grid_it_stands_for():
+    capacity = np.random.default_rng(1).uniform(0.1, 0.9, 40)
+    full = (capacity[:, None] <= FEW).astype(int)
+    border = np.argmax(np.hstack([full, np.ones((40, 1), int)]), axis=1)[:, None]
+    near = (np.arange(5) == border) | (np.arange(5) == border - 1)
+    bisected = np.where(near, full, 4)
+    assert np.count_nonzero(bisected == 4) > 50
+    assert np.array_equal(find_brackets(bisected, FEW).filled, full)
 
 
 @pytest.mark.parametrize(("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")])
@@ -43,7 +97,6 @@ def brackets(generator, n, levels, rho=1.0, mean=0.0, beta=BETA):
 
 
 def single_runs(generator, n):
-    """Records with one run each."""
     x = generator.normal(-1.0, 0.6, (n, 1))
     return find_brackets(x >= generator.normal(-1.0, 0.4, (n, 1)), np.exp(x))
 
@@ -111,7 +164,6 @@ class TestQuoted:
 
 
 def shaped(generator, n=30, rho=1.0):
-    """Brackets of records with capacity exp(-1 + 0.4 z)."""
     return brackets(generator, n, LEVELS, rho, -1.0, 0.4)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.contributions import contributions, deaggregate, implied_collapses
+from archfrag.fragility.contributions import contributions, deaggregate
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import capacity_posterior
@@ -111,12 +111,6 @@ class TestContributions:
             found = contributions(*given, event=event)
             ends = [found.lower[0], found.upper[0]]
             assert ends == pytest.approx([0.25 - reach, 0.25 + reach], abs=0.006 * reach / half)
-
-    def test_gaps_of_a_bisection_follow_from_their_neighbours(self):
-        fell, known = [[0, 0, 0, 0, 0], [0, 1, 0, 0, 1]], [[0, 1, 0, 0, 0], [1, 1, 1, 0, 1]]
-        filled, category = implied_collapses(fell, known, [[-1] * 5, [-1, 0, -1, -1, 1]])
-        assert filled.astype(int).tolist() == fell
-        assert category[1].tolist() == [-1, 0, -1, -1, 1]
 
 
 class TestDeaggregation:

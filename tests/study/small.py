@@ -47,7 +47,6 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
 
 
 def command(*arguments, **options) -> Result:
-    """What a command of archfrag does in this process."""
     return CliRunner().invoke(main, [str(argument) for argument in arguments], **options)
 
 
@@ -57,7 +56,6 @@ def dumped(study: Study) -> str:
 
 
 def files_below(folder: Path) -> dict[Path, bytes]:
-    """All files below a folder with their contents."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
@@ -89,13 +87,11 @@ class Made(NamedTuple):
 
 
 def made(path: Path) -> Made:
-    """Make a study up to its curves, in this process."""
     study = load_study(path)
     return Made(study, *cube_of(study), fitted(study))
 
 
 def fitted(study: Study) -> dict:
-    """Fits of a study with a cube."""
     fit_cube(study)
     for step in step_names(study)[:-1]:
         finish(study, step)

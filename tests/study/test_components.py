@@ -82,8 +82,6 @@ class TestVertical:
 
 
 class TestPairs:
-    """Files that each hold one component, by their names."""
-
     @pytest.mark.parametrize(
         "names", ["quake1 quake2 quake3 quake4", "001 002", "max may", "000 090 180 270", "1 2 V",
                   "S16W S16E", "20160824013632 20160824013722"],
@@ -191,11 +189,15 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
         load_prepared(study)
 
 
-def test_shipped_records_are_selected_in_the_order_asked_for(tmp_path):
+def test_shipped_records_are_selected_in_order_and_ids_occur_once(tmp_path):
     study = study_with(tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]")
     prepared = prepare_motions(study)
     found = [(record.id, record.magnitude, record.distance) for record in prepared]
     assert found == [("syn-m70-r020", 7.0, 20.0), ("syn-m55-r010", 5.5, 10.0)]
+    write(tmp_path / "records", "syn-m55-r010.AT2")
+    message = r"\.AT2: the record id 'syn-m55-r010' already belongs to"
+    with pytest.raises(RecordError, match=message):
+        prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))
 
 
 def write(folder, *names):
@@ -209,7 +211,6 @@ def ids(study):
 
 
 def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
-    """Wherever the study lies."""
     motions = 'files: ["records/*.AT2", "more/**/*.AT2", "H.AT2"]'
     for place in ("here", "there/again"):
         study = study_with(tmp_path / place, motions)
@@ -239,10 +240,3 @@ def test_patterns_match_in_any_case(tmp_path, pattern, found):
     names = "ARL360.at2", "C.txt", "nis090.AT2", "nis090.XML", "index.csv"
     write(tmp_path / "data [1]", *names)
     assert ids(study) == found.split()
-
-
-def test_two_records_of_one_id_are_refused(tmp_path):
-    name = "syn-m55-r010"
-    write(tmp_path / "records", f"{name}.AT2")
-    with pytest.raises(RecordError, match=rf"\.AT2: the record id '{name}' already belongs to"):
-        prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))

@@ -163,7 +163,6 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
 
 
 def page_of(study, place):
-    """Text of a section of a study's report."""
     page = lxml.html.document_fromstring(render(report_inputs(study))[0])
     return page.xpath(f'string(//section[@id="{place}"])')
 

@@ -22,7 +22,6 @@ from tests.study.small import changed
 
 
 def assert_same(results, expected):
-    """The same runs with the same results, however they were cut into parts."""
     np.testing.assert_array_equal(results[0], expected[0])
     for name in set(results[1].dtype.names) - {"wall_time"}:
         np.testing.assert_array_equal(results[1][name], expected[1][name])
@@ -69,7 +68,6 @@ def cleared(study, step):
 
 @pytest.fixture
 def _at_once(monkeypatch):
-    """Workers are started for the first run."""
     monkeypatch.setattr(execute, "IN_PROCESS", 0.0)
 
 

@@ -71,7 +71,6 @@ def test_files_follow_the_umask(tmp_path):
 
 
 def test_cells_that_a_spreadsheet_would_compute_are_quoted_in_every_csv(tmp_path):
-    """And come back as they were."""
     cells = ["=cmd|'calc'!A1", "@SUM(1)", "+1+1", "-x", "-0.5", "plain"]
     row = {"id": "a", "file": "-a.AT2", "unit": "g", "event": cells[0], "dt_s": 0.01}
     row["=head"] = "-1"

@@ -11,9 +11,8 @@ from archfrag.study.file.members import check_buildable, check_standing, expand
 SHARED = {"profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
 RING = {"id": "ring", "radius": 10.0, "thickness": 1.5, **SHARED}
 BLOCK = {"profile": "block", "width": 0.4, "height": 2.0}
-SIDES = {"intrados": [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]],
-         "extrados": [[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]]}  # fmt: skip
-COLUMN = {"profile": "from_joints", "free_end": True, **SIDES}
+COLUMN = {"profile": "from_joints", "free_end": True, "intrados": [[0, 0], [0, 1], [0, 2]],
+          "extrados": [[0.5, 0], [0.5, 1], [0.5, 2]]}  # fmt: skip
 NO_RING = dict.fromkeys(("radius", "thickness", "embrace", "voussoirs"))
 
 

@@ -49,8 +49,6 @@ def openquake(kind="mean", imt="PGA", p="1.000000E-01"):
 
 @pytest.fixture
 def load(tmp_path):
-    """Read texts, each as a file."""
-
     def load_texts(*texts, measure="PGA", unit=None, site=None):
         paths = [tmp_path / f"hazard{i}" for i in range(len(texts))]
         for path, text in zip(paths, texts):

@@ -26,7 +26,6 @@ from tests.study.small import command, dumped, files_below, make_runs
 
 
 def keys_of(plan):
-    """Keys of the runs that the design asks for first."""
     cases = np.concatenate([next(requests) for requests in plan.requests().values()])
     return {key.tobytes() for key in plan.keys(cases)}
 
@@ -89,7 +88,6 @@ class TestParts:
 
 
 def drawn(folder, seed, count):
-    """Write a part of made-up runs."""
     keys = np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"V{KEY}")
     return write_part(folder, keys, {"verdict": 1})
 

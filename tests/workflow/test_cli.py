@@ -19,7 +19,6 @@ THIN = [*ARCH[:3], "0.3", *ARCH[4:]]
 
 
 def refused(*arguments):
-    """Exit code and message of a command that fails."""
     result = command(*arguments)
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1

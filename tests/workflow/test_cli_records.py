@@ -35,7 +35,6 @@ def facts(*arguments):
 
 
 def refused(*arguments, code=2):
-    """The message of a command that ends with an exit code."""
     result = command("records", *arguments)
     assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith("archfrag: error: ")

@@ -33,7 +33,6 @@ class Payload:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A finished study."""
     path = small_study(tmp_path_factory.mktemp("made"))
     assert command("run", path).exit_code == 0
     return path.parent
@@ -144,8 +143,6 @@ ATTACKS = {
 
 @pytest.fixture
 def timeout():
-    """End a test that hangs."""
-
     def hangs(number, frame):
         raise TimeoutError("it hangs")
 

@@ -48,7 +48,6 @@ def start(*arguments, env=MappingProxyType({})):
 
 @pytest.fixture(autouse=True)
 def _nothing_goes_on():
-    """End what a failed test left."""
     yield
     while STARTED:
         if (process := STARTED.pop()).poll() is None:
@@ -144,7 +143,6 @@ class TestSnakemake:
         assert "curve.csv" in text
 
     def test_dry_runs_and_pictures_change_nothing(self, made, tmp_path):
-        """Of a study that is done, and of one that is edited."""
         folder, study = made
         text = Path(study.removeprefix("study=")).read_text()
         edited = small_study(tmp_path, text.replace("[0.1, ", "[0.2, "))
@@ -209,7 +207,6 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
 
 
 def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_path):
-    """While one is at work another is refused, which names it."""
     path = small_study(tmp_path, SLOW)
     work = tmp_path / "out" / ".archfrag"
     work.mkdir(parents=True)
