@@ -5,7 +5,6 @@ import pytest
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, norm, t
 
-from archfrag.errors import FitError
 from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 
@@ -128,18 +127,3 @@ class TestCapacities:
         low, high = known.theta_interval()
         assert 0.28 < low < 0.35 < high < 0.43
         assert known.beta_interval()[1] < np.log(0.4 / 0.3)
-
-
-@pytest.mark.parametrize(
-    ("verdict", "levels", "key"),
-    [
-        ([[0, 0], [0, 4]], [0.3, 0.4], "add levels above 0.4"),
-        ([[1, 1], [4, 1]], [0.2, 0.3], "add levels below 0.2"),
-        ([[0], [1]], [0.2], "at 1 level"),
-    ],
-)
-def test_what_cannot_be_bounded(verdict, levels, key):
-    with pytest.raises(FitError, match=key):
-        fit_capacity_posterior(find_brackets(verdict, levels))
-    with pytest.raises(FitError, match="at 1 level"):
-        fit_posterior([0.5, 0.5], [0, 1], 1)

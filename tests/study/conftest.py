@@ -12,8 +12,6 @@ from tests.study.small import make_runs, small_study
 
 
 class Done(NamedTuple):
-    """A study whose parts are all there."""
-
     study: Study
     plan: Plan
 

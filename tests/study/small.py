@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import netCDF4
 import numpy as np
@@ -47,7 +47,6 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
 
 
 def command(*arguments, **options) -> Result:
-    """What a command of archfrag does in this process."""
     return CliRunner().invoke(main, [str(argument) for argument in arguments], **options)
 
 
@@ -56,19 +55,26 @@ def dumped(study: Study) -> str:
     return yaml.safe_dump(study.model_dump(exclude_none=True), sort_keys=False)
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    """Names and contents of all files of a folder, hidden ones too."""
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
 def files_below(folder: Path) -> dict[Path, bytes]:
-    """All files below a folder with their contents."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def make_runs(study: Study) -> dict:
-    """Make all runs that are missing, in this process."""
-    return run_batch(study, workers=1, quiet=True)[0]
+def changed(study: Study, section: str, **keys: Any) -> Study:
+    """The study with other values of some keys of a section."""
+    other = getattr(study, section).model_copy(update=keys)
+    return study.model_copy(update={section: other})
+
+
+def make_runs(study: Study, quiet: bool = True) -> dict:
+    """Make all runs that are missing, in this process; the entry of the log."""
+    return run_batch(study, workers=1, quiet=quiet)[0]
+
+
+def cube_of(study: Study, quiet: bool = True) -> tuple[dict, xr.Dataset]:
+    """Make a study up to its cube: the entry of the log, and the cube."""
+    prepare_motions(study)
+    log = make_runs(study, quiet)
+    return log, xr.load_dataset(write_cube(study))
 
 
 class Made(NamedTuple):
@@ -81,16 +87,11 @@ class Made(NamedTuple):
 
 
 def made(path: Path) -> Made:
-    """Make a study up to its curves, in this process."""
     study = load_study(path)
-    prepare_motions(study)
-    log = make_runs(study)
-    cube = xr.load_dataset(write_cube(study))
-    return Made(study, log, cube, fitted(study))
+    return Made(study, *cube_of(study), fitted(study))
 
 
 def fitted(study: Study) -> dict:
-    """Fits of a study with a cube."""
     fit_cube(study)
     for step in step_names(study)[:-1]:
         finish(study, step)
@@ -102,13 +103,11 @@ def assert_compliant(cube: Path, folder: Path) -> None:
     from compliance_checker.runner import CheckSuite, ComplianceChecker
 
     CheckSuite.load_all_available_checkers()
-    report = folder / "report.json"
-    _, crashed = ComplianceChecker.run_checker(
-        str(cube), ["cf:1.11"], verbose=0, criteria="normal",
-        output_filename=str(report), output_format="json",
-    )  # fmt: skip
-    assert not crashed
-    found = json.loads(report.read_text())["cf:1.11"]
+    report = str(folder / "report.json")
+    given = {"verbose": 0, "criteria": "normal", "output_format": "json"}
+    checker = ComplianceChecker.run_checker
+    assert not checker(str(cube), ["cf:1.11"], output_filename=report, **given)[1]
+    found = json.loads(Path(report).read_text())["cf:1.11"]
     assert found["high_count"] == 0, found["high_priorities"]
     checked = found["all_priorities"]
     assert len(checked) > 5

@@ -1,35 +1,37 @@
-"""Components of a study's records: verticals, pairs, and what is done to them."""
+"""Records of a study: found, read, scaled and stored; their verticals, pairs and processing."""
 
 import json
 import shutil
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
-from archfrag.study.answer.cube import write_cube
 from archfrag.study.checks import check_study, uncorrected
-from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
+from archfrag.study.files import sha256_of
+from archfrag.study.runs import CASE
+from archfrag.study.runs.store import make_plan
 from tests.motions.helpers import at2_text, wave
 from tests.motions.samples import geonet_text
-from tests.study.small import TEXT, make_runs, small_study
+from tests.study.small import ROOT, TEXT, cube_of, small_study, write_at2
 
 G = 9.80665
 FILES = 'files: ["records/*.AT2"]'
+INDEX = ROOT / "records" / "index.csv"
 CODES = {"000": ("Q-ELC000.AT2", 1.5), "090": ("Q-ELC090.AT2", 2.5), "UP": ("Q-ELC-UP.AT2", 4.0)}
 
 
 def study_with(tmp_path, motions, text=TEXT):
     """Three components of one record, in files of their own."""
     path = small_study(tmp_path, text.replace(FILES, motions))
-    folder = tmp_path / "quake"
-    folder.mkdir(exist_ok=True)
+    (tmp_path / "quake").mkdir(exist_ok=True)
     for code, (name, frequency) in CODES.items():
-        samples = 0.2 * wave(frequency=frequency)
-        (folder / name).write_text(at2_text(samples, component=code))
+        samples = at2_text(0.2 * wave(frequency=frequency), component=code)
+        (tmp_path / "quake" / name).write_text(samples)
     return load_study(path)
 
 
@@ -46,24 +48,19 @@ class TestVertical:
             assert np.allclose(motion.vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
             assert motion.metadata["vertical_component"] == "UP"
             assert any(line.startswith("Vertical UP: Read from Q-ELC-UP") for line in motion.log)
-        plain = stored(study_with(tmp_path, files))
-        assert {name: motion.vertical for name, motion in plain.items()} == {
-            "Q-ELC000": None, "Q-ELC090": None
-        }  # fmt: skip
-
-    def test_a_record_without_one_is_refused_by_name(self, tmp_path):
-        study = study_with(tmp_path, f"{FILES}\n  vertical: true")
+        plain = stored(study_with(tmp_path, files)).values()
+        assert [motion.vertical for motion in plain] == [None, None]
         with pytest.raises(RecordError, match=r"wave0\.AT2: record wave0 has no vertical comp"):
-            prepare_motions(study)
+            stored(study_with(tmp_path, f"{FILES}\n  vertical: true"))
 
     def test_rows_of_an_index_are_paired_by_event_and_station(self, tmp_path):
         study = study_with(tmp_path, "index: index.csv\n  vertical: true")
         names = {"a.AT2": "000", "b.AT2": "UP", "c.AT2": "090"}
         for name, code in names.items():
             (tmp_path / "quake" / CODES[code][0]).rename(tmp_path / "quake" / name)
-        rows = [f"{name[0]},quake/{name},g,E1,S1,{code}" for name, code in names.items()]
-        head = "id,file,unit,event,station,component"
-        (tmp_path / "index.csv").write_text("\n".join([head, *rows]) + "\n")
+        rows = [f"{name[0]},quake/{name},g,E1,S1,{code}\n" for name, code in names.items()]
+        head = "id,file,unit,event,station,component\n"
+        (tmp_path / "index.csv").write_text(head + "".join(rows))
         motions = stored(study)
         assert list(motions) == ["a", "c"]
         assert np.allclose(motions["c"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
@@ -85,28 +82,19 @@ class TestVertical:
 
 
 class TestPairs:
-    """Files that each hold one component, by their names."""
-
     @pytest.mark.parametrize(
-        "names",
-        [
-            ["quake1", "quake2", "quake3", "quake4"], ["001", "002"], ["max", "may"],
-            ["000", "090", "180", "270"], ["S16W", "S16E"], ["20160824013632", "20160824013722"],
-            ["1", "2", "3", "V"],
-        ],
+        "names", ["quake1 quake2 quake3 quake4", "001 002", "max may", "000 090 180 270", "1 2 V",
+                  "S16W S16E", "20160824013632 20160824013722"],
     )  # fmt: skip
     def test_names_that_are_alike_are_no_pair(self, names):
-        assert partners([f"{name}.AT2" for name in names]) == ({}, {})
+        assert partners([f"{name}.AT2" for name in names.split()]) == ({}, {})
 
     @pytest.mark.parametrize(
-        "names",
-        [
-            ("ARL090", "ARL360"), ("A.EW2", "A.NS2"), ("HI.A..HNE.D", "HI.A..HNN.D"),
-            ("17_H1.cor", "17_H2.cor"), ("C_S16W", "C_N74W"), ("a_x", "a_y"),
-        ],
+        "names", ["ARL090 ARL360", "A.EW2 A.NS2", "HI.A..HNE.D HI.A..HNN.D", "17_H1.cor 17_H2.cor",
+                  "C_S16W C_N74W", "a_x a_y"],
     )  # fmt: skip
     def test_directions_at_right_angles_are(self, names):
-        one, other = (f"{name}.AT2" for name in names)
+        one, other = (f"{name}.AT2" for name in names.split())
         assert partners([one, other]) == ({one: other, other: one}, {})
 
     def test_rotd_needs_both_and_validate_names_them(self, tmp_path):
@@ -115,30 +103,20 @@ class TestPairs:
             check_study(study_with(tmp_path, FILES, text))
         one, other = (CODES[code][0] for code in ("000", "090"))
         study = study_with(tmp_path, 'files: ["quake/*.AT2"]', text)
-        assert set(check_study(study)["partners"]) == {
-            f"{one} with {other}",
-            f"{other} with {one}",
-        }
+        named = check_study(study)["partners"]
+        assert set(named) == {f"{one} with {other}", f"{other} with {one}"}
         assert any(f"from {other}" in line for line in stored(study)["Q-ELC000"].log)
 
 
 class TestProcessing:
     def test_rotation_makes_one_motion_of_two_files(self, tmp_path):
-        study = study_with(
-            tmp_path,
-            'files: ["quake/Q-ELC0*.AT2"]\n  vertical: true\n'
-            "  processing: [{rotate: {azimuth: 90}}]",
-        )
-        motions = stored(study)
-        assert list(motions) == ["Q-ELC0"]
-        motion = motions["Q-ELC0"]
+        steps = "vertical: true\n  processing: [{rotate: {azimuth: 90}}]"
+        study = study_with(tmp_path, f'files: ["q*/Q-ELC0*.AT2"]\n  {steps}')
+        ((name, motion),) = stored(study).items()
+        assert name == "Q-ELC0"
         assert np.allclose(motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6)
         assert motion.vertical is not None
-
-    def test_rotation_of_two_records_with_files_of_the_same_names(self, tmp_path):
-        steps = "processing: [{rotate: {azimuth: 90}}]"
-        study = study_with(tmp_path, f'files: ["q*/Q-ELC0*.AT2"]\n  {steps}')
-        shutil.copytree(tmp_path / "quake", tmp_path / "quiet")
+        shutil.copytree(tmp_path / "quake", tmp_path / "quiet")  # files of the same names
         assert sorted(name[:5] for name in stored(study)) == ["quake", "quiet"]
 
     def test_choice_of_components(self, tmp_path):
@@ -154,43 +132,111 @@ class TestProcessing:
             study = study_with(tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}')
             text = geonet_text({"S16W": samples, "Up": samples})
             (tmp_path / "raw.V1A").write_text(text)
-            before, found = uncorrected(study), check_study(study)["cautions"]
+            checked = check_study(study)["cautions"]
             prepare_motions(study)
-            return before, uncorrected(study), found
+            return checked[-1:], list(uncorrected(study))
 
-        before, after, (*_, checked) = cautions("")
-        assert before == ()
-        assert after == (checked,)
+        (checked,), after = cautions("")
+        assert after == [checked]
         assert checked.startswith("1 of 2 records raw, as recorded (")
-        assert cautions("\n  processing: [{bandpass: {lowest: 0.2}}]")[1] == ()
-
-    @pytest.mark.parametrize(
-        ("steps", "message"),
-        [
-            ("[bandpas]", r"processing\[0\]\.bandpas is not a known key; did you mean ban"),
-            ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is not a known key"),
-            ("[bandpass]", r"processing\[0\] \(bandpass\): wave0: corners None and None Hz"),
-            ("[{trim: {}}]", r"\(trim\): one of arias, threshold_g and times is needed"),
-            ("[{trim: {arias: [0.9, 0.1]}}]", r"\(trim\): wave0: cannot cut from"),
-            ("[demean, {bandpass: {highest: 60}}]", r"processing\[1\] \(bandpass\): wave0: corn"),
-            ("[{demean: {}, taper: {}}]", r"processing\[0\] must have one of the keys demean"),
-            ("[{taper: {side: top}}]", r"side = top must be"),
-        ],
-    )
-    def test_bad_steps(self, tmp_path, steps, message):
-        with pytest.raises(InputError, match=message):
-            prepare_motions(study_with(tmp_path, f"{FILES}\n  processing: {steps}"))
+        assert cautions("\n  processing: [{bandpass: {lowest: 0.2}}]")[1] == []
 
 
 def test_the_cube_states_processing_and_verticals(tmp_path):
     text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [0.1]")
-    study = study_with(
-        tmp_path, 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true\n  processing: [demean]', text
-    )
+    motions = 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true\n  processing: [demean]'
+    _, cube = cube_of(study_with(tmp_path, motions, text))
+    assert cube.attrs["vertical_component"] == "used"
+    assert cube["record_vertical"].values.tolist() == [1]
+    steps = json.loads(cube.attrs["archfrag_processing"])
+    assert steps == [{"step": "demean", "settings": {}}]
+
+
+@pytest.mark.parametrize("steps", ["[]", "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"])
+@pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "Sa(0.5)", "AvgSA(0.2,1.0)"])
+def test_factors_bring_the_record_as_processed_to_each_level(tmp_path, name, steps):
+    text = TEXT.replace(FILES, f"{FILES}\n  processing: {steps}")
+    unit = {"PGV": "m/s", "Arias": "m/s"}.get(name, "g")
+    text = text.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
+    study = load_study(small_study(tmp_path, text))
     prepare_motions(study)
-    make_runs(study)
-    with xr.open_dataset(write_cube(study)) as cube:
-        assert cube.attrs["vertical_component"] == "used"
-        assert cube["record_vertical"].values.tolist() == [1]
-        (step,) = json.loads(cube.attrs["archfrag_processing"])
-    assert step == {"step": "demean", "settings": {}}
+    plan = make_plan(study)
+    for number, record in enumerate(plan.records):
+        motion, cases = load_record(study.work, record), np.zeros(len(plan.levels), CASE)
+        cases["record"], cases["level"] = number, plan.levels
+        assert record.dt == motion.dt == pytest.approx(0.01 if steps == "[]" else 0.005)
+        reached = [measure(motion.scaled(factor), name) for factor in plan.factors(cases)]
+        np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
+
+
+def test_prepared_records_are_found_again_with_their_origin(tmp_path):
+    study = study_with(tmp_path, FILES)
+    with pytest.raises(InputError, match=r"motions\.json: the motions are not prepared yet"):
+        load_prepared(study)
+    prepared = prepare_motions(study)
+    assert load_prepared(study) == prepared
+    assert [record.id for record in prepared] == ["wave0", "wave1"]
+    digest = sha256_of(tmp_path / "records" / "wave1.AT2")
+    assert (prepared[1].source, prepared[1].sha256) == ("wave1.AT2", digest)
+    motion = load_record(study.work, prepared[1])
+    assert (motion.id, motion.dt, motion.metadata["file_sha256"]) == ("wave1", 0.01, digest)
+    assert load_prepared(load_study(small_study(tmp_path), ["intensity.levels=[0.2]"]))
+    other = load_study(small_study(tmp_path), ["intensity.measure=Sa(0.5)"])
+    with pytest.raises(InputError, match="was made for other records or another measure"):
+        load_prepared(other)
+    (study.work / "motions.json").write_text("{")
+    with pytest.raises(InputError, match=r"motions\.json: is damaged"):
+        load_prepared(study)
+
+
+def test_shipped_records_are_selected_in_order_and_ids_occur_once(tmp_path):
+    study = study_with(tmp_path, f"index: {INDEX}\n  select: [syn-m70-r020, syn-m55-r010]")
+    prepared = prepare_motions(study)
+    found = [(record.id, record.magnitude, record.distance) for record in prepared]
+    assert found == [("syn-m70-r020", 7.0, 20.0), ("syn-m55-r010", 5.5, 10.0)]
+    write(tmp_path / "records", "syn-m55-r010.AT2")
+    message = r"\.AT2: the record id 'syn-m55-r010' already belongs to"
+    with pytest.raises(RecordError, match=message):
+        prepare_motions(study_with(tmp_path, f"{FILES}\n  index: {INDEX}"))
+
+
+def write(folder, *names):
+    for path in (folder / name for name in names):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_at2(path, np.sin(np.arange(50.0)), 0.01)
+
+
+def ids(study):
+    return [record.id for record in prepare_motions(study)]
+
+
+def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
+    motions = 'files: ["records/*.AT2", "more/**/*.AT2", "H.AT2"]'
+    for place in ("here", "there/again"):
+        study = study_with(tmp_path / place, motions)
+        more = [f"more/{name}.AT2" for name in ("wave1", "H", "1/H", "b/1/H", "other")]
+        write(tmp_path / place, "H.AT2", *more)
+        distinct = "H more+1+H more+H more+b+1+H more+wave1 other records+wave1 wave0"
+        assert sorted(ids(study)) == distinct.split()
+
+
+def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
+    both = study_with(tmp_path, 'files: ["records/*.AT2", "records/*.at2"]')
+    assert ids(both) == ["wave0", "wave1"]
+    study = study_with(tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]')
+    with pytest.raises(StudyError, match=r"motions\.files\[1\]: an entry before it matches .*1"):
+        prepare_motions(study)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("*[!t]", "ARL360 nis090"), ("*.AT2", "ARL360 nis090"), ("ARL[2-4]60.At2", "ARL360"),
+        ("a[r]L*", "ARL360"), ("[!a-fx-z]*.AT2", "nis090"), ("?RL360.aT2", "ARL360"),
+    ],
+)  # fmt: skip
+def test_patterns_match_in_any_case(tmp_path, pattern, found):
+    study = study_with(tmp_path, f'files: ["data [1]/{pattern}"]')
+    names = "ARL360.at2", "C.txt", "nis090.AT2", "nis090.XML", "index.csv"
+    write(tmp_path / "data [1]", *names)
+    assert ids(study) == found.split()

@@ -1,29 +1,44 @@
-"""The cube: complete, and its own study's."""
+"""The cube of a study, curves of its runs, and the cautions about them."""
 
 import json
+from dataclasses import replace
 
+import lxml.html
 import numpy as np
 import pytest
 import xarray as xr
 
-from archfrag.errors import InputError, OutputError
-from archfrag.fragility.counts import Verdict
+from archfrag.errors import FitError, InputError, OutputError
+from archfrag.fragility.counts import Verdict, count_verdicts
+from archfrag.fragility.curve import Fragility
+from archfrag.report.inputs import report_inputs
+from archfrag.report.page import render
+from archfrag.study.answer.comparisons import dispersion_split
 from archfrag.study.answer.cube import build_cube, write_cube
-from archfrag.study.answer.fits import fit_cube, fit_text, load_fits
+from archfrag.study.answer.curves import Answer, Runs, likeliest
+from archfrag.study.answer.fits import (
+    cautions_of_cube,
+    coarse_levels,
+    design_cautions,
+    events_caution,
+    fit_cube,
+    fit_text,
+    load_fits,
+    non_monotone,
+    open_cube,
+    undecided,
+)
+from archfrag.study.file.schema import load_study
 from archfrag.study.files import finite
+from archfrag.study.runs import Stripes
 from archfrag.study.runs.outcome import COLUMNS
 from archfrag.study.runs.store import gather
+from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 
 @pytest.fixture(scope="module")
-def cube_file(done):
-    return write_cube(done.study)
-
-
-@pytest.fixture
-def cube(cube_file):
-    with xr.open_dataset(cube_file) as opened:
-        yield opened
+def cube(done):
+    return xr.load_dataset(write_cube(done.study))
 
 
 class TestContent:
@@ -60,43 +75,201 @@ class TestContent:
         assert "workers" not in everything
 
 
-class TestFile:
-    def test_another_study_and_missing_runs_are_refused(self, copied):
-        path = write_cube(copied.study)
-        before = path.read_bytes()
-        other = copied.study.model_copy(update={"id": "other"})
-        with pytest.raises(OutputError) as caught:
-            write_cube(other)
-        assert str(caught.value) == (
-            f"{path}: the cube of study 'small' is in the place of study 'other'; give the "
-            "studies different output folders, or move the file"
-        )
-        assert path.read_bytes() == before
-        next(copied.plan.parts.glob("*.npy")).unlink()
-        path.unlink()
-        with pytest.raises(InputError, match="2 of 12 runs of iteration 1 are missing or damaged"):
-            write_cube(copied.study)
-        assert not path.exists()
-
-
-class TestFits:
-    def test_curves_are_stored_and_read_back_or_reported_why_there_is_none(self, copied):
-        write_cube(copied.study)
-        fits = fit_cube(copied.study).arches
-        assert set(fits) == {"ring", "slab"}
-        answers = load_fits(copied.study).arches
-        for name, fit in fits.items():
-            assert finite(answers[name].to_dict()) == finite(fit.to_dict())
-            if isinstance(fit.curve, str):
-                assert answers[name].curve == fit.curve
-                assert fit.curve in fit_text(copied.study, name, fit)
-            else:
-                assert answers[name].curve.to_dict() == fit.curve.to_dict()
-
-    @pytest.mark.parametrize(
-        "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]
+def test_another_study_and_missing_runs_are_refused(copied):
+    path = write_cube(copied.study)
+    before = path.read_bytes()
+    other = copied.study.model_copy(update={"id": "other"})
+    with pytest.raises(OutputError) as caught:
+        write_cube(other)
+    assert str(caught.value) == (
+        f"{path}: the cube of study 'small' is in the place of study 'other'; give the "
+        "studies different output folders, or move the file"
     )
-    def test_damaged_fits_are_a_message(self, copied, content):
+    assert path.read_bytes() == before
+    next(copied.plan.parts.glob("*.npy")).unlink()
+    path.unlink()
+    with pytest.raises(InputError, match="2 of 12 runs of iteration 1 are missing or damaged"):
+        write_cube(copied.study)
+    assert not path.exists()
+
+
+def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
+    write_cube(copied.study)
+    fits, answers = fit_cube(copied.study).arches, load_fits(copied.study).arches
+    assert set(fits) == {"ring", "slab"}
+    for name, fit in fits.items():
+        assert finite(answers[name].to_dict()) == finite(fit.to_dict())
+    for content in ('{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"):
         (copied.study.folder / "fits.json").write_text(content)
         with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
             load_fits(copied.study)
+
+
+def with_verdicts(study, change):
+    """Change the cube of a study, which is made if it is not there."""
+    path = study.folder / "cube.nc"
+    cube = xr.load_dataset(path if path.exists() else write_cube(study))
+    change(cube)
+    cube.to_netcdf(path)
+
+
+def all_survive(cube):
+    cube["verdict"][:] = Verdict.STANDING
+
+
+SHIPPED = f"""index: {ROOT / "records" / "index.csv"}
+  select: [syn-m55-r005, syn-m55-r030, syn-m60-r020, syn-m65-r005, syn-m65-r050, syn-m70-r020,
+    syn-m75-r010, syn-m75-r060]"""
+
+
+def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
+    def written(measure, unit, *levels):
+        text = TEXT.replace('files: ["records/*.AT2"]', SHIPPED).replace("PGA", measure)
+        text = text.replace("unit: g", f"unit: {unit}").replace("[0.1, 0.6, 1.2]", str([*levels]))
+        return small_study(tmp_path, text.replace("output: out", f"output: {measure}"))
+
+    def states(fits):
+        found = fits["arches"]["ring"]["more"]["limit_states"]["states"]
+        return {s["name"]: s["curve"] for s in found if "theta" in s["curve"]}
+
+    in_g = made(written("PGA", "g", 0.4, 1.0, 1.6, 2.2, 2.8)).fits
+    for unit, factor in (("m/s2", 9.80665), ("cm/s2", 980.665)):
+        levels = [round(factor * level, 6) for level in (0.4, 1.0, 1.6, 2.2, 2.8)]
+        found = fitted(load_study(written("PGA", unit, *levels)))  # of the same cube
+        assert states(found) == states(in_g)
+        assert found["arches"]["ring"]["curve"] == in_g["arches"]["ring"]["curve"]
+    in_pgv = made(written("PGV", "cm/s", 32.0, 85.0, 138.0, 190.0, 243.0)).fits
+    for fits in (in_g, in_pgv):
+        assert set(states(fits)) == {"residual", "rotation", "contact lost", "collapse"}
+
+
+def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_survivals(copied):
+    def curves_with(verdict):
+        def change(cube):
+            cube["verdict"][:] = [[0, 0, 1], [0, 1, 1]]
+            cube["verdict"][0, 0, 1] = verdict
+
+        with_verdicts(copied.study, change)
+        return fit_cube(copied.study).arches
+
+    found = curves_with(Verdict.SOLVER_FAILURE)
+    assert found["slab"].more["without_verdict"] == {}
+    lost = found["ring"].more["without_verdict"]
+    assert lost["runs"] == 1
+    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
+        assert lost[name] == curves_with(verdict)["ring"].curve.to_dict()
+    assert lost["collapsed"]["theta"] < lost["standing"]["theta"]
+    assert "1 run has no verdict: the median is" in fit_text(copied.study, "ring", found["ring"])
+
+
+def page_of(study, place):
+    page = lxml.html.document_fromstring(render(report_inputs(study))[0])
+    return page.xpath(f'string(//section[@id="{place}"])')
+
+
+@pytest.mark.parametrize(
+    ("factor", "records", "reason"),
+    [(0.01, "*", "no run collapsed"), (4.0, "wave0*", "only one record")],
+)  # fmt: skip
+def test_a_cloud_without_a_curve_has_a_report_that_states_why(tmp_path, factor, records, reason):
+    """Its records are as they are: no factor was chosen so that some cause collapse."""
+    text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [1.0]")
+    text = text.replace("records/*.AT2", f"records/{records}.AT2")
+    path = small_study(tmp_path, f"{text}design: {{kind: cloud, factor: {factor}}}\n")
+    shown = page_of(made(path).study, "arch1")
+    assert reason in shown
+    assert "error in archfrag" not in shown
+
+
+def test_a_part_that_cannot_be_made_is_left_out(copied, monkeypatch):
+    def spoiled(*_):
+        raise ValueError("spoiled")
+
+    write_cube(copied.study)
+    for name in ("measures_compared", "limit_states"):
+        monkeypatch.setattr(f"archfrag.study.answer.comparisons.{name}", spoiled)
+    fitted(copied.study)
+    assert page_of(copied.study, "arch0").count("ValueError: spoiled") == 2
+
+
+@pytest.mark.parametrize("largest", [20.0, 1.5])
+def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
+    """exp(record + arch): arches that withstand the largest level count too."""
+    generator = np.random.default_rng(5)
+    arch = 0.2 * generator.standard_normal((30, 1))
+    record = 0.4 * generator.standard_normal(60)
+    capacity = np.exp(arch + record + 0.1 * generator.standard_normal((30, 60)))
+    levels = np.geomspace(0.1, 10.0, 60)
+    levels = levels[levels < largest]
+    runs = [Runs("a", Stripes(), (levels >= row[:, None]).astype(int), levels) for row in capacity]
+    answers = [Answer(fit, fit) for fit in map(likeliest, runs)]
+    parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
+    beta = float(np.hypot(*parts))
+    found = dispersion_split(runs, answers, beta)
+    assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
+    assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
+    assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)
+    if largest < 2.0:
+        with pytest.raises((FitError, InputError), match="one arch has no modelling dispersion"):
+            dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
+
+
+def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
+    with_verdicts(copied.study, all_survive)
+    assert "above 1.2 g" in fit_cube(copied.study).arches["ring"].curve
+    none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
+    *surviving, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
+    assert [text.split(";")[0] for text in surviving] == [
+        f"{name}: no record caused collapse up to 1.2 g, the highest level"
+        for name in ("ring", "slab")
+    ]
+    assert last.startswith("all records are of one earthquake (Test)")
+
+    def undecide(cube):
+        cube["verdict"][1, :, 2] = Verdict.UNFINISHED
+        cube["scale_factor"][0, 1] = 11.0
+
+    with_verdicts(copied.study, undecide)
+    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study), none)
+    assert ring.startswith("ring: no record caused collapse")
+    assert first.startswith("slab: more than 5 % of the runs")
+    assert "(most: 2 of 2 at 1.2 g)" in first
+    assert "(most: wave0, by 11)" in second
+
+
+AGAIN = np.tile(np.array([0, 0, 1, 1], np.int8), (10, 1))
+AGAIN[:2, 1:3] = [1, 0]
+FLEET = {f"a{i}": {"checked": 14, "contradictions": 2} for i in range(50)}
+MORE = AGAIN.copy()
+MORE[2, 1:3] = [1, 0]
+CURVE = Fragility(1.3, 0.25, np.eye(2), 0.0, 3, 30, "posterior")
+
+
+def of_events(count):
+    names = [f"e{i % count}" for i in range(24)]
+    return events_caution(xr.Dataset({"event": ("record", names)}))
+
+
+def of_lost(count, kind):
+    verdict = np.zeros((100, 3), dtype=int)
+    verdict[:count, 2] = kind
+    return undecided(count_verdicts(verdict), ["1 g", "2 g", "3 g"])
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (of_lost(5, Verdict.SOLVER_FAILURE), ""),
+        (of_lost(6, Verdict.SOLVER_FAILURE), "more than 5 % of the runs are unfinished or failed"),
+        (non_monotone(AGAIN), ""),
+        (non_monotone(MORE), "3 of 10 records do not cause"),
+        (coarse_levels(np.array([1.0, 1.2, 1.5]), CURVE), ""),
+        (coarse_levels(np.array([1.0, 1.2, 1.5]), replace(CURVE, beta=0.2)), "the levels n"),
+        (of_events(4), ""),
+        (of_events(3), "the 24 records are of 3 earth"),
+        ("".join(design_cautions({"arches": FLEET})), "50 arches: 100 of 700 checks near the"),
+    ],
+)
+def test_a_caution_begins_where_its_rule_says(found, expected):
+    assert found.startswith(expected)
+    assert bool(found) is bool(expected)

@@ -1,134 +1,79 @@
-"""Designs on made-up tables of verdicts: what they ask for, that they end, what they find."""
+"""Designs on made-up verdicts and on real runs: what they ask for, find, and keep as they grow."""
 
-from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
+import xarray as xr
 
+import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
+from archfrag.mechanics.status import CollapseMode
+from archfrag.study.answer.fits import fit_cube
+from archfrag.study.file.records import load_record, prepare_motions
+from archfrag.study.file.schema import load_study
 from archfrag.study.runs import Grid, ask
-from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Borders, Ida, Precision, look, search
+from archfrag.study.runs.execute import run_batch
+from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Ida, Precision
+from archfrag.study.runs.outcome import COLUMNS
+from tests.study.small import TEXT, assert_compliant, changed, cube_of, small_study, write_at2
 
 LEVELS = np.linspace(0.05, 0.75, 15)
+FINE = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 
 
-def grid_of(n_record, n_level=15, measures=None):
-    if measures is None:
-        measures = np.empty((n_record, 0))
-    return Grid(0, np.arange(n_record), LEVELS[:n_level], np.ones(n_record), 1.0, measures)
-
-
-def monotone(first, n_level=15):
-    """Verdicts of records of which the lowest collapsing level is known, (n_record, n_level)."""
-    return (np.arange(n_level) >= np.asarray(first)[:, None]).astype(np.int8)
-
-
-def lognormal(seed, n_record=30, theta=0.3, beta=0.4):
-    """Table of records with lognormal capacities, and these."""
-    drawn = np.random.default_rng(seed).standard_normal(n_record)
-    capacity = theta * np.exp(beta * drawn)
-    return monotone(np.searchsorted(LEVELS, capacity)), capacity
-
-
-def driven(requests, table):
-    """What a design returns, and all cells that it requested, none of them twice."""
+def driven(design, table, measures=None, groups=None, levels=LEVELS):
+    """What a design returns, all cells that it asked for, none twice, and their verdicts."""
+    n, n_level = table.shape
+    measures = np.empty((n, 0)) if measures is None else measures
+    grid = Grid(0, np.arange(n), levels[:n_level], np.ones(n), 1.0, measures, groups)
     cases, notes = ask(
-        {0: requests}, lambda cases: table[cases["record"], cases["place"]].astype(np.int8)
+        {0: design.requests(grid)},
+        lambda cases: table[cases["record"], cases["place"]].astype(np.int8),
     )
-    asked = list(zip(cases["record"].tolist(), cases["place"].tolist()))
-    assert len(asked) == len(set(asked)), "a cell was asked for twice"
-    return notes[0], asked
-
-
-def seen_of(asked, table):
-    """Verdicts of the runs made, (n_record, n_level)."""
-    seen, cells = np.full_like(table, Verdict.NOT_SIMULATED), tuple(np.transpose(asked))
+    asked = np.column_stack([cases["record"], cases["place"]])
+    assert len(asked) == len(np.unique(asked, axis=0)), "a cell was asked for twice"
+    seen, cells = np.full_like(table, Verdict.NOT_SIMULATED), tuple(asked.T)
     seen[cells] = table[cells]
-    return seen
+    return notes[0], asked, seen
 
 
-def bracketed(asked, table):
+def bracketed(seen):
     """The highest standing and the lowest collapsing level among the runs made, by record."""
-    seen, place = seen_of(asked, table), np.arange(table.shape[1])
+    place = np.arange(seen.shape[1])
     low = np.where(seen == Verdict.STANDING, place, -1).max(axis=1)
     return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
-def search_only(table, prepare=lambda borders: None):
-    """Borders that a search of all rows of a table ends with."""
-    borders = Borders(grid_of(*table.shape))
-    prepare(borders)
-
-    def design():
-        yield from search(borders, range(len(table)))
-        return {}
-
-    driven(design(), table)
-    return borders
-
-
-def test_designs_are_answered_each_with_its_own_verdicts():
-    def design(arch, lengths):
-        seen = []
-        for length in lengths:
-            cells = replace(grid_of(1), arch=arch).cases([0] * length, range(length))
-            seen.append((yield cells).tolist())
-        return {"seen": seen}
-
-    answers = iter([[1, 2, 3, 0, 1], [2]])
-    requests = {0: design(0, [2, 0, 1]), 1: design(1, []), 5: design(5, [3])}
-    cases, notes = ask(requests, lambda _: np.array(next(answers), np.int8))
-    assert cases["arch"].tolist() == [0, 0, 5, 5, 5, 0]
-    assert notes == {
-        1: {"seen": []}, 5: {"seen": [[3, 0, 1]]}, 0: {"seen": [[1, 2], [], [2]]}
-    }  # fmt: skip
-
-
-class TestSearch:
-    @pytest.mark.parametrize("n_level", [1, 2, 3, 15])
-    @pytest.mark.parametrize("prior", ["none", "wrong", "narrow"])
-    def test_brackets_are_the_lowest_collapsing_level_whatever_is_expected(self, n_level, prior):
-        first = np.arange(n_level + 1)  # the last record stands everywhere
-
-        def prepare(borders):
-            true = np.log(np.append(LEVELS[:n_level], 2 * LEVELS[n_level - 1]))
-            medians = {"wrong": true[::-1], "narrow": true + 0.3}
-            if prior in medians:
-                deviation = 0.0 if prior == "narrow" else 0.3
-                borders.expect(range(n_level + 1), medians[prior], deviation)
-
-        borders = search_only(monotone(first, n_level), prepare)
-        np.testing.assert_array_equal(borders.low, first - 1)
-        np.testing.assert_array_equal(borders.high, first)
-
-    def test_ends_with_failures_anywhere_and_the_border_is_within(self):
-        generator = np.random.default_rng(3)
-        first = generator.integers(0, 16, 200)
-        table = monotone(first)
-        table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
-        borders = search_only(table)
-        assert (borders.low < first).all()
-        assert (first <= borders.high).all()
-        for row in range(200):
-            between = table[row, borders.low[row] + 1 : borders.high[row]]
-            assert (between == Verdict.SOLVER_FAILURE).all()
-
-
 class TestIda:
+    @pytest.mark.parametrize("n_level", [1, 2, 3, 15])
+    def test_brackets_end_at_the_borders_or_at_failures_beside_them(self, n_level):
+        generator = np.random.default_rng(3)
+        first = generator.integers(0, n_level + 1, 200)  # n_level: it stands everywhere
+        table = (np.arange(n_level) >= first[:, None]).astype(np.int8)
+        low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
+        np.testing.assert_array_equal([low, high], [first - 1, first])
+        table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
+        low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
+        assert np.all((low < first) & (first <= high))
+        for row, start, end in zip(table, low + 1, high):
+            assert (row[start:end] == Verdict.SOLVER_FAILURE).all()
+
     @pytest.mark.parametrize("known", [False, True])
     def test_thirty_records_on_fifteen_levels_take_150_runs_and_135_if_a_measure_helps(
         self, known
     ):
         runs = []
         for seed in range(60):
-            table, capacity = lognormal(seed)
+            capacity = 0.3 * np.exp(0.4 * np.random.default_rng(seed).standard_normal(30))
+            table = (capacity[:, None] <= LEVELS).astype(np.int8)
             noise = np.random.default_rng([seed, 1]).standard_normal((30, 3))
             measures = 0.3 * noise + known * np.log(capacity)[:, None]
-            note, asked = driven(Ida(kind="ida").requests(grid_of(30, measures=measures)), table)
+            note, asked, seen = driven(Ida(kind="ida"), table, measures)
             assert note["runs"] == len(asked)
             assert (note["records"], note["checked"], note["contradictions"]) == (30, 30, 0)
-            low, high = bracketed(asked, table)
+            low, high = bracketed(seen)
             np.testing.assert_array_equal(high - low, 1)
             runs.append(note["runs"])
         assert np.mean(runs) <= (135 if known else 150)
@@ -137,20 +82,20 @@ class TestIda:
         """A tenth of the cells are flipped, which also misleads the search."""
         rates = []
         for seed in range(12):
-            table, _ = lognormal(seed, n_record=100)
-            first = table.argmax(axis=1) + 15 * (table.max(axis=1) == 0)
-            near = np.abs(np.arange(15) - first[:, None] + 0.5) < 1
+            capacity = 0.3 * np.exp(0.4 * np.random.default_rng(seed).standard_normal((100, 1)))
+            table = (capacity <= LEVELS).astype(np.int8)
+            near = np.abs(np.arange(15) - np.searchsorted(LEVELS, capacity) + 0.5) < 1
             flipped = np.random.default_rng([seed, 2]).random(table.shape) < 0.1
             spoilt = np.where(flipped & ~near, 1 - table, table)
             for checks in (10**6, 100):
-                design = Ida(kind="ida", checks=checks, seed=seed)
-                note, asked = driven(design.requests(grid_of(100)), spoilt)
+                note, asked, _ = driven(Ida(kind="ida", checks=checks, seed=seed), spoilt)
                 assert note["checked"] == checks or checks > 100
                 rates.append(note["contradictions"] / note["checked"])
-        low, high = bracketed(asked[:-100], spoilt)
-        cells = np.array(asked)[-100:]
-        assert np.all(cells[:, 1] >= low[cells[:, 0]] - NEAR)
-        assert np.all(cells[:, 1] <= high[cells[:, 0]] + NEAR)
+        searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_SIMULATED), asked[:-100].T
+        searched[rows, places] = spoilt[rows, places]
+        low, high = bracketed(searched)
+        rows, places = asked[-100:].T
+        assert np.all((places >= low[rows] - NEAR) & (places <= high[rows] + NEAR))
         assert 0.08 < np.mean(rates[::2]) < 0.2
         assert np.mean(rates[1::2]) == pytest.approx(np.mean(rates[::2]), abs=0.02)
 
@@ -162,17 +107,13 @@ class TestIda:
             capacity = 0.4 * generator.standard_normal((30, 1))
             capacity = 0.3 * np.exp(capacity + 0.2 * generator.standard_normal((30, 15)))
             table = (capacity <= LEVELS).astype(np.int8)
-            _, asked = driven(Ida(kind="ida", seed=seed).requests(grid_of(30)), table)
             one, other = (
                 capacity_posterior(find_brackets(verdict, LEVELS))[0].fragility
-                for verdict in (seen_of(asked, table), table)
+                for verdict in (driven(Ida(kind="ida", seed=seed), table)[2], table)
             )
             pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
             off.append(np.log(pairs))
         assert np.all(np.abs(np.mean(off, axis=0)) < [0.01, 0.05, 0.05])
-
-
-FINE = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 
 
 def capacities(seed, n=2000):
@@ -182,11 +123,10 @@ def capacities(seed, n=2000):
 def until_known(log_capacity, groups=None, **keys):
     """Facts of a search with a wanted precision, and the verdicts of the records searched."""
     precision = Precision(**({"theta": 0.1, "runs": 10_000} | keys))
-    n = log_capacity.size
-    grid = Grid(0, np.arange(n), FINE, np.ones(n), 1.0, np.empty((n, 0)), groups)
     table = (np.log(FINE) >= log_capacity[:, None]).astype(np.int8)
-    note, asked = driven(Ida(kind="ida", checks=0, precision=precision).requests(grid), table)
-    return note, seen_of(asked, table)[: note["records"]]
+    design = Ida(kind="ida", checks=0, precision=precision)
+    note, _, seen = driven(design, table, groups=groups, levels=FINE)
+    return note, seen[: note["records"]]
 
 
 class TestPrecision:
@@ -217,16 +157,103 @@ class TestPrecision:
             error.append(abs(np.log(posterior.fragility.theta)))
         assert np.mean(np.array(error) <= 0.06) >= 0.8
 
-    def test_one_narrow_look_is_not_enough(self, monkeypatch):
-        narrow, reached = 0, []
-        for width, done in ((0.01, 10), (0.09, 40), (0.11, 42), (0.09, 45), (0.09, 48)):
-            monkeypatch.setattr("archfrag.study.runs.ida.half_width", lambda *_, w=width: w)
-            _, narrow, facts = look(Precision(theta=0.1), Borders(grid_of(100)), done, narrow)
-            reached.append(facts["reached"])
-        assert reached == [False] * 4 + [True]
-
     def test_records_of_shared_events_are_worth_fewer(self):
         shared = np.repeat(capacities(4, n=400), 4)
         groups = np.repeat(np.arange(400), 4).astype(str)
         aware, unaware = until_known(shared, groups)[0], until_known(shared)[0]
         assert aware["records"] > 2 * unaware["records"]
+
+
+DESIGNS = {
+    "stripes": "{kind: stripes}",
+    "ida": "{kind: ida, checks: 2}",
+    "cloud": "{kind: cloud, factor: 2.0}",
+}
+THIRD = "  - {id: plate, profile: block, width: 0.5, height: 2.0, friction: .inf}\nmotions:"
+GROWN = {
+    "level": TEXT.replace("0.6, 1.2]", "0.6, 0.9, 1.2]"),
+    "arch": TEXT.replace("motions:", THIRD),
+    "record": TEXT,
+}
+
+
+def study_of(folder, design, text=TEXT, records=2):
+    path = small_study(folder, text + f"design: {DESIGNS[design]}\n")
+    time = np.arange(150) * 0.01
+    for number in range(2, records):
+        wave = 0.2 * np.sin(3 * number * time) * np.sin(np.pi * time / 1.5)
+        write_at2(folder / "records" / f"wave{number}.AT2", wave, 0.01)
+    return load_study(path)
+
+
+@pytest.mark.parametrize("grown", GROWN)
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_study_that_grows_and_goes_back_makes_only_the_new_runs(tmp_path, design, grown, capfd):
+    before, _ = cube_of(study_of(tmp_path / "grown", design))
+    given = design, GROWN[grown], 3 if grown == "record" else 2
+    log, second = cube_of(study_of(tmp_path / "grown", *given), quiet=False)
+    # How many runs there will be is shown only where it is known, so that nothing goes back.
+    assert ("%" in capfd.readouterr().err) == (design != "ida")
+    full, third = cube_of(study_of(tmp_path / "full", *given))
+    assert (before["kept"], full["kept"], log["runs"]) == (0, 0, full["runs"])
+    xr.testing.assert_identical(second, third)
+    if design in ("stripes", "cloud") or grown == "arch":
+        assert log["kept"] == before["runs"]
+    else:
+        assert log["kept"] >= before["runs"] - 4  # checks may be elsewhere
+    if grown != "record":
+        back, _ = cube_of(study_of(tmp_path / "grown", design))
+        assert back["kept"] == back["runs"] == before["runs"]
+
+
+def known_of(response):
+    known = vars(response) | response.work | response.events
+    known |= {"contact_residual": response.residual, "fallbacks": response.fallbacks}
+    for name in ("collapse_mode", "lost_contact_mode"):
+        known[name] = CollapseMode[known[name].upper()]
+    return known | {"model_time": list(response.model_time.values())}
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_cube_of_each_design_made_in_batches(tmp_path, design):
+    study = study_of(tmp_path, design, records=3)
+    prepare_motions(study)
+    shared = changed(study, "execution", batches=3)
+    logs = [run_batch(shared, number, quiet=True)[0] for number in range(3)]
+    log, cube = cube_of(study)
+    assert log["runs"] == log["kept"] == sum(each["runs"] for each in logs)
+    assert sum(each["kept"] for each in logs) == 0
+    made = cube["verdict"].values != 4
+    note = json.loads(cube.attrs["archfrag_design"])
+    assert note["kind"] == design
+    assert set(note["arches"]) == {"ring", "slab"}
+    assert made.sum() == log["runs"]
+    assert design != "ida" or made.sum() == sum(each["runs"] for each in note["arches"].values())
+    assert ((cube["status"].values == -1) == ~made).all()
+    assert (np.isnan(cube["peak_rotation"].values) == ~made).all()
+    assert (cube["steps"].values[~made] == -1).all()
+    own = design == "cloud"
+    assert cube["verdict"].shape == (2, 3, 1 if own else 3)
+    assert cube["intensity"].dims == (("arch", "record", "level") if own else ("level",))
+    assert cube["scale_factor"].dims == (("arch",) if own else ()) + ("record", "level")
+    if design == "cloud":
+        np.testing.assert_allclose(cube["scale_factor"], 2.0, rtol=1e-14)
+    pga = cube["record_measure"].sel(measure="PGA")
+    reached = (cube["scale_factor"] * pga).broadcast_like(cube["verdict"])
+    levels = cube["intensity"].broadcast_like(cube["verdict"])
+    np.testing.assert_allclose(reached.values[made], levels.values[made], rtol=1e-12)
+    records = prepare_motions(study)
+    for arch, record, level in np.argwhere(made)[[0, 1, -1]]:
+        place = {"arch": arch, "record": record, "level": level}
+        factor = cube["scale_factor"].isel({k: place[k] for k in cube["scale_factor"].dims})
+        response = af.simulate(
+            study.arches[arch].build(), load_record(study.work, records[record]),
+            scale=factor.item(), method="time_stepping", dt=2e-3, follow=2.0,
+        )  # fmt: skip
+        known = known_of(response)
+        assert {column.name for column in COLUMNS} - set(known) == {"verdict"}
+        for name in set(known) & set(cube):
+            np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
+    if design == "cloud":
+        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
+    assert_compliant(study.folder / "cube.nc", tmp_path)

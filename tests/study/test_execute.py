@@ -1,6 +1,8 @@
-"""Batches here and in worker processes: the same results, losses survived or reported."""
+"""Batches here and in worker processes: the same results, losses and signals survived."""
 
 import contextlib
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -12,13 +14,14 @@ import pytest
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
-from archfrag.study.runs import CASE, execute
-from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
+from archfrag.study.running import Stopped, only_run, stoppable
+from archfrag.study.runs import execute
+from archfrag.study.runs.execute import kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
+from tests.study.small import changed
 
 
 def assert_same(results, expected):
-    """The same runs with the same results, however they were cut into parts."""
     np.testing.assert_array_equal(results[0], expected[0])
     for name in set(results[1].dtype.names) - {"wall_time"}:
         np.testing.assert_array_equal(results[1][name], expected[1][name])
@@ -34,51 +37,64 @@ def worker_processes():
     return found
 
 
-class Killer(threading.Thread):
-    """Kills workers as soon as the first part is there: one of them, or whoever comes."""
+@contextlib.contextmanager
+def killer(folder, every):
+    """Kill workers once the first part is there: one of them, or whoever comes; given are all."""
+    killed, stop = [], threading.Event()
 
-    def __init__(self, folder, every):
-        super().__init__(daemon=True)
-        self.folder, self.every, self.killed = folder, every, 0
-        self.stop = threading.Event()
-
-    def run(self):
-        while not self.stop.is_set():
-            if list(self.folder.glob("parts/*/*.npy")):
-                for process in worker_processes()[: None if self.every else 1]:
+    def kill():
+        while not stop.wait(0.05) and (every or not killed):
+            if list(folder.glob("parts/*/*.npy")):
+                for process in worker_processes()[: None if every else 1]:
                     with contextlib.suppress(psutil.NoSuchProcess):
                         process.kill()
-                        self.killed += 1
-                if self.killed and not self.every:
-                    return
-            time.sleep(0.05)
+                        killed.append(process)
+
+    thread = threading.Thread(target=kill, daemon=True)
+    thread.start()
+    try:
+        yield killed
+    finally:
+        stop.set()
+        thread.join(10.0)
 
 
-def cleared(done, step=None):
+def cleared(study, step):
     """The same study without parts; with steps so short that there is time to kill somebody."""
-    for path in done.study.work.glob("parts/*/*.npy"):
+    for path in study.work.glob("parts/*/*.npy"):
         path.unlink()
-    method = done.study.method
-    method = method if step is None else method.model_copy(update={"dt": step})
-    return done.study.model_copy(update={"method": method})
+    return changed(study, "method", dt=step)
 
 
 @pytest.fixture
 def _at_once(monkeypatch):
-    """Workers are started for the first run."""
     monkeypatch.setattr(execute, "IN_PROCESS", 0.0)
 
 
-def test_workers_import_neither_obspy_nor_matplotlib():
-    code = (
-        "import sys; import archfrag.study.runs.execute, archfrag.simulate; "
-        "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask') "
-        "if n in sys.modules])"
-    )
-    found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert found.stdout.strip() == "[]"
+@pytest.mark.parametrize(
+    ("code", "printed"),
+    [
+        (
+            "import sys, archfrag.study.runs.execute, archfrag.simulate\n"
+            "print({'obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask'} & set(sys.modules))",
+            "set()",
+        ),
+        (
+            "import sys; from archfrag.study.running import without_dask\n"
+            "for _ in range(2):\n"
+            "    with without_dask():\n"
+            "        import xarray; xarray.Dataset({'a': ('x', [1.0])}).to_netcdf(sys.argv[1])\n"
+            "    print('dask' in sys.modules)\n"
+            "    import dask.base\n",
+            "False\nTrue",
+        ),
+    ],
+    ids=["a worker", "a run without a scheduler, which hides dask from nobody else"],
+)
+def test_what_is_heavy_is_not_loaded(tmp_path, code, printed):
+    asked = [sys.executable, "-c", code, tmp_path / "a.nc"]
+    found = subprocess.run(asked, capture_output=True, text=True)
+    assert found.stdout.strip() == printed, found.stderr
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
@@ -96,46 +112,35 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     assert (log["kept"], log["workers"]) == (12, 0)
 
 
-@pytest.mark.parametrize(
-    ("method", "expected"),
-    [
-        ({"name": "time_stepping"}, ["time_stepping"]),
-        ({"name": "auto"}, ["auto"]),
-        ({"name": "auto", "rtol": 1e-5}, ["event_driven"]),
-    ],
-)
-def test_only_the_kernels_that_the_runs_need(done, method, expected):
-    arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
-    changes = {"arches": arches, "method": Method(**method)}
-    assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == expected
+def test_only_the_kernels_that_the_runs_need(done):
+    arches = done.study.arches[:1]
+    fine = Method(name="auto", rtol=1e-5)
+    for method, expected in (
+        (done.study.method, "time_stepping"), (Method(name="auto"), "auto"), (fine, "event_driven")
+    ):  # fmt: skip
+        changes = {"arches": arches, "method": method}
+        assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == [expected]
 
 
 @pytest.mark.usefixtures("_at_once")
 def test_workers_make_the_same_runs_and_one_that_is_killed_costs_nothing_but_time(copied):
-    study = cleared(copied, 1e-4)
-    killer = Killer(study.work, every=False)
-    killer.start()
-    log, _ = run_batch(study, workers=2, quiet=True)
-    killer.join(10.0)
-    assert (killer.killed, log["workers"]) == (1, 2)
+    study = cleared(copied.study, 1e-4)
+    with killer(study.work, every=False) as killed:
+        log, _ = run_batch(study, workers=2, quiet=True)
+    assert (len(killed), log["workers"]) == (1, 2)
     assert not worker_processes()
     plan = make_plan(study)
     disturbed = gather(plan)
-    cleared(copied)
-    run_batch(study, workers=1, quiet=True)
+    run_batch(cleared(study, 1e-4), workers=1, quiet=True)
     assert_same(gather(plan), disturbed)
 
 
 @pytest.mark.usefixtures("_at_once")
 def test_workers_killed_again_and_again_end_the_batch(copied):
-    study = cleared(copied, 1e-5)
-    killer = Killer(study.work, every=True)
-    killer.start()
-    try:
-        with pytest.raises(WorkerError, match="killed or ran out of memory 4 times") as caught:
-            run_batch(study, workers=2, quiet=True)
-    finally:
-        killer.stop.set()
+    study = cleared(copied.study, 1e-5)
+    killed = pytest.raises(WorkerError, match="killed or ran out of memory 4 times")
+    with killer(study.work, every=True), killed as caught:
+        run_batch(study, workers=2, quiet=True)
     assert caught.value.exit_code == 5
     parts = list(make_plan(study).parts.glob("*.npy"))
     assert 1 <= len([path for path in parts if read_part(path) is not None]) < 6
@@ -144,18 +149,47 @@ def test_workers_killed_again_and_again_end_the_batch(copied):
 def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
     monkeypatch.setattr(execute, "ANSWER_WITHIN", 0.5)
     next(copied.plan.parts.glob("*.npy")).unlink()
-    execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
-    study = copied.study.model_copy(update={"execution": execution})
-    with pytest.raises(
-        WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"
-    ):
+    study = changed(copied.study, "execution", scheduler="tcp://127.0.0.1:1")
+    with pytest.raises(WorkerError, match=r"execution.scheduler: tcp://.*cannot be used"):
         run_batch(study, quiet=True)
 
 
-def test_chunks_are_of_one_arch_and_of_the_size_asked_for():
-    cases = np.zeros(10, CASE)
-    cases["arch"], cases["record"] = [0] * 7 + [3] * 3, np.arange(10)
-    sizes = iter([2, 4, 8, 2, 2])
-    found = list(chunks(cases, lambda: next(sizes)))
-    assert [len(each) for each in found] == [2, 4, 1, 2, 1]
-    np.testing.assert_array_equal(np.concatenate(found), cases)
+class TestStop:
+    def test_the_first_signal_raises_and_the_others_are_ignored(self):
+        before = signal.getsignal(signal.SIGTERM)
+
+        def be_stopped_thrice():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(5.0)
+            finally:
+                os.kill(os.getpid(), signal.SIGINT)
+                os.kill(os.getpid(), signal.SIGTERM)
+
+        with pytest.raises(Stopped, match="stopped by SIGTERM"), stoppable():
+            be_stopped_thrice()
+        assert signal.getsignal(signal.SIGTERM) == before
+
+    def test_code_that_does_not_return_is_ended(self):
+        """A hash of many rounds stands for a compiler."""
+        code = (
+            "import hashlib; from archfrag.study import running; running.GRACE = 0.5\n"
+            "with running.stoppable():\n"
+            "    print('ready', flush=True)\n"
+            "    hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2**31 - 1)\n"
+        )
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)  # until the hash has begun
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5.0) == 128 + signal.SIGTERM
+        process.communicate()
+
+
+def test_a_file_system_without_locks_does_without(copied, monkeypatch):
+    def none(*_):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", none)
+    with only_run(copied.study), only_run(copied.study):
+        pass

@@ -1,163 +1,239 @@
-"""Rates of collapse of a study: of all designs, and by the command."""
+"""Hazard curves of files, and rates of collapse of a study: of all designs, by the command."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.fits import FITS
-from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
-from archfrag.study.file.hazard import Hazard
-from archfrag.study.files import write_text
+from archfrag.study.answer.risk import risk_of
+from archfrag.study.file.hazard import Hazard, load_hazard
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
 from tests.study.small import command, made, small_study
 
+G = 9.80665
+SITE = {"site": (13.4, 42.3)}
+OPENQUAKE = """\
+#,,,,,,"generated_by='OpenQuake engine 3.26.0-gitabc', start_date='2026-05-04T12:20:05', \
+checksum=42, kind='{kind}', investigation_time=50.0, imt='{imt}'"
+lon,lat,depth,poe-0.0050000,poe-0.1000000,poe-0.4000000,poe-1.0000000
+13.40000,42.30000,0.00000,9.999000E-01,{p},5.000000E-03,0.000000E+00
+14.00000,42.30000,0.00000,8.000000E-01,5.000000E-02,2.000000E-03,1.000000E-04
+"""
+NRML = """\
+<?xml version="1.0" encoding="utf-8"?>
+<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.{version}">
+  <hazardCurves {kind} investigationTime="50.0" IMT="SA" saPeriod="0.5" saDamping="5.0">
+    <IMLs>1.0E-02 1.0E-01 1.0E+00</IMLs>
+    <hazardCurve><gml:Point><gml:pos>13.4 42.3</gml:pos></gml:Point>
+      <poEs>9.0E-01 1.0E-01 1.0E-03</poEs></hazardCurve>
+    <hazardCurve><gml:Point><gml:pos>14.0 42.3</gml:pos></gml:Point>
+      <poEs>8.0E-01 5.0E-02 5.0E-04</poEs></hazardCurve>
+  </hazardCurves>
+  <hazardCurves {kind} investigationTime="50.0" IMT="PGA">
+    <IMLs>1.0E-02 1.0E-01</IMLs>
+    <hazardCurve><gml:Point><gml:pos>13.4 42.3</gml:pos></gml:Point>
+      <poEs>9.0E-01 2.0E-01</poEs></hazardCurve>
+  </hazardCurves>
+</nrml>
+"""
+
+
+def openquake(kind="mean", imt="PGA", p="1.000000E-01"):
+    return OPENQUAKE.format(kind=kind, imt=imt, p=p)
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load_texts(*texts, measure="PGA", unit=None, site=None):
+        paths = [tmp_path / f"hazard{i}" for i in range(len(texts))]
+        for path, text in zip(paths, texts):
+            path.write_text(text, encoding="utf-8")
+        return load_hazard(paths, measure, unit, site)
+
+    return load_texts
+
+
+def test_plain_tables(load):
+    found = load("# a site\nPGA [g],rate_0.84,rate\n0.1,2e-2,1e-2\n\n0.4,8e-4,4e-4\n")
+    assert list(found.curves) == ["mean", "0.84"]
+    np.testing.assert_allclose(found.main.im, [0.1 * G, 0.4 * G])
+    np.testing.assert_array_equal(found.main.rate, [1e-2, 4e-4])
+    assert found.notes == ()
+    found = load("im,poe_50\n0.1,0.1\n0.4,0.02\n", unit="g")
+    assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
+    assert "taken to be PGA" in found.notes[0]
+    for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]")):
+        found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
+        np.testing.assert_allclose(found.main.im, [0.1, 1.0])
+
+
+class TestOpenQuakeCsv:
+    def test_nearest_site_in_g(self, load):
+        found = load(openquake(), site=(13.41, 42.31))
+        np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
+        assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
+        named = openquake().replace("lon,", "custom_site_id,lon,").replace("\n1", "\nsite,1")
+        again = load(named, site=(13.4, 42.3))
+        np.testing.assert_array_equal(again.main.rate, found.main.rate)
+
+        found = load(openquake(), measure="RotD50(PGA)", site=(14.0, 42.3))
+        assert "no component" in found.notes[0]
+
+    def test_mean_comes_first_and_quantiles_follow(self, load):
+        found = load(openquake("quantile-0.84", p="2.000000E-01"), openquake(), **SITE)
+        assert list(found.curves) == ["mean", "quantile-0.84"]
+        assert found.curves["quantile-0.84"].rate[1] > found.main.rate[1]
+        with pytest.raises(InputError, match="hazard1: has a second curve 'mean'"):
+            load(openquake(), openquake(), **SITE)
+
+
+@pytest.mark.parametrize("version", [4, 5])
+def test_measure_and_site_of_nrml_are_chosen(load, version):
+    text = NRML.format(version=version, kind='statistics="mean"')
+    found = load(text, measure="Sa(0.5)", site=(14.0, 42.3))
+    assert list(found.curves) == ["mean"]
+    np.testing.assert_allclose(found.main.im, [0.01 * G, 0.1 * G, G])
+    assert found.main.rate[1] == pytest.approx(-np.log(0.95) / 50.0)
+    assert load(text).main.im.size == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "part"),
+    [
+        ("", {}, "is not a table in CSV (No columns"),
+        ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", {}, "no unit is stated; give one of g, m/s2"),
+        ("PGV [m/s],rate\n1,1\n", {}, "hazard of PGV, but the study's levels are of PGA"),
+        ("strength\n1\n", {}, "has 'strength' as its first of 1 columns; the header is `im [g]`"),
+        ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", {}, "is for 0 years"),
+        ("PGA [g],rate\n0.1,much\n", {}, "must hold numbers, but: could not convert string to"),
+        ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", {}, "rises from 0.001 to 0.01 at im = 0.2"),
+        (openquake(), {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
+        (openquake(), {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42"),
+        (openquake(), {"unit": "m/s2", **SITE}, "gives PGA in g, not in m/s2"),
+        (openquake(imt="SA(0.3)"), SITE, "hazard of Sa(0.3), but the study's"),
+        (openquake(p="1.5"), SITE, "the hazard curve's probability holds 1.5"),
+        (openquake().replace("imt=", "im="), SITE, "does not state imt and investigation_time"),
+        ("<nrml><hazardCurves", {}, "is not XML"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><nrml/>', {}, "declares a document type"),
+        ('<nrml><hazardCurves IMT="PGA" investigationTime="1"/></nrml>', {}, "without IMLs"),
+    ],
+)
+def test_refusals_name_the_file(load, text, options, part):
+    with pytest.raises(InputError, match=r"^[^\n]*hazard0: [^\n]*$") as found:
+        load(text, **options)
+    assert part in str(found.value)
+
+
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
 HAZARD = Hazard("PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 * IM**-2.0)})
+FIT = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
 
 
 @pytest.fixture(scope="module")
-def grid():
-    data = cube(items=motions(30))
-    return data, {"ring": answers_of(data)["ring"].curve}
+def data():
+    return cube(items=motions(30))
 
 
-class TestGrid:
-    def test_rate_is_the_closed_form_and_twice_it_with_twice_the_hazard(self, grid):
-        data, fits = grid
-        found = risk_of(data, fits, HAZARD).arches["ring"]
-        fit = fits["ring"]
-        exact = 2e-3 * fit.theta**-2.0 * np.exp(2.0 * fit.beta**2)
-        assert found.rate.rate == pytest.approx(exact, rel=1e-9)
-        assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
-        assert found.rate.lower < found.rate.rate < found.rate.mean < found.rate.upper
+def with_verdicts(data, verdict, joint):
+    """The cube with other verdicts, (n_record, n_level), and joints where the arch collapsed."""
+    dims, fell = data["verdict"].dims, verdict == 1
+    return data.assign(
+        verdict=(dims, verdict[None].astype(np.int8)),
+        collapse_joint=(dims, np.where(fell, joint, -1)[None]),
+        collapse_mode=(dims, fell[None].astype(np.int8)),
+    )
 
-    def test_everything_adds_up_to_the_rate(self, grid):
-        found = risk_of(*grid, HAZARD).arches["ring"]
+
+class TestGridOfRuns:
+    def test_rate_is_the_closed_form_to_which_all_parts_add_up(self, data):
+        fit = answers_of(data)["ring"].curve
+        found = risk_of(data, {"ring": fit}, HAZARD).arches["ring"]
         rate = found.rate.rate
+        assert rate == pytest.approx(2e-3 * fit.theta**-2 * np.exp(2 * fit.beta**2), rel=1e-9)
+        assert found.by_curve["0.84"] == pytest.approx(2.0 * rate, rel=1e-12)
+        assert found.rate.lower < rate < found.rate.mean < found.rate.upper
+        assert found.rate.outside < 0.05
         assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
         for split in found.splits.values():
             assert split.rate.sum() + split.unassigned.sum() == pytest.approx(rate, rel=1e-12)
-            assert split.counts.sum() == (grid[0]["verdict"].values == 1).sum()
+            assert split.counts.sum() == (data["verdict"].values == 1).sum()
 
-    def test_a_mechanism_seen_once_is_told_without_a_band(self, grid):
-        data, fits = grid
-        collapsed = data["verdict"].values == 1
-        once = collapsed & (np.cumsum(collapsed).reshape(collapsed.shape) == 1)
-        joint = data["collapse_joint"].dims, np.where(once, 7, np.where(collapsed, 2, -1))
-        mode = data["collapse_mode"].dims, collapsed.astype(np.int8)
-        data = data.assign(collapse_joint=joint, collapse_mode=mode)
-        study = SimpleNamespace(intensity=SimpleNamespace(factor=9.80665, unit="g"))
-        facts = risk_facts(risk_of(data, fits, HAZARD), study)
-        assert [part["collapses"] == 1 for part in facts["arches"]["ring"]["by_mechanism"]] == [
-            False, True
-        ]  # fmt: skip
-        (line,) = [line for line in risk_text(facts).splitlines() if "joint 7" in line]
-        assert line.endswith(", 1 collapse")
-
-    def test_short_hazard_curve_is_cautioned(self, grid):
+    def test_short_hazard_curve_is_cautioned(self, data):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
-        found = risk_of(*grid, short).arches["ring"]
+        found = risk_of(data, {"ring": FIT}, short).arches["ring"]
         assert found.rate.above > 0.9
         assert found.rate.quoted == pytest.approx(found.rate.rate * (1.0 - found.rate.above))
         assert np.isnan([found.rate.mean, found.rate.lower, found.rate.upper]).all()
         assert found.cautions[0].startswith("most of the rate is from outside the hazard curve")
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
-        assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
 
 
 class TestDesigns:
-    def test_bisected_records_give_the_fractions_of_the_full_grid(self):
+    def test_bisected_records_give_the_fractions_of_the_full_grid(self, data):
         """A study of monotone records: what the bisection leaves out follows from the others."""
-        generator = np.random.default_rng(5)
-        data = cube(items=motions(30))
-        levels = data["intensity"].values
+        generator, levels = np.random.default_rng(5), data["intensity"].values
         capacity = 4.0 * np.exp(0.4 * generator.standard_normal((30, 1)))
-        full = (capacity < levels).astype(np.int8)
-        joint = np.where(full == 1, generator.integers(0, 8, (30, 1)), -1)
-        first = np.argmax(full, axis=1)[:, None]
-        place = np.arange(levels.size)
-        bisected = np.where(
-            (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0)), full, 4
+        full = (capacity < levels).astype(int)
+        joint = np.broadcast_to(generator.integers(0, 8, (30, 1)), full.shape)
+        first, place = np.argmax(full, axis=1)[:, None], np.arange(levels.size)
+        seen = (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0))
+        assert not seen.all()
+        one, other = (
+            risk_of(with_verdicts(data, verdict, joint), {"ring": FIT}, HAZARD)
+            for verdict in (full, np.where(seen, full, 4))
         )
-        fit = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
-        found = []
-        for verdict in (full, bisected):
-            seen = np.where(verdict == 1, joint, -1)
-            made = data.assign(
-                verdict=(data["verdict"].dims, verdict[None].astype(np.int8)),
-                collapse_joint=(data["verdict"].dims, seen[None]),
-                collapse_mode=(data["verdict"].dims, (verdict == 1)[None].astype(np.int8)),
-            )
-            found.append(risk_of(made, {"ring": fit}, HAZARD).arches["ring"].splits["mechanism"])
-        assert (bisected == 4).any()
-        assert found[0].categories == found[1].categories
-        np.testing.assert_array_equal(found[0].rate, found[1].rate)
+        one, other = (found.arches["ring"].splits["mechanism"] for found in (one, other))
+        assert one.categories == other.categories
+        np.testing.assert_array_equal(one.rate, other.rate)
 
-    def test_runs_each_at_an_intensity_of_its_own(self, grid):
-        data, fits = grid
+    def test_runs_each_at_an_intensity_of_its_own(self, data):
         generator = np.random.default_rng(6)
-        at = np.exp(generator.uniform(0.0, 2.0, (1, 30, 1)))
-        dims = ("arch", "record", "level")
-        one = data.isel(level=[4]).drop_vars("intensity")
-        verdict = (4.0 * np.exp(0.4 * generator.standard_normal(at.shape)) < at).astype(np.int8)
-        one = one.assign(
-            intensity=(dims, at, {"units": "m s-2", "measure": "PGA"}),
-            verdict=(dims, verdict),
-            collapse_joint=(dims, np.where(verdict == 1, 2, -1)),
-        )
-        found = risk_of(one, fits, HAZARD).arches["ring"]
+        at = np.exp(generator.uniform(0.0, 2.0, (30, 1)))
+        verdict = (4.0 * np.exp(0.4 * generator.standard_normal(at.shape)) < at).astype(int)
+        one = with_verdicts(data.isel(level=[4]).drop_vars("intensity"), verdict, 2)
+        units = {"units": "m s-2", "measure": "PGA"}
+        one = one.assign(intensity=(data["verdict"].dims, at[None], units))
+        found = risk_of(one, {"ring": FIT}, HAZARD).arches["ring"]
         assert found.splits["mechanism"].counts.sum() == verdict.sum()
         assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
-        assert found.levels[0] > at.min()
-        assert found.levels[-1] < at.max()
+        assert at.min() < found.levels[0] < found.levels[-1] < at.max()
 
 
-def with_curves(study, **curves):
-    """Put other curves of arches into the fits of a study, which stay up to date."""
-    made_up = json.loads((study.folder / FITS).read_text())
-    for name, curve in curves.items():
-        made_up["arches"][name]["curve"] = curve
-    write_text(study.folder / FITS, json.dumps(made_up))
-    finish(study, "fit")
+def test_by_the_command(tmp_path):
+    study = made(small_study(tmp_path)).study
+    hazard, out = tmp_path / "hazard.csv", tmp_path / "risk.json"
+    hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
+    asked = ("risk", tmp_path / "small.yaml", "--hazard", hazard)
 
+    def with_curves(**curves):
+        """Put other curves of arches into the fits of the study, which stay up to date."""
+        made_up = json.loads((study.folder / FITS).read_text())
+        for name, curve in curves.items():
+            made_up["arches"][name]["curve"] = curve
+        (study.folder / FITS).write_text(json.dumps(made_up))
+        finish(study, "fit")
 
-class TestCommand:
-    @pytest.fixture
-    def asked(self, tmp_path):
-        """Arguments of the command for a finished study with a made-up curve; the study."""
-        study = made(small_study(tmp_path)).study
-        curve = Fragility(5.0, 0.4, np.diag([0.01, 0.005]), 0.0, 3, 6, "stripes")
-        with_curves(study, ring=curve.to_dict())
-        hazard = tmp_path / "hazard.csv"
-        hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
-        return ("risk", tmp_path / "small.yaml", "--hazard", hazard), study
-
-    def test_json_and_file_are_the_same(self, asked, tmp_path):
-        out = tmp_path / "risk.json"
-        result = command(*asked[0], "--json", "--out", out, "--years", 100)
-        assert result.exit_code == 0, result.output
-        for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
-            assert command(*asked[0], f"--{option}", value).exit_code == 2
-        facts = json.loads(result.stdout)
-        assert json.loads(out.read_text()) == facts
-        ring = facts["arches"]["ring"]
-        assert ring["probability"] == pytest.approx(1.0 - np.exp(-100.0 * ring["rate"]))
-        assert ring["theta"] == pytest.approx(5.0 / 9.80665)
-        assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
-        assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
-        assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
-
-    def test_no_curve_at_all(self, asked):
-        arguments, study = asked
-        none = {"none": "nothing fell"}
-        with_curves(study, ring=none, slab=none)
-        result = command(*arguments)
-        assert result.exit_code == 6
-        assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
-        assert result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"
+    with_curves(ring=FIT.to_dict())
+    result = command(*asked, "--json", "--out", out, "--years", 100)
+    assert result.exit_code == 0, result.output
+    for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
+        assert command(*asked, f"--{option}", value).exit_code == 2
+    facts = json.loads(result.stdout)
+    assert json.loads(out.read_text()) == facts
+    ring = facts["arches"]["ring"]
+    assert ring["probability"] == pytest.approx(1.0 - np.exp(-100.0 * ring["rate"]))
+    assert ring["theta"] == pytest.approx(FIT.theta / 9.80665)
+    assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
+    assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
+    assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
+    with_curves(ring={"none": "nothing fell"}, slab={"none": "nothing fell"})
+    result = command(*asked)
+    assert result.exit_code == 6
+    assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
+    assert result.stderr == "archfrag: error: no arch has a curve, so there is no rate\n"

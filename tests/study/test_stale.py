@@ -1,33 +1,36 @@
-"""Inputs that change under a study: made again or refused, never mixed, whatever their dates."""
+"""Inputs, keys and code that change under a study: results are made again, never mixed."""
 
+import contextlib
+import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
-from obspy import Trace
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import ArchfragError, InputError, RecordError
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
-from archfrag.study.file.schema import load_study
+from archfrag.study.file.schema import Study, load_study
 from archfrag.study.runs.store import gather, make_plan
 from archfrag.study.steps import finish, make_step, stale_steps
-from tests.study.small import TEXT, command, files_below, make_runs, small_study, write_at2
-
-INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
+from tests.study.small import (
+    TEXT,
+    changed,
+    command,
+    dumped,
+    files_below,
+    make_runs,
+    small_study,
+    write_at2,
+)
 
 
 def prepared(folder, text=TEXT):
-    """A study whose motions are prepared."""
     study = load_study(small_study(folder, text))
     prepare_motions(study)
     finish(study, "motions")
     assert stale_steps(study)[0][0] == "batch-0of1"
     return study
-
-
-def older(path):
-    """Give a file a date before all others, as unpacking an archive does."""
-    os.utime(path, (1.0e9, 1.0e9))
 
 
 def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_path):
@@ -39,10 +42,11 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
 
     def changed_by(*changes):
         for path, content in changes:
-            content = content.encode() if isinstance(content, str) else content
-            path.unlink() if content is None else path.write_bytes(content)
-            if content is not None:
-                older(path)
+            if content is None:
+                path.unlink()
+            else:  # with a date before all others, as unpacking an archive gives
+                path.write_bytes(content)
+                os.utime(path, (1.0e9, 1.0e9))
         stale, changed = stale_steps(study)
         assert (stale[0] == "motions") == bool(changed)
         return [line.partition(" (sha256 ")[0] for line in changed]
@@ -57,34 +61,19 @@ def test_every_input_counts_by_its_content_and_place_and_not_by_its_date(tmp_pat
     assert exchanged == [f"record {path} has changed" for path in (one, two)]
     assert changed_by(*contents.items()) == []
     for path, kind in ((index, "index"), (tmp_path / "index.csv", "index"), (own, "inventory")):
-        assert changed_by((path, "id,file\n")) == [f"{kind} {path} is new"]
+        assert changed_by((path, b"id,file\n")) == [f"{kind} {path} is new"]
         assert changed_by((path, None)) == []
     inventory = tmp_path / "stations.xml"
-    assert changed_by((inventory, "<two/>")) == [f"inventory {inventory} has changed"]
+    assert changed_by((inventory, b"<two/>")) == [f"inventory {inventory} has changed"]
     with pytest.raises(RecordError, match=r"stations\.xml: there is no such file"):
         changed_by((inventory, None))
-
-
-def test_the_unit_in_the_index(tmp_path):
-    path = small_study(
-        tmp_path, TEXT.replace('files: ["records/*.AT2"]', "index: records/index.csv")
-    )
-    index = tmp_path / "records" / "index.csv"
-    trace = Trace(np.sin(np.arange(150.0)), {"delta": 0.01, "channel": "HNE"})
-    trace.write(str(tmp_path / "records" / "wave0.mseed"), format="MSEED")
-    index.write_text(INDEX)
-    first = prepare_motions(load_study(path))[0].factor
-    index.write_text(INDEX.replace("m/s2", "cm/s2"))
-    assert prepare_motions(load_study(path))[0].factor == pytest.approx(100 * first)
 
 
 def test_what_only_the_cube_states_is_noticed(tmp_path):
     """Another name of the same unit; a column of a table that gives what is the default."""
     table = tmp_path / "table.csv"
     table.write_text("id,width,depth\none,0.4,1.0\n")
-    many = (
-        "  - {id: many, table: table.csv, profile: block, height: 2.0, friction: .inf}\nmotions:"
-    )
+    many = "  - {id: many, table: table.csv, profile: block, height: 2, friction: .inf}\nmotions:"
     text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
     study = prepared(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
     for step in ("batch-0of1", "cube"):
@@ -122,15 +111,12 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
 
 def test_two_stored_motions_swapped_by_hand(copied):
     one, two = (copied.study.work / record.file for record in load_prepared(copied.study))
-    content = one.read_bytes()
-    one.write_bytes(two.read_bytes())
-    two.write_bytes(content)
-    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
-    with pytest.raises(InputError) as caught:
-        make_plan(copied.study)
-    assert str(caught.value).startswith(message)
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
+    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
     assert changed[0].startswith(message)
     with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])
@@ -147,9 +133,79 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0][0] == "batch-0of1"
     monkeypatch.setattr("archfrag.study.runs.store.kernel_hash", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
-    other = study.model_copy(
-        update={"intensity": study.intensity.model_copy(update={"levels": (0.1, 0.2)})}
-    )
-    stale, (changed,) = stale_steps(other)
+    stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
     assert stale[0] == "batch-0of1"
-    assert changed.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")
+    assert why.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")
+
+
+EVERY = Path(__file__).with_name("every.yaml").read_text()
+HAZARD = "PGA [g],rate\n0.01,0.1\n0.1,0.01\n0.5,0.001\n2.0,0.0001\n"
+TABLE = "id,width,height,owner\none,0.4,2.0,me\ntwo,0.5,2.1,you\n"
+SAME = ("output", "execution")  # where it runs, and where results go, changes no result
+
+
+def leaves(value, here=()):
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, inner in items:
+        if isinstance(inner, dict | list | tuple) and inner:
+            yield from leaves(inner, (*here, key))
+        else:
+            yield (*here, key), inner
+
+
+def without_none(value):
+    if isinstance(value, dict):
+        return {k: without_none(v) for k, v in value.items() if v is not None}
+    return [without_none(v) for v in value] if isinstance(value, list) else value
+
+
+def others(value):
+    if isinstance(value, bool):
+        return [not value]
+    if isinstance(value, int | float):
+        return [value * 1.01, value * 0.99, value + 1, value - 1, value + 0.01, 0.5, 1]
+    if isinstance(value, str):
+        return [value + "x", "cm/s2", "PGV", "latin_hypercube", "left", "penalty"]
+    return [0.5, 1, 0.01, True, "x", "cm/s2", [0.1], {"PGA": 0.1}, [0.1] * 7, [1.0] * 5]
+
+
+def with_each_key_changed(path):
+    """For each key its name and the study with another value in the first place that can."""
+    seen = set()
+    plain = load_study(path).model_dump(mode="json")
+    for place, value in leaves(plain):
+        name = ".".join("*" if isinstance(key, int) else key for key in place)
+        for other in others(value):
+            if other == value or name in seen:
+                continue
+            new = json.loads(json.dumps(plain))
+            inner = new
+            for key in place[:-1]:
+                inner = inner[key]
+            inner[place[-1]] = other
+            with contextlib.suppress(ArchfragError, ValueError):
+                copy = path.with_name("changed.yaml")
+                copy.write_text(dumped(Study.model_validate(without_none(new))))
+                study = load_study(copy)
+                seen.add(name)
+                yield name, study
+
+
+def test_each_change_of_a_key_is_seen(tmp_path):
+    path = small_study(tmp_path, EVERY, "every.yaml")
+    (tmp_path / "hazard.csv").write_text(HAZARD)
+    for name in ("table.csv", "other.csv"):
+        (tmp_path / name).write_text(TABLE)
+    for step in ("motions", "batch", "cube", "fit", "report"):
+        done = command(step, path, *["--quiet"] * (step == "batch"))
+        assert done.exit_code == 0, done.output
+    assert stale_steps(load_study(path))[0] == []
+    seen = set()
+    for name, study in with_each_key_changed(path):
+        seen.add(name)
+        if name.startswith("output"):
+            continue
+        with contextlib.suppress(ArchfragError):  # what cannot be run is not called current
+            stale = stale_steps(study)[0]
+            assert bool(stale) == (not name.startswith(SAME)) or name == "execution.batches", name
+    assert len(seen) > 70, sorted(seen)

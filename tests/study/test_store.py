@@ -12,7 +12,6 @@ from archfrag.errors import InputError
 from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
-from archfrag.study.runs import CASE
 from archfrag.study.runs.store import (
     DECIDING,
     KEY,
@@ -26,11 +25,9 @@ from archfrag.study.runs.store import (
 from tests.study.small import command, dumped, files_below, make_runs
 
 
-def runs_of(plan):
-    """All runs of a plan, their factors and keys."""
-    cases = next(plan.requests()[0]), next(plan.requests()[1])
-    cases = np.concatenate(cases)
-    return cases, plan.factors(cases), plan.keys(cases)
+def keys_of(plan):
+    cases = np.concatenate([next(requests) for requests in plan.requests().values()])
+    return {key.tobytes() for key in plan.keys(cases)}
 
 
 class TestPlan:
@@ -46,11 +43,9 @@ class TestPlan:
         self, done, override, same
     ):
         path = done.study.folder.parent / "small.yaml"
-        before = {key.tobytes() for key in runs_of(done.plan)[2]}
         study = load_study(path, [override]).model_copy(update={"output": done.study.output})
         plan = make_plan(study.model_copy(update={"design": done.study.design}))
-        after = {key.tobytes() for key in runs_of(plan)[2]}
-        assert len(before & after) == same
+        assert len(keys_of(done.plan) & keys_of(plan)) == same
 
     def test_all_that_a_simulation_passes_through_decides(self, done):
         code = (
@@ -66,11 +61,6 @@ class TestPlan:
         decides |= {path for name in KERNEL_FOLDERS for path in (PACKAGE / name).rglob("*.py")}
         left = {str(path.relative_to(PACKAGE)) for path in passed - decides}
         assert not [name for name in left if not name.startswith(elsewhere)]
-
-    def test_keys_of_a_thousand_factors_all_differ(self, done):
-        cases = np.zeros(1000, CASE)
-        cases["level"] = 1.0 + np.arange(1000) * 4 * np.finfo(float).eps
-        assert len({key.tobytes() for key in done.plan.keys(cases)}) == 1000
 
 
 class TestParts:
@@ -92,27 +82,19 @@ class TestParts:
 
     def test_a_part_of_other_columns_counts_as_missing(self, copied):
         path = next(copied.plan.parts.glob("*.npy"))
-        table = read_part(path)
-        names = [name for name in table.dtype.names if name != "switches"]
-        for other in (table[names].copy(), table["steps"].copy()):
-            np.save(path, other)
-            digest = hashlib.blake2b(path.read_bytes(), digest_size=KEY).hexdigest()
-            assert read_part(path.rename(path.with_stem(digest))) is None
-            path = path.with_stem(digest)
+        np.save(path, read_part(path)[[name for name in ROW.names if name != "switches"]])
+        digest = hashlib.blake2b(path.read_bytes(), digest_size=KEY).hexdigest()
+        assert read_part(path.rename(path.with_stem(digest))) is None
 
 
-def part_of(folder, keys, verdicts):
-    """Write a part of made-up runs."""
-    return write_part(folder, keys, {"verdict": verdicts})
-
-
-def drawn(seed, count):
-    return np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"V{KEY}")
+def drawn(folder, seed, count):
+    keys = np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"V{KEY}")
+    return write_part(folder, keys, {"verdict": 1})
 
 
 class TestStore:
     @pytest.mark.parametrize("alike", [slice(0), slice(0, 8), slice(8, None), slice(None)])
-    def test_places_are_those_of_a_dict(self, tmp_path, alike):
+    def test_each_key_finds_its_row_and_no_other(self, tmp_path, alike):
         """Of keys that are alike in no byte, in the first or last half, or in all bytes."""
         generator = np.random.default_rng(1)
         text = generator.integers(0, 256, (6000, KEY)).astype(np.uint8)
@@ -121,14 +103,11 @@ class TestStore:
         stored, other = keys[: len(keys) // 2], keys[len(keys) // 2 :]
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):
-            part_of(tmp_path, stored[some], verdict[some])
-        known = {key.tobytes(): code for key, code in zip(stored, verdict)}
-        asked = np.concatenate([other, stored, stored[:5]])
-        expected = [known.get(key.tobytes(), -1) for key in asked]
+            write_part(tmp_path, stored[some], {"verdict": verdict[some]})
         store = Store(tmp_path)
-        there = store.places(asked) >= 0
-        assert (there == (np.array(expected) >= 0)).all()
-        assert store.rows(asked[there])["verdict"].tolist() == [e for e in expected if e >= 0]
+        there = store.places(np.concatenate([other, stored, stored[:5]])) >= 0
+        assert there.tolist() == [False] * len(other) + [True] * (len(stored) + 5)
+        np.testing.assert_array_equal(store.rows(stored)["verdict"], verdict)
         np.testing.assert_array_equal(store.rows(stored)["key"], stored)
 
     def test_clean_shows_what_is_of_no_use_asks_and_removes_it_alone(self, copied):
@@ -136,13 +115,12 @@ class TestStore:
         plan, work = copied.plan, copied.study.work
         path = copied.study.folder / "study.yaml"
         path.write_text(dumped(copied.study))
-        before = files_below(work)
-        asked = ["clean", path]
+        before, asked = files_below(work), ["clean", path]
         assert command(*asked).output.startswith("nothing to remove")
         other = plan.parts.with_name("0" * 12)
         other.mkdir()
-        part_of(other, drawn(5, 6), 1)
-        part_of(plan.parts, drawn(6, 3), 1)
+        drawn(other, 5, 6)
+        drawn(plan.parts, 6, 3)
         (plan.parts / f"{'0' * 32}.npy").write_bytes(b"torn")
         mine = {plan.parts / "mine.npy": b"mine", work / "parts" / "notes": b"mine"}
         for place, content in mine.items():

@@ -13,17 +13,18 @@ from archfrag.motions.read import load_motion, read_motion, read_motions
 from archfrag.motions.synthetic import Plan, make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
-from tests.study.small import command
+from tests.study.small import command, files_below
 
-G = 9.80665
-
-
-def call(*arguments):
-    return command("records", *arguments)
+PEAK = 0.3 * np.abs(wave()).max()  # [g]
+SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
+PLAN = (
+    "--events", "2", "--records-per-event", "2", "--magnitude", "6:7", "--distance-km",
+    "10,20", "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
+)  # fmt: skip
 
 
 def done(*arguments):
-    result = call(*arguments)
+    result = command("records", *arguments)
     assert result.exit_code == 0, result.stderr
     return result
 
@@ -34,8 +35,7 @@ def facts(*arguments):
 
 
 def refused(*arguments, code=2):
-    """The message of a command that ends with an exit code."""
-    result = call(*arguments)
+    result = command("records", *arguments)
     assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
@@ -67,17 +67,56 @@ def three(tmp_path):
     return path
 
 
+@pytest.fixture(scope="module")
+def flatfile(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flatfile") / "flat.csv"
+    done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "part"),
+    [
+        ("inspect {at2} --figure {tmp}/figure.png", 2, "FILE.svg"),
+        ("inspect {three} --figure {tmp}/figure.svg", 2, "there are 0"),
+        ("inspect {at2} --figure {tmp}/no/figure.svg", 4, "no/figure.svg"),
+        ("convert {at2} --to at2 --out {tmp}", 2, "written twice"),
+        ("convert {three} --out {tmp}/o", 2, "three.mseed"),
+        ("make --out {tmp}/o --vertical", 2, "--events, --magnitude, --distance-km are missing"),
+        ("make --out {tmp}/o --magnitude 6,x", 2, "--magnitude 6,x: "),
+        ("make --out {tmp}/o --magnitude 6 --events 1 --distance-km 5,400", 2, "from 0 to 300"),
+        ("measure {tmp}/no.AT2 --out {tmp}/f.csv", 2, "no.AT2"),
+        ("measure {at2} --out {tmp}/no/f.csv", 4, "no/f.csv"),
+        ("measure {at2} --out {tmp}/f.csv --periods 0.5,x", 2, "--periods 0.5,x: "),
+        ("measure {at2} --out {tmp}/f.csv --periods nan", 2, "--periods nan: "),
+        ("select {flat} --target t.csv --sa 0.2", 2, "--target and --sa: a target is a file or"),
+        ("select {flat} --distance 9 --vs30 760 --period 1", 2, "--magnitude is needed"),
+        (f"select {{flat}} {' '.join(SCENARIO)}", 2, "a scenario; one of --sa and --epsilon"),
+    ],
+)
+def test_what_is_refused_writes_nothing(flatfile, at2, three, tmp_path, arguments, code, part):
+    before = files_below(tmp_path)
+    asked = arguments.format(at2=at2, three=three, tmp=tmp_path, flat=flatfile).split()
+    if asked[0] == "select":
+        asked += ["--count", "4", "--out", tmp_path / "s.csv"]
+    assert part in refused(*asked, code=code)
+    assert files_below(tmp_path) == before
+
+
 class TestInspect:
-    def test_channels_in_text_and_json(self, at2, three):
-        (found,) = facts("inspect", at2)
+    def test_channels_in_text_json_and_figure(self, at2, three, tmp_path):
+        figure = tmp_path / "figure.svg"
+        (found,) = facts("inspect", at2, "--figure", figure)
         assert (found["format"], found["event"]) == ("AT2", "Imperial Valley-02")
         (channel,) = found["channels"]
         assert (channel["code"], channel["unit"], channel["count"]) == ("180", "g", 400)
-        assert channel["PGA"] == pytest.approx(0.3 * np.abs(wave()).max() * G, rel=1e-6)
+        assert channel["PGA"] == pytest.approx(PEAK * 9.80665, rel=1e-6)
         assert channel["faults"] == found["faults"] == []
         text = done("inspect", three, "--unit", "m/s2").stdout.splitlines()
         assert text[0] == f"{three}: MSEED, XX.AB"
         assert text[1].startswith("  HNE       777 samples at 0.005 s, 3.88 s, m/s2, PGA 0.")
+        for word in ("record.AT2 180", "acceleration [g]", "velocity [cm/s]", "period [s]"):
+            assert word in texts(figure)
 
     def test_faults_are_listed_and_nothing_is_refused(self, tmp_path, three):
         wrong, gap = tmp_path / "wrong.AT2", tmp_path / "gap.mseed"
@@ -99,23 +138,14 @@ class TestInspect:
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
         lost, odd = tmp_path / "lost.AT2", tmp_path / "odd.bin"
         odd.write_bytes(b"\1\2\3")
-        result = call("inspect", lost, at2, odd)
+        result = command("records", "inspect", lost, at2, odd)
         assert result.exit_code == 2
         assert "180       400 samples" in result.stdout
         first, second = result.stderr.splitlines()
         assert first == f"archfrag: error: {lost}: there is no such file"
         assert second.startswith(f"archfrag: error: {odd}: the format is not recognised")
-        found = json.loads(call("inspect", lost, at2, "--json").stdout)
+        found = json.loads(command("records", "inspect", lost, at2, "--json").stdout)
         assert ["error" in entry for entry in found] == [True, False]
-
-    def test_figure(self, at2, three, tmp_path):
-        figure = tmp_path / "figure.svg"
-        done("inspect", at2, "--figure", figure)
-        for word in ("record.AT2 180", "acceleration [g]", "velocity [cm/s]", "period [s]"):
-            assert word in texts(figure)
-        assert "FILE.svg" in refused("inspect", at2, "--figure", tmp_path / "figure.png")
-        assert "there are 0" in refused("inspect", three, "--figure", figure)
-        refused("inspect", at2, "--figure", tmp_path / "no" / "figure.svg", code=4)
 
 
 class TestConvert:
@@ -145,63 +175,35 @@ class TestConvert:
         assert entries["record"].metadata["source"] == "record.AT2"
         assert "factor 9.80665" in entries["record"].metadata["steps"]
         assert load_motion(entries["three.HNE"]).log[0] == "Read from three.HNE.AT2 (AT2)."
-
-    def test_what_is_refused(self, at2, three, tmp_path):
-        assert "written twice" in refused("convert", at2, "--to", "at2", "--out", tmp_path)
-        assert str(three) in refused("convert", three, "--out", tmp_path / "o")
-        assert not (tmp_path / "o").exists()
-        done("convert", at2, "--out", tmp_path / "o")
         other = at2.rename(tmp_path / "record.dat")
-        assert "has it from elsewhere" in refused("convert", other, "--out", tmp_path / "o")
-        other.write_text(at2_text(30.0 * wave()))
-        assert "peak of channel 180" in refused("convert", other, "--out", tmp_path / "p")
-        done("convert", other, "--accept", "pga", "--out", tmp_path / "p")
-        (entry,) = load_index(tmp_path / "p")
-        assert load_motion(entry).metadata["accepted"]
+        assert "has it from elsewhere" in refused("convert", other, "--out", out)
 
 
-class TestFetch:
-    @pytest.fixture
-    def centre(self, monkeypatch):
-        monkeypatch.setenv("no_proxy", "127.0.0.1")
-        with data_centre() as found:
-            yield found
-
-    def arguments(self, centre, out, *more):
-        services = ("--from", centre.address, "--events-from", centre.address)
-        return ("fetch", EVENT, *services, "--after", "20", "--out", out, *more)
-
-    def test_records_that_a_study_can_read(self, centre, tmp_path):
-        result = done(*self.arguments(centre, tmp_path, "--channels", "HN?,BN?"))
+def test_fetch_continues_and_its_exit_code_tells_what_may_pass(monkeypatch, tmp_path):
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    with data_centre() as centre:
+        asked = ("fetch", EVENT, "--from", centre.address, "--events-from", centre.address,
+                 "--after", "20", "--out")  # fmt: skip
+        result = done(*asked, tmp_path, "--channels", "HN?,BN?")
         assert result.stdout == f"3 records fetched, 0 were there: {tmp_path}\n"
-        found = facts(*self.arguments(centre, tmp_path))
+        found = facts(*asked, tmp_path)
         assert (found["new"], len(found["kept"]), found["failures"]) == ([], 3, [])
         assert [entry.metadata["event"] for entry in load_index(tmp_path)] == [EVENT] * 3
-
-    def test_failures(self, centre, tmp_path):
         centre.faults |= {("dataselect", "BOTH"): 503, ("dataselect", "NEAR"): 204}
-        result = call(*self.arguments(centre, tmp_path, "--json"))
+        result = command("records", *asked, tmp_path / "other", "--json")
         assert result.exit_code == 7
         kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
         assert kinds == ["no data", "service"]
         assert "1 request failed; try again later" in result.stderr.splitlines()[-1]
-        centre.faults.pop(("dataselect", "BOTH"))
-        done(*self.arguments(centre, tmp_path))
-        # What may not pass, and nothing of former times either.
         centre.faults |= {("dataselect", name): 204 for name in ("NEAR", "BOTH", "SLOW")}
-        result = call(*self.arguments(centre, tmp_path / "none"))
+        result = command("records", *asked, tmp_path / "none")
         assert result.exit_code == 2
         assert "no record was fetched" in result.stderr.splitlines()[-1]
 
 
 class TestMake:
-    PLAN = (
-        "--events", "2", "--records-per-event", "2", "--magnitude", "6:7", "--distance-km",
-        "10,20", "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
-    )  # fmt: skip
-
     def test_they_are_those_of_the_same_plan(self, tmp_path):
-        found = facts("make", "--out", tmp_path / "a", *self.PLAN)
+        found = facts("make", "--out", tmp_path / "a", *PLAN)
         names = ["e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"]
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == names
         plan = Plan(
@@ -215,30 +217,15 @@ class TestMake:
             for key in ("seed", "event_seed", "site_seed"):
                 assert entry.metadata[key] == motion.metadata[key]
 
-    def test_the_shipped_ones(self, tmp_path):
-        text = done("make", "--out", tmp_path).stdout
-        assert text == f"30 records and index.csv written to {tmp_path}\n"
-        assert (tmp_path / "index.csv").read_text() == (SHIPPED / "index.csv").read_text()
-
-    @pytest.mark.parametrize(
-        ("options", "start"),
-        [
-            (["--vertical"], "--events, --magnitude, --distance-km are missing"),
-            (["--magnitude", "6,x"], "--magnitude 6,x: "),
-            (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
-             "--distance-km 5,400: must be numbers from 0 to 300"),
-        ],
-    )  # fmt: skip
-    def test_what_is_refused(self, tmp_path, options, start):
-        assert refused("make", "--out", tmp_path / "o", *options).startswith(start)
-        assert not (tmp_path / "o").exists()
-
-    def test_an_index_of_other_records_is_left_alone(self, at2, tmp_path):
+    def test_the_shipped_ones_unless_an_index_lists_other_records(self, at2, tmp_path):
+        text = done("make", "--out", tmp_path / "a").stdout
+        assert text == f"30 records and index.csv written to {tmp_path / 'a'}\n"
+        assert (tmp_path / "a" / "index.csv").read_text() == (SHIPPED / "index.csv").read_text()
         done("convert", at2, "--out", tmp_path / "o")
-        before = (tmp_path / "o" / "index.csv").read_text()
-        message = refused("make", "--out", tmp_path / "o", *self.PLAN)
+        before = files_below(tmp_path / "o")
+        message = refused("make", "--out", tmp_path / "o", *PLAN)
         assert "lists other records (record)" in message
-        assert (tmp_path / "o" / "index.csv").read_text() == before
+        assert files_below(tmp_path / "o") == before
 
 
 def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
@@ -246,17 +233,12 @@ def test_columns_of_a_plain_text_are_known_to_each_command(at2, tmp_path):
     rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
     text.write_text("\n".join(["any words", *rows]) + "\n")
     known = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
-    peak = pytest.approx(0.3 * np.abs(wave()).max() * G, rel=1e-4)
-    (found,) = facts("inspect", text, *known)
-    assert found["channels"][0]["PGA"] == peak
+    peak = pytest.approx(PEAK * 9.80665, rel=1e-4)
+    assert facts("inspect", text, *known)[0]["channels"][0]["PGA"] == peak
     (written,) = facts("convert", text, *known, "--out", tmp_path / "o", "--to", "at2")
     assert np.abs(read_motion(written["file"]).acceleration).max() == peak
-    arch = ("--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
-            "--friction", "0.7", "--json")  # fmt: skip
-    result = command("simulate", text, *known, *arch)
-    assert json.loads(result.stdout)["status"]
-    row, other = facts("measure", text, at2, *known, "--out", out)
-    assert (row["columns"], other["columns"]) == ("acceleration=2 time=1 skip=1", None)
+    rows = facts("measure", text, at2, *known, "--out", out)
+    assert [row["columns"] for row in rows] == ["acceleration=2 time=1 skip=1", None]
     (tmp_path / "target.csv").write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
     asked = ("--target", tmp_path / "target.csv", "--count", "2", "--max-scale", "100")
     done("select", out, *asked, "--out", tmp_path / "selected.csv")
@@ -268,7 +250,7 @@ class TestMeasure:
     def test_a_flatfile_with_a_figure(self, at2, three, tmp_path):
         out, figure = tmp_path / "flat.csv", tmp_path / "spectra.svg"
         (row,) = facts("measure", at2, "--out", out, "--figure", figure)
-        assert row["PGA_g"] == pytest.approx(0.3 * np.abs(wave()).max(), rel=1e-4)
+        assert row["PGA_g"] == pytest.approx(PEAK, rel=1e-4)
         (file,) = read_flatfile(out)["file"]
         assert (out.parent / file).samefile(at2)
         assert "Sa, 5 % damping [g]" in texts(figure)
@@ -288,47 +270,12 @@ class TestMeasure:
         assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")
         assert not (tmp_path / "h.csv").exists()
 
-    def test_what_is_refused(self, at2, tmp_path):
-        refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")
-        refused("measure", at2, "--out", tmp_path / "no" / "f.csv", code=4)
-        for wrong in ("0.5,x", "0.001", "nan"):
-            message = refused("measure", at2, "--out", tmp_path / "f.csv", "--periods", wrong)
-            assert message.startswith(f"--periods {wrong}: ")
-        assert not list(tmp_path.glob("*.csv"))
 
-
-@pytest.fixture(scope="module")
-def flatfile(tmp_path_factory):
-    path = tmp_path_factory.mktemp("flatfile") / "flat.csv"
-    done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
-    return path
-
-
-class TestSelect:
-    SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
-
-    def test_a_scenario_and_a_file(self, flatfile, tmp_path):
-        out, figure = tmp_path / "selected.csv", tmp_path / "selected.svg"
-        options = (*self.SCENARIO, "--epsilon", "0.5", "--count", "5", "--out", out)
-        found = facts("select", flatfile, *options, "--figure", figure)
-        assert len(found["records"]) == len(load_index(out)) == 5
-        assert load_motion(load_index(out)[0]).duration > 1.0
-        assert "period" in texts(figure).lower()
-        assert done("select", flatfile, *options).stdout.startswith("5 records selected of ")
-        target = tmp_path / "target.csv"
-        target.write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n1.0,0.1\n")
-        options = ("--target", target, "--count", "4", "--out", out)
-        assert len(facts("select", flatfile, *options)["records"]) == 4
-
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
-            (("--target", "t.csv", "--sa", "0.2"), "--target and --sa: a target is a file or"),
-            (SCENARIO[2:], "a target is --target FILE.csv or a scenario; --magnitude is needed"),
-            (SCENARIO, "a target is --target FILE.csv or a scenario; one of --sa and --epsilon"),
-        ],
-    )
-    def test_what_is_refused(self, flatfile, tmp_path, options, message):
-        asked = (*options, "--count", "4", "--out", tmp_path / "s.csv")
-        assert refused("select", flatfile, *asked).startswith(message)
-        assert not (tmp_path / "s.csv").exists()
+def test_select_for_a_scenario_gives_an_index(flatfile, tmp_path):
+    out, figure = tmp_path / "selected.csv", tmp_path / "selected.svg"
+    options = (*SCENARIO, "--epsilon", "0.5", "--count", "5", "--out", out)
+    found = facts("select", flatfile, *options, "--figure", figure)
+    assert len(found["records"]) == len(load_index(out)) == 5
+    assert load_motion(load_index(out)[0]).duration > 1.0
+    assert "period" in texts(figure).lower()
+    assert done("select", flatfile, *options).stdout.startswith("5 records selected of ")

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,22 +18,21 @@ from archfrag.study.files import sha256_of
 from tests.study.small import command, files_below, small_study
 
 PRECIOUS = b"years of work\n"
-LONGEST = 30  # after which a command hangs [s]
+DEEP = b"[" * 100_000
 
 
+@dataclass
 class Payload:
-    """What a pickle runs when it is read."""
+    """A pickle that makes a file when it is read."""
 
-    def __init__(self, mark):
-        self.mark = mark
+    mark: Path
 
     def __reduce__(self):
-        return Path.touch, (Path(self.mark),)
+        return Path.touch, (self.mark,)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A finished study."""
     path = small_study(tmp_path_factory.mktemp("made"))
     assert command("run", path).exit_code == 0
     return path.parent
@@ -69,10 +69,14 @@ class Folder:
         (self.out / name).unlink(missing_ok=True)
         os.mkfifo(self.out / name)
 
+    def write(self, *names, content=PRECIOUS):
+        for name in names:
+            (self.out / name).parent.mkdir(exist_ok=True)
+            (self.out / name).write_bytes(content)
+
     def folder(self, name):
         (self.out / name).unlink(missing_ok=True)
-        (self.out / name).mkdir()
-        (self.out / name / "mine").write_bytes(PRECIOUS)
+        self.write(f"{name}/mine")
 
     def json(self, name, **changes):
         path = self.work / name
@@ -84,11 +88,6 @@ class Folder:
         np.save(content, np.array([Payload(self.mark)], object), allow_pickle=True)
         path.write_bytes(content.getvalue())
 
-    def hidden_files(self):
-        for name in (".s.yaml.swp", ".notes.csv.bak", "sub/.thesis.html.old"):
-            (self.out / name).parent.mkdir(exist_ok=True)
-            (self.out / name).write_bytes(PRECIOUS)
-
     def stamps(self, name):
         for step in ("motions", "cube", "fit", "report"):
             self.json(f"steps/{step}.json", files={name: "0" * 64})
@@ -96,22 +95,17 @@ class Folder:
     def motions(self, elsewhere=False):
         manifest = json.loads((self.work / MANIFEST).read_text())
         for record in manifest["records"]:
-            stored = self.precious if elsewhere else self.work / record["file"]
             if elsewhere:
-                record["file"] = os.path.relpath(stored, self.work)
+                record["file"] = os.path.relpath(self.precious, self.work)
             else:
-                self.pickled(stored)
-            record["prepared"] = sha256_of(stored)
+                self.pickled(self.work / record["file"])
+            record["prepared"] = sha256_of(self.work / record["file"])
         self.json(MANIFEST, **manifest)
 
-    def parts(self):
-        for path in self.work.rglob("*.npy"):
-            self.pickled(path)
-
     def odd_names(self):
-        parts = next(self.work.glob("parts/*"))
-        for name in ("a\nb.npy", "\x1b]0;x\a.npy", "plan-\n.json", "-rf", "$(touch x).npy"):
-            (parts / name).write_bytes(PRECIOUS)
+        parts = next(self.work.glob("parts/*")).relative_to(self.out)
+        names = "a\nb.npy", "\x1b]0;x\a.npy", "plan-\n.json", "-rf", "$(touch x).npy"
+        self.write(*(parts / name for name in names))
 
 
 ATTACKS = {
@@ -124,18 +118,18 @@ ATTACKS = {
                                                   f.user / "parts/0123456789ab"),
     "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
     "stamp is a pipe": lambda f: f.pipe(".archfrag/steps/motions.json"),
-    "stamp too deep": lambda f: (f.work / "steps/motions.json").write_text("[" * 100_000),
+    "stamp too deep": lambda f: f.write(".archfrag/steps/motions.json", content=DEEP),
     "stamps of a device": lambda f: f.stamps("/dev/zero"),
     "stamps with ..": lambda f: f.stamps("../../user/lock"),
     "stamps of a pipe": lambda f: (f.pipe("pipe"), f.stamps("pipe")),
-    "run log no list": lambda f: (f.work / "run_log.json").write_text('{"a": 1}'),
+    "run log no list": lambda f: f.write(".archfrag/run_log.json", content=b'{"a": 1}'),
     "run log is a hard link": lambda f: f.link(".archfrag/run_log.json", hard=True),
     "owner is a pipe": lambda f: f.pipe(".archfrag/study.json"),
     "table of runs is a link": lambda f: f.link(".archfrag/runs/batch-0of1.csv"),
     "manifest elsewhere": lambda f: f.motions(elsewhere=True),
-    "manifest too deep": lambda f: (f.work / MANIFEST).write_text("[" * 100_000),
+    "manifest too deep": lambda f: f.write(f.work / MANIFEST, content=DEEP),
     "motions with pickles": Folder.motions,
-    "parts with pickles": Folder.parts,
+    "parts with pickles": lambda f: [f.pickled(path) for path in f.work.rglob("*.npy")],
     "odd names": Folder.odd_names,
     "cube is a link": lambda f: f.link("cube.nc"),
     "cube is a pipe": lambda f: f.pipe("cube.nc"),
@@ -143,19 +137,17 @@ ATTACKS = {
     "fits is a link": lambda f: f.link("fits.json"),
     "report is a hard link": lambda f: f.link("report.html", hard=True),
     "figure is a link": lambda f: f.link("curve-ring.svg"),
-    "hidden files of the user": Folder.hidden_files,
+    "hidden files of the user": lambda f: f.write(".s.yaml.swp", ".notes.csv.bak", "sub/.a.html"),
 }  # fmt: skip
 
 
 @pytest.fixture
 def timeout():
-    """End a test that hangs."""
-
     def hangs(number, frame):
         raise TimeoutError("it hangs")
 
     before = signal.signal(signal.SIGALRM, hangs)
-    signal.alarm(LONGEST)
+    signal.alarm(30)
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)

@@ -1,6 +1,6 @@
 """One command for a study: done, up to date, killed, resumed; and the same steps by Snakemake."""
 
-import hashlib
+import contextlib
 import json
 import os
 import random
@@ -21,13 +21,16 @@ import xarray as xr
 from archfrag import kernel_cache
 from archfrag.study.checks import shipped_folder
 from archfrag.study.file.schema import load_study
+from archfrag.study.files import sha256_of
 from archfrag.study.running import only_run
-from tests.study.small import ROOT, TEXT, command, small_study, write_at2
+from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
 SNAKEFILE = shipped_folder() / "Snakefile"
 STARTED: list[subprocess.Popen] = []
+NOTHING = "archfrag: nothing to do: all results are up to date\n"
+TITLE = ("--set", "title=Another title")
 
 
 def start(*arguments, env=MappingProxyType({})):
@@ -45,35 +48,28 @@ def start(*arguments, env=MappingProxyType({})):
 
 @pytest.fixture(autouse=True)
 def _nothing_goes_on():
-    """End what a failed test left."""
     yield
     while STARTED:
-        process = STARTED.pop()
-        if process.poll() is None:
+        if (process := STARTED.pop()).poll() is None:
             kill_tree(process)
 
 
-def run(*arguments, env=MappingProxyType({})):
-    process = start(*arguments, env=env)
+def run(*arguments, code=0, **options):
+    """What a run prints on standard output and error, if it ends with an exit code."""
+    process = start(*arguments, **options)
     stdout, stderr = process.communicate(timeout=600)
-    return process.returncode, stdout, stderr
-
-
-def sha256(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    assert process.returncode == code, stderr
+    return stdout, stderr
 
 
 def kill_tree(process):
     """SIGKILL for the full tree, however it has grouped itself."""
-    with_children = [psutil.Process(process.pid)]
-    with_children += with_children[0].children(recursive=True)
+    members = [parent := psutil.Process(process.pid), *parent.children(recursive=True)]
     os.killpg(process.pid, signal.SIGKILL)
-    for member in with_children:
-        try:
+    for member in members:
+        with contextlib.suppress(psutil.NoSuchProcess):
             member.kill()
-        except psutil.NoSuchProcess:
-            continue
-    psutil.wait_procs(with_children, timeout=10)
+    psutil.wait_procs(members, timeout=10)
     process.communicate()
 
 
@@ -81,19 +77,23 @@ def kill_tree(process):
 def finished(tmp_path_factory):
     """Study file of an undisturbed run, what it printed, and its cube."""
     path = small_study(tmp_path_factory.mktemp("finished"), SLOW)
-    code, stdout, stderr = run(path)
-    assert code == 0, stderr
-    return path, stdout, stderr, xr.load_dataset(path.parent / "out" / "cube.nc")
+    return path, *run(path), xr.load_dataset(path.parent / "out" / "cube.nc")
 
 
-def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
+def written(folder):
+    """All that is below a folder, with what a write would change."""
+    places = [place for place in (folder, *folder.rglob("*")) if ".snakemake" not in place.parts]
+    return {place: (place.stat().st_ino, place.stat().st_mtime_ns) for place in places}
+
+
+def test_a_run_ends_with_a_report_and_is_not_made_again(finished):
+    """The second time nothing is written: the disk may be one that allows none."""
     path, stdout, stderr, _ = finished
     out = path.parent / "out"
     assert stdout == f"report: {out / 'report.html'}\n"
     assert "A small study" in (out / "report.html").read_text()
-    lines = [line for line in stderr.replace("\r", "\n").splitlines()
-             if line.startswith("archfrag: ")]  # fmt: skip
-    steps = [line.split()[1].rstrip(":") for line in lines]
+    lines = stderr.replace("\r", "\n").splitlines()
+    steps = [line.split()[1].rstrip(":") for line in lines if line.startswith("archfrag: ")]
     steps = [step for step in steps if step != "caution"]
     assert steps == ["motions", "batch", "cube", "fit", "fit", "report"]
     assert "simulations" in stderr
@@ -106,34 +106,20 @@ def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
     curve = pd.read_csv(out / "curve.csv")
     assert list(curve) == ["arch", "PGA [g]", "probability", "lower", "upper"]
     assert ((curve["lower"] <= curve["upper"]) & (curve["probability"] <= 1.0)).all()
-
-
-NOTHING = "archfrag: nothing to do: all results are up to date\n"
-
-
-def written(folder):
-    """All that is below a folder, with what a write would change."""
-    places = [place for place in (folder, *folder.rglob("*")) if ".snakemake" not in place.parts]
-    return {place: (place.stat().st_ino, place.stat().st_mtime_ns) for place in places}
-
-
-def test_what_is_done_is_not_done_again(finished):
-    """Nothing is written: results on a disk that allows none are results too."""
-    path = finished[0]
-    out = path.parent / "out"
     before = written(out)
-    assert run(path) == (0, f"report: {out / 'report.html'}\n", NOTHING)
+    assert run(path) == (stdout, NOTHING)
     assert written(out) == before
 
 
-def snakemake(folder, *arguments, file=None):
-    """Snakemake as a user starts it."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", file or SNAKEFILE]
+def snakemake(folder, *arguments, file=SNAKEFILE, code=0):
+    """What Snakemake, started as a user does, prints if it ends with an exit code."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    return subprocess.run(
-        [*command, *map(str, arguments)], cwd=folder, capture_output=True, text=True, timeout=600,
-        env=environment,
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", "--snakefile", file, *map(str, arguments)],
+        cwd=folder, capture_output=True, text=True, timeout=600, env=environment,
     )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
 
 
 class TestSnakemake:
@@ -142,38 +128,30 @@ class TestSnakemake:
         """A folder in which Snakemake made the study by the name of its report."""
         folder = tmp_path_factory.mktemp("snakemake")
         study = f"study={finished[0]}"
-        done = snakemake(folder, "--cores", 1, "results/small/report.html", "--config", study)
-        assert done.returncode == 0, done.stderr
+        snakemake(folder, "--cores", 1, "results/small/report.html", "--config", study)
         return folder, study
 
-    def test_it_makes_what_a_run_makes(self, finished, made):
-        results = made[0] / "results" / "small"
+    def test_it_makes_what_a_run_makes_and_its_report_holds_ours(self, finished, made):
+        folder, study = made
+        results = folder / "results" / "small"
         xr.testing.assert_identical(xr.load_dataset(results / "cube.nc"), finished[3])
         assert (results / "report.html").is_file()
-        assert {entry.name for entry in made[0].iterdir()} == {".snakemake", "results"}
+        assert {entry.name for entry in folder.iterdir()} == {".snakemake", "results"}
+        snakemake(folder, "--report", "ours.html", "--config", study)
+        text = (folder / "ours.html").read_text()
+        assert "report.html" in text
+        assert "curve.csv" in text
 
     def test_dry_runs_and_pictures_change_nothing(self, made, tmp_path):
-        """Of a study that is done, and of one that is edited."""
         folder, study = made
         text = Path(study.removeprefix("study=")).read_text()
         edited = small_study(tmp_path, text.replace("[0.1, ", "[0.2, "))
         before = written(folder)
         for asked, shown in ((study, "Nothing to be done"), (f"study={edited}", "motions")):
             for _ in range(2):
-                done = snakemake(folder, "-n", "--config", asked)
-                assert done.returncode == 0, done.stderr
-                assert shown in done.stdout + done.stderr
-            assert "digraph" in snakemake(folder, "--dag", "--config", asked).stdout
+                assert shown in snakemake(folder, "-n", "--config", asked)
+            assert "digraph" in snakemake(folder, "--dag", "--config", asked)
         assert written(folder) == before
-
-    def test_its_report_holds_ours(self, made):
-        folder, study = made
-        done = snakemake(folder, "--report", "ours.html", "--config", study)
-        assert done.returncode == 0, done.stderr
-        text = (folder / "ours.html").read_text()
-        assert "report.html" in text
-        assert "curve.csv" in text
-        (folder / "ours.html").unlink()
 
     def test_a_workflow_takes_it_as_a_module_for_two_studies(self, made, tmp_path):
         first = Path(made[1].removeprefix("study="))
@@ -187,65 +165,55 @@ class TestSnakemake:
             "    input: 'results/small/curve.csv', 'results/second/curve.csv'\n"
             "    output: 'both.csv'\n    shell: 'cat {input} > {output}'\n"
         )
-        done = snakemake(tmp_path, "--cores", 2, file=tmp_path / "Snakefile")
-        second.unlink()
-        assert done.returncode == 0, done.stderr
+        snakemake(tmp_path, "--cores", 2, file=tmp_path / "Snakefile")
         own = (tmp_path / "results" / "small" / "curve.csv").read_text()
         assert (tmp_path / "both.csv").read_text() == 2 * own
 
     def test_without_a_study_an_error_names_the_option(self, tmp_path):
-        done = snakemake(tmp_path, "-n")
-        assert done.returncode == 1
-        assert "no study is given; add --config study=FILE" in done.stdout + done.stderr
+        message = "no study is given; add --config study=FILE"
+        assert message in snakemake(tmp_path, "-n", code=1)
 
 
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
-    asked = ["export", str(finished[0]), "--format", "csv", "--out", str(tmp_path)]
+    asked = ["export", finished[0], "--format", "csv", "--out", tmp_path]
     assert command(*asked).exit_code == 0
     assert len(pd.read_csv(tmp_path / "small-runs.csv")) == 2 * 2 * 5
-    made = {found: found.read_bytes() for found in tmp_path.iterdir()}
+    made = files_below(tmp_path)
     late = command(*asked, "--set", "intensity.levels=[0.1, 0.6]")
     assert late.exit_code == 2
     assert "cube.nc: was made before these changed: levels" in late.stderr
-    assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made
-
-
-TITLE = ("--set", "title=Another title")
+    assert files_below(tmp_path) == made
 
 
 def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finished):
     path = finished[0]
     out, record = path.parent / "out", path.parent / "records" / "wave1.AT2"
-    before = sha256(out / "cube.nc")
+    before = sha256_of(out / "cube.nc")
     time_ = np.arange(150) * 0.01
     write_at2(record, 0.2 * np.sin(9.0 * time_) * np.sin(np.pi * time_ / 1.5), 0.01)
     os.utime(record, (1.0e9, 1.0e9))
     (out / "export").mkdir()
     (out / "export" / "small.xml").write_text("of the results before")
-    code, _, stderr = run(path, *TITLE)
-    assert code == 0, stderr
+    _, stderr = run(path, *TITLE)
     assert f"{out / 'export'}: 1 file older than the results" in stderr
     shutil.rmtree(out / "export")
     assert f"archfrag: record {record} has changed (sha256 " in stderr
     assert "Another title" in (out / "report.html").read_text()
-    assert sha256(out / "cube.nc") != before
+    assert sha256_of(out / "cube.nc") != before
     with xr.open_dataset(out / "cube.nc") as cube:
-        assert cube["record_sha256"].sel(record="wave1").item() == sha256(record)
-        assert json.loads(cube.attrs["archfrag_inputs_sha256"])["wave1.AT2"] == sha256(record)
-    assert run(path, *TITLE)[::2] == (0, NOTHING)
+        assert cube["record_sha256"].sel(record="wave1").item() == sha256_of(record)
+        assert json.loads(cube.attrs["archfrag_inputs_sha256"])["wave1.AT2"] == sha256_of(record)
+    assert run(path, *TITLE)[1] == NOTHING
 
 
 def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_path):
-    """While one is at work another is refused, which names it."""
     path = small_study(tmp_path, SLOW)
     work = tmp_path / "out" / ".archfrag"
     work.mkdir(parents=True)
     with only_run(load_study(path)):
-        code, _, stderr = run(path)
-    assert code == 4
+        _, stderr = run(path, code=4)
     assert f"another run of study 'small' is at work here (process {os.getpid()} on " in stderr
-    dice = random.Random(20)
-    parts = []
+    dice, parts = random.Random(20), []
     for sign in ("study.json", "motions/*", "parts/*/*.npy"):
         process = start(path)
         while not list(work.glob(sign)):
@@ -255,8 +223,7 @@ def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_
         kill_tree(process)
         parts.append(len(list(work.glob("parts/*/*.npy"))))
     assert parts[-1] >= 1, "no run came so far that resuming meant anything"
-    code, _, stderr = run(path, "--resume")
-    assert code == 0, stderr
+    run(path, "--resume")
     xr.testing.assert_identical(xr.load_dataset(tmp_path / "out" / "cube.nc"), finished[3])
     assert not list((tmp_path / "out").rglob(".*.tmp"))
 
@@ -295,38 +262,18 @@ def test_a_stopped_run_takes_its_workers_with_it(tmp_path, number, whom):
     )
 
 
-@pytest.mark.parametrize(
-    ("override", "wrong", "message"),
-    [
-        ("arches.0.thickness=0.3", 3, "arches[0] (ring): does not stand under its own weight"),
-        ("motions.files=['nowhere/*']", 2, "motions.files[0]: no file matches"),
-        ("output=small.yaml/out", 4, "cannot be written (Not a directory)"),
-    ],
-)
-def test_bad_input_is_reported_once(tmp_path, monkeypatch, override, wrong, message):
-    path = small_study(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    code, _, stderr = run(path, "--set", override)
-    assert code == wrong
-    (line,) = [line for line in stderr.splitlines() if "error" in line]
-    assert line.startswith("archfrag: error: ")
-    assert message in line
-    assert not list(tmp_path.rglob("cube.nc"))
-
-
 def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished):
     path = finished[0]
-    before = sha256(path.parent / "out" / "cube.nc")
+    before = sha256_of(path.parent / "out" / "cube.nc")
     copy = path.with_name("copy.yaml")
     copy.write_text(path.read_text().replace("thickness: 1.5", "thickness: 1.4"))
-    code, _, stderr = run(copy)
-    assert code == 4
+    _, stderr = run(copy, code=4)
     assert f"holds the results of {path}, which has the id 'small' too" in stderr
     assert stderr.count("\n") == 1
-    assert sha256(path.parent / "out" / "cube.nc") == before
+    assert sha256_of(path.parent / "out" / "cube.nc") == before
     moved = path.with_name("moved.yaml")
     path.rename(moved)
-    assert run(moved, *TITLE)[0] == 0
+    run(moved, *TITLE)
     moved.rename(path)
 
 
@@ -338,11 +285,11 @@ def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_
         os.rename(folder / "records" / f"wave{number}.AT2", folder / "records" / name)
     monkeypatch.chdir(folder / "records")
     kernels = kernel_cache.use_kernel_cache().parent
-    code, _, stderr = run(
+    _, stderr = run(
         ROOT / "configs" / "own_records.yaml", "--set", "motions.files=['*lines.AT2', none]",
         "--set", "motions.files.1='{x} $HOME.AT2'", "--set", "output=../mine", "--set",
         "intensity.levels=[0.3, 0.9]", "--set", "method.dt=2e-3", "--set", "method.follow=1",
         "--quiet", env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernels)},
     )  # fmt: skip
-    assert (code, stderr) == (0, "")
+    assert stderr == ""
     assert (folder / "mine" / "report.html").is_file()
