@@ -5,7 +5,7 @@ import pytest
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.contributions import deaggregate, level_edges
-from archfrag.fragility.counts import Verdict, count_verdicts, draws_of_records, find_brackets
+from archfrag.fragility.counts import Verdict, count_verdicts, find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 from archfrag.fragility.limit_states import fit_limit_states
@@ -75,7 +75,6 @@ def test_data_that_give_no_curve(call, key):
         (lambda: count_verdicts(Verdict.STANDING), "levels last"),
         (lambda: find_brackets([[0, 1]], [0.1, 0.0]), "levels holds 0"),
         (lambda: find_brackets([0, 1], [0.1, 0.2]), "n_record"),
-        (lambda: draws_of_records(None, 4, 1, 10), "resamples is 10"),
         (lambda: fit_stripes([-0.1, 0.2], [0, 1], 5), "im holds -0.1"),
         (lambda: fit_stripes([0.1, 0.2], [0, 6], 5), "collapses is 6 at im = 0.2"),
         (lambda: fit_stripes([0.1, 0.2], [0, 1], [5, INF]), "n holds inf"),

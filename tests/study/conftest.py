@@ -28,7 +28,7 @@ def done(tmp_path_factory) -> Done:
 @pytest.fixture
 def copied(done, tmp_path) -> Done:
     """The same study with the same records and parts in a folder of its own."""
-    unwanted = shutil.ignore_patterns("cube.nc", "fits.json")
-    shutil.copytree(done.study.folder.parent, tmp_path / "copy", ignore=unwanted)
+    answers = shutil.ignore_patterns("cube.nc", "fits.json")
+    shutil.copytree(done.study.folder.parent, tmp_path / "copy", ignore=answers)
     study = load_study(tmp_path / "copy" / "small.yaml")
     return Done(study, make_plan(study))

@@ -17,11 +17,13 @@ from archfrag.study.file.schema import RiskKeys
 from tests.study.small import command, made, small_study
 
 TEXT = Path(__file__).with_name("classes.yaml").read_text()
+HAZARD = "PGA [g],rate\n0.01,0.1\n0.1,1e-2\n0.5,8e-4\n3,1e-5\n"
 TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
 
 
 def write(folder, text=TEXT):
     (folder / "fleet.csv").write_text(TABLE)
+    (folder / "hazard.csv").write_text(HAZARD)
     return small_study(folder, text)
 
 
@@ -74,14 +76,8 @@ class TestOneCurve:
     NAMES = ("slab", "own", "fleet", "alone")
     SLABS = tuple(f"slab-000{i}" for i in range(1, 5))
 
-    @pytest.fixture
-    def hazard(self, tmp_path):
-        path = tmp_path / "hazard.csv"
-        path.write_text("PGA [g],rate\n0.01,0.1\n0.1,1e-2\n0.5,8e-4\n3,1e-5\n")
-        return path
-
-    def test_its_rate_is_the_mean_of_those_of_its_arches(self, classes, hazard):
-        given = "--hazard", hazard, "--json"
+    def test_its_rate_is_the_mean_of_those_of_its_arches(self, classes):
+        given = "--hazard", classes.study.folder.parent / "hazard.csv", "--json"
         one, every = (
             json.loads(called(classes, "risk", *given, *more).stdout)["arches"]
             for more in ((), ("--members",))
@@ -113,8 +109,8 @@ class TestOneCurve:
         members = curves[[*self.SLABS]].mean(axis=1)
         np.testing.assert_allclose(curves["slab"], members, rtol=1e-9, atol=1e-12)
 
-    def test_report_and_summary_have_one_beta(self, classes, hazard):
-        risk = RiskKeys(hazard=str(hazard))
+    def test_report_and_summary_have_one_beta(self, classes):
+        risk = RiskKeys(hazard=str(classes.study.folder.parent / "hazard.csv"))
         inputs = report_inputs(classes.study.model_copy(update={"risk": risk}))
         page = lxml.html.document_fromstring(render(inputs)[0])
         rows = page.xpath('//table[@aria-label="Rates of collapse"]/tbody/tr/th')

@@ -46,8 +46,7 @@ def test_levels_in_user_units_become_si(tmp_path):
     study = load_study(small_study(tmp_path, text))
     assert study.intensity.given[:3] == (0.1, 0.2, 0.3)
     np.testing.assert_allclose(study.intensity.si, 9.80665 * np.linspace(0.1, 1.2, 12))
-    velocity = TEXT.replace("PGA", "PGV").replace("unit: g", "unit: cm/s")
-    study = load_study(small_study(tmp_path, velocity))
+    study = load_study(small_study(tmp_path), ["intensity.measure=PGV", "intensity.unit=cm/s"])
     np.testing.assert_allclose(study.intensity.si, [0.001, 0.006, 0.012])
 
 

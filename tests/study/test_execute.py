@@ -66,11 +66,6 @@ def cleared(study, step):
     return changed(study, "method", dt=step)
 
 
-@pytest.fixture
-def _at_once(monkeypatch):
-    monkeypatch.setattr(execute, "IN_PROCESS", 0.0)
-
-
 @pytest.mark.parametrize(
     ("code", "printed"),
     [
@@ -122,8 +117,8 @@ def test_only_the_kernels_that_the_runs_need(done):
         assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == [expected]
 
 
-@pytest.mark.usefixtures("_at_once")
-def test_workers_make_the_same_runs_and_one_that_is_killed_costs_nothing_but_time(copied):
+def test_workers_make_the_same_runs_and_one_that_is_killed_costs_only_time(copied, monkeypatch):
+    monkeypatch.setattr(execute, "IN_PROCESS", 0.0)  # workers are started for the first run
     study = cleared(copied.study, 1e-4)
     with killer(study.work, every=False) as killed:
         log, _ = run_batch(study, workers=2, quiet=True)
@@ -135,8 +130,8 @@ def test_workers_make_the_same_runs_and_one_that_is_killed_costs_nothing_but_tim
     assert_same(gather(plan), disturbed)
 
 
-@pytest.mark.usefixtures("_at_once")
-def test_workers_killed_again_and_again_end_the_batch(copied):
+def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
+    monkeypatch.setattr(execute, "IN_PROCESS", 0.0)
     study = cleared(copied.study, 1e-5)
     killed = pytest.raises(WorkerError, match="killed or ran out of memory 4 times")
     with killer(study.work, every=True), killed as caught:

@@ -53,8 +53,8 @@ class Slurm(NamedTuple):
         return subprocess.run(command, env=self.environment, **given).stdout.strip()
 
 
-@contextlib.contextmanager
-def local_slurm() -> Iterator[Slurm]:
+@pytest.fixture(scope="module")
+def slurm() -> Iterator[Slurm]:
     """Start the daemons, and end them and all jobs with the block."""
     # Sockets' paths must be short: no temporary folder of pytest's.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
@@ -111,7 +111,9 @@ def _wait_until_ready(slurm: Slurm, process: subprocess.Popen, name: str) -> Non
         "slurmd": lambda: slurm.ask("sinfo", "--noheader", "--format=%t") == "idle",
     }[name]
     if not wait(lambda: process.poll() is not None or ready(), 20.0) or not ready():
-        raise RuntimeError(f"{name} does not come up: see {slurm.folder / name}.log")
+        log = slurm.folder / f"{name}.log"
+        output = log.read_text(errors="replace")[-3000:] if log.is_file() else "nothing"
+        raise RuntimeError(f"{name} does not come up; its output: {output}")
 
 
 def wait(condition, seconds: float) -> bool:
@@ -132,12 +134,6 @@ SNAKEFILE = shipped_folder() / "Snakefile"
 BATCHES = TEXT.replace("execution: {chunk: 2, workers: 2}", "execution: {batches: 2, workers: 1}")
 # A cluster without accounting, and a test that has no time to wait.
 QUICK = "slurm-status-command: squeue\nslurm-init-seconds-before-status-checks: 1\n"
-
-
-@pytest.fixture(scope="module")
-def slurm():
-    with local_slurm() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
