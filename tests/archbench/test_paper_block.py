@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.mechanics.adapters import Mode, Problem, problem_in, solve
+from tests.mechanics.adapters import Mode, Problem, pose, solve
 
 import archfrag as af
 from archbench.paper import block as paper
@@ -61,10 +61,11 @@ def contact_answer(block, corners, rotation, free, friction, omega, slip):
         touching[0, corner] = side in corners
     up, sense = np.array([[0.0, 1.0]]), int(np.sign(slip))
     both = np.stack([up, up], axis=1)
-    return solve(Problem(
-        np.array([block.mass]), np.array([block.inertia]), np.zeros((1, 2)), point, up, both, both,
-        touching, np.array([sense]), -(omega**2) * point, np.array([friction]),
-        np.asarray(free)[None], [Mode(tuple(np.flatnonzero(touching[0])), sense)],
+    return solve(pose(
+        [block.mass], [block.inertia], np.zeros((1, 2)), [friction],
+        [Mode(tuple(np.flatnonzero(touching[0])), sense)], free, point=point, normal=up,
+        side_normal=np.stack([both, both], axis=2), candidate=touching, known=sense,
+        bias=-(omega**2) * point,
     ))  # fmt: skip
 
 
@@ -196,7 +197,7 @@ class Standing:
         impulse = Impulse(speed * ground_x, speed * ground_y)
         pose_step(model, self.state, self.work, impulse, STEP, STEP)
         start_modes(self.state, self.work, True, False)
-        answer = solve(problem_in(model, self.work.position, self.work))
+        answer = solve(Problem(model, self.work.position, self.work))
         return self.motion_of(answer.velocity[0] / speed) if answer.solved else None
 
 

@@ -25,7 +25,7 @@ class TestFourHinges:
         for _ in range(300):
             mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
             corners = rng.integers(0, 2, 4)
-            possible, acceleration, wrench = by_four_hinges(
+            possible, acceleration, wrench, _ = by_four_hinges(
                 mass, inertia, centroid, hinge, corners, spin, free
             )
             expected, forces = hinged_motion(mass, inertia, centroid, hinge, spin, free)
@@ -40,7 +40,7 @@ class TestFourHinges:
         rng = np.random.default_rng(2)
         mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
         mass[[0, 2]], inertia[[0, 2]] = 1e-9, 1e-9
-        _, acceleration, force = by_four_hinges(
+        _, acceleration, force, _ = by_four_hinges(
             mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free
         )
         found, left = middle_reactions(

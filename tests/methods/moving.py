@@ -40,7 +40,7 @@ from archfrag.methods.event_driven.transitions import (
     solve_posed,
     take_impact,
 )
-from tests.mechanics.adapters import framed, modes_of, problem_in, set_modes, solution_in, views_of
+from tests.mechanics.adapters import Problem, framed, modes_of, set_modes, solution_of, views_of
 
 
 class Moving:
@@ -143,9 +143,10 @@ class Impact:
         state.position[1:-1], state.velocity[1:-1] = position, velocity
         set_modes(modes, state.contact, state.slide)
         moves = pose_impact(run, *closes)
-        self.problem = problem_in(run.model, state.position, work)
+        self.problem = Problem(run.model, state.position, work).copy()
+        self.free = work.free[1:-1].copy()
         self.solved = not moves or bool(solve_posed(run.model, state, work, new_path(run.model)))
-        self.solution = solution_in(self.solved, work)
+        self.solution = solution_of(self.problem._replace(work=work), self.solved)
         if self.solved:
             take_impact(run)
         self.velocity, self.modes = state.velocity[1:-1].copy(), modes_of(state)
