@@ -15,7 +15,15 @@ from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.energy import record_step
-from archfrag.mechanics.model import Clock, model_of, new_state, new_work
+from archfrag.mechanics.model import (
+    MODEL_SHAPES,
+    STATE_SHAPES,
+    WORK_SHAPES,
+    Clock,
+    model_of,
+    new_state,
+    new_work,
+)
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import CollapseMode, Energy, Loss, Status
 from archfrag.mechanics.types import Options
@@ -176,3 +184,13 @@ def test_works_of_contacts(relative, force, impact, entry, expected):
     record_step(state, work, True)
     assert state.energy[entry] == pytest.approx(expected)
     assert np.abs(state.energy[:6]).sum() <= abs(expected) * (2.0 + 1e-9)
+
+
+@pytest.mark.parametrize("chain", [af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).chain, CHAIN])
+def test_shapes_compiled_for_are_those_of_the_arrays(chain):
+    model = model_of(chain)
+    given = model, new_state(model), new_work(model)
+    for arrays, shapes in zip(given, (MODEL_SHAPES, STATE_SHAPES, WORK_SHAPES), strict=True):
+        for name, array, shape in zip(arrays._fields, arrays, shapes, strict=True):
+            assert np.shape(array)[1:] == shape, name
+            assert not shape or array.flags.c_contiguous, name

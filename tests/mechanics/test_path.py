@@ -10,6 +10,7 @@ from tests.mechanics.linkages import KINDS, random_state
 from tests.mechanics.oracles import balance_error, corner_rates, law_violation, scale_of
 
 FRICTION = (0.2, 0.4, 0.8, 1.2, np.inf)
+SLIDING = Mode((0,), PLUS)
 
 
 def random_problem(rng, n, kind):
@@ -22,7 +23,7 @@ def random_problem(rng, n, kind):
     return problem.copy(bias=bias + across)
 
 
-def rod(friction, lift=0.0, mode=Mode((0,), PLUS)):
+def rod(friction, lift=0.0, mode=SLIDING):
     """The end of a steep thin rod that slides on the ground against its friction PLUS.
 
     The normal acceleration of the end by a unit force on the cone is
