@@ -63,9 +63,7 @@ def pga(motion):
     return np.abs(motion.acceleration).max()
 
 
-def manifest(name="manifest.csv"):
-    """Rows of a manifest of the real records; none where these are not there."""
-    if not (REAL_RECORDS / name).is_file():
-        return []
-    with open(REAL_RECORDS / name, newline="") as file:
-        return list(csv.DictReader(file))
+def manifest():
+    """Rows of the manifests of the real records; none where these are not there."""
+    files = (REAL_RECORDS / name for name in ("manifest.csv", "manifest_p695.csv"))
+    return [row for file in files if file.is_file() for row in csv.DictReader(file.open())]
