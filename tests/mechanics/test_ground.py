@@ -44,32 +44,21 @@ def test_impulse_is_the_exact_integral_of_either_component():
     assert alone.y == 0.0
 
 
-class TestSegments:
-    """Pieces over which the acceleration is linear in time."""
-
-    x = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
+def test_acceleration_is_linear_up_to_the_next_bend_of_either_component():
+    x, knots = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0]), 0.5 * np.arange(7)
     y = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
-    grounds = grounds_of([(x, y, 0.5)])
-
-    def test_breaks_are_where_either_component_bends(self):
-        assert list(self.grounds.next_break) == [2, 2, 3, 5, 5, 6, 6]
-        both = grounds_of([(SAMPLES[0], None, 1.0), (self.x, self.y, 0.5)])
-        assert list(both.next_break[50:]) == [2, 2, 3, 5, 5, 6, 6]
-        alone = one_of(both, 1, 2.0)
-        assert list(alone.next_break) == [2, 2, 3, 5, 5, 6, 6]
-        assert list(alone.horizontal) == list(2.0 * self.x)
-
-    def test_acceleration_is_the_line_between_the_samples_up_to_the_next_break(self):
-        knots = 0.5 * np.arange(7)
-        for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
-            now = segment_at(time, self.grounds)
-            assert now.end >= time
-            for later in np.linspace(time, now.end, 5):
-                ahead = later - time
-                expected = [np.interp(later, knots, wave) for wave in (self.x, self.y)]
-                found = [now.x + now.slope_x * ahead, now.y + now.slope_y * ahead]
-                assert found == pytest.approx(expected)
-        assert segment_at(3.0, self.grounds) == (np.inf, 0.0, 0.0, 0.0, 0.0)
+    both = grounds_of([(SAMPLES[0], None, 1.0), (x, y, 0.5)])
+    alone = one_of(both, 1, 2.0)
+    assert list(both.next_break[50:]) == list(alone.next_break) == [2, 2, 3, 5, 5, 6, 6]
+    for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
+        now = segment_at(time, alone)
+        assert now.end >= time
+        for later in np.linspace(time, now.end, 5):
+            expected = [2.0 * np.interp(later, knots, wave) for wave in (x, y)]
+            ahead = later - time
+            found = [now.x + now.slope_x * ahead, now.y + now.slope_y * ahead]
+            assert found == pytest.approx(expected)
+    assert segment_at(3.0, alone) == (np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

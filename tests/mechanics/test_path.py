@@ -5,7 +5,7 @@ import pytest
 
 from archbench.paper.arch import cross
 from archfrag.mechanics.residual import contact_residual
-from tests.mechanics.adapters import PLUS, Mode, by_newton, by_path, pose, solve
+from tests.mechanics.adapters import PLUS, Mode, by_newton, by_path, pose
 from tests.mechanics.linkages import KINDS, random_state
 from tests.mechanics.oracles import balance_error, corner_rates, law_violation, scale_of
 
@@ -60,33 +60,22 @@ def test_the_package_s_measure_sees_a_broken_law():
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestLaws:
-    def test_are_met_in_a_thousand_states(self, kind):
-        rng, unsolved = np.random.default_rng(KINDS.index(kind)), 0
-        for _ in range(1000):
-            n = int(rng.integers(2, 82)) if rng.random() < 0.25 else int(rng.integers(2, 12))
-            friction = rng.uniform(0.2, 1.2) if rng.random() < 0.8 else np.inf
-            problem = random_state(rng, n, friction, kind)
-            solution = solve(problem)
-            unsolved += not solution.solved
-            assert not solution.solved or measured(problem, solution) <= 1e-10
-        # One at rest, of 71 voussoirs that cannot slide; `solve_with_fallback` yields there.
-        assert unsolved <= (kind == "resting")
-
     def test_hold_with_the_balance_and_the_motion_is_that_of_the_iteration_on_modes(self, kind):
         rng = np.random.default_rng(60 + KINDS.index(kind))
         compared = other = 0
-        for _ in range(150):
+        for _ in range(200):
             problem = random_problem(rng, int(rng.integers(2, 40)), kind)
             solution, iterated = by_path(problem), by_newton(problem)
             assert solution.solved
             assert law_violation(problem, solution) < 1e-10
+            assert measured(problem, solution) < 1e-10
             assert balance_error(problem, solution) < 1e-12
             if iterated.solved:
                 compared += 1
                 assert law_violation(problem, iterated) < 1e-10
                 apart = np.abs(iterated.velocity - solution.velocity).max()
                 other += apart > 1e-7 * scale_of(problem)
-        assert compared >= 75
+        assert compared >= 100
         # Under friction two motions may both obey the laws: at impacts 7 % of 500 problems.
         assert other <= 0.1 * compared
 

@@ -18,13 +18,9 @@ print(r.peak_displacement, r.energy["ground"], af.onset(arch).plus, r.steps)
 def test_compiled_and_interpreted_agree():
     values = []
     for disabled in ("0", "1"):
-        done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", RUN],
-            env={**os.environ, "NUMBA_DISABLE_JIT": disabled},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        values.append([float(word) for word in done.stdout.split()])
+        command = [sys.executable, "-W", "ignore", "-c", RUN]
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": disabled}
+        printed = subprocess.check_output(command, env=environment, text=True)
+        values.append([float(word) for word in printed.split()])
     assert values[0][0] > 1e-4
     assert values[1] == pytest.approx(values[0], rel=1e-9)

@@ -26,10 +26,7 @@ from archfrag.methods.event_driven.events import (
 from archfrag.methods.event_driven.front import new_run
 from archfrag.methods.event_driven.integrate import check_laws
 from archfrag.methods.event_driven.runge_kutta import (
-    BY_FRICTION,
-    BY_GROUND,
     FIFTH_ORDER,
-    blend,
     dense_state,
     keep_stage,
     make_dense,
@@ -87,38 +84,23 @@ class Moving:
         dense_state(self.motion.stages, part, position, velocity)
         return position[1:-1], velocity[1:-1]
 
-    def work(self, part):
-        """Work of the ground and of friction up to a part of the last step [J]."""
-        work = self.motion.stages.dense_work
-        return blend(work[BY_GROUND], part), blend(work[BY_FRICTION], part)
-
     def go_on(self, size):
         """Take the end of the last step as the beginning of the next one."""
         end, x, slope_x, y, slope_y = self.ground
         self.ground = Segment(end, x + slope_x * size, slope_x, y + slope_y * size, slope_y)
-        self.mega.position[:], self.mega.velocity[:] = (
-            self.mega.next_position,
-            self.mega.next_velocity,
-        )
+        self.mega.position[:] = self.mega.next_position
+        self.mega.velocity[:] = self.mega.next_velocity
         self._begin()
 
-    def first_event(self, size, most=1):
-        """Time of the first event in so many steps of a given size, and what is used up then.
+    def first_event(self, size):
+        """Time of the first event in a step, and what is used up then, (kind, joint).
 
-        Returns
-        -------
-        time : float
-            inf where there is none.
-        used : set of (kind, joint)
-            Kinds "law", "gap", "slip" (its end), "inside" (a law inside a mega-voussoir).
+        The time is inf where there is none. Kinds are "law", "gap", "slip" (its end) and "inside"
+        (a law inside a mega-voussoir).
         """
-        for number in range(most):
-            self.step(size)
-            part, event = check_laws(self.motion, self.mega, size, self.ground)
-            if event:
-                return (number + part) * size, self._used()
-            self.go_on(size)
-        return np.inf, set()
+        self.step(size)
+        part, event = check_laws(self.motion, self.mega, size, self.ground)
+        return (part * size, self._used()) if event else (np.inf, set())
 
     def _used(self):
         between = set(self.mega.joint[: self.mega.count[1]].tolist())

@@ -1,12 +1,10 @@
 """Steps of the Runge-Kutta method between events: order 5, its dense output 4, its own error."""
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archbench.paper.arch import hinged_motion
-from tests.mechanics.adapters import PLUS, Mode
 from tests.mechanics.linkages import hinged_arch, rotate
 from tests.methods.moving import Moving
 
@@ -85,20 +83,3 @@ class TestOrder:
             assert estimate > np.abs(np.concatenate(state) - exact(size)).max()
             estimates.append(estimate)
         assert 4.6 < order(estimates) < 5.9
-
-
-def test_work_of_the_ground_and_of_friction_over_a_part_of_a_step():
-    """A block that slides under changing ground: powers are polynomials, met exactly."""
-    block = af.Block(8.0, 4.0, friction=0.6).chain
-    speed, brake, rate = 2.0, 0.6 * block.gravity, 20.0
-    position, velocity = np.array([[0.0, 2.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
-    ground = (0.0, rate, 0.0, 0.0)
-    moving = Moving(block, position, velocity, [Mode((0, 1), PLUS)], ground)
-    moving.step(0.1)
-    for part in (0.25, 0.6, 1.0):
-        t, mass = 0.1 * part, block.mass[0]
-        slid = speed * t - brake * t**2 / 2.0 - rate * t**3 / 6.0
-        pushed = speed * t**2 / 2.0 - brake * t**3 / 3.0 - rate * t**4 / 8.0
-        by_ground, by_friction = moving.work(part)
-        assert by_ground == pytest.approx(-mass * rate * pushed, rel=1e-10)
-        assert by_friction == pytest.approx(-mass * brake * slid, rel=1e-10)

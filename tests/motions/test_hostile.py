@@ -149,7 +149,8 @@ def spoiled(content, random):
     if kind == 0:
         return content[:place]
     if kind == 1:
-        more = any_of((random.bytes(random.integers(1, 300)), b" " * 50_000, b"9" * 50_000), random)
+        noise = random.bytes(random.integers(1, 300))
+        more = any_of((noise, b" " * 50_000, b"9" * 50_000), random)
         return content[:place] + more + content[place:]
     if kind == 2:  # most of them of the header
         share = 5.0 / (1 + len(NUMBER.findall(content[:4000])))

@@ -22,7 +22,7 @@ from .samples import knet_text
 
 G = 9.80665
 RAMP = np.arange(400.0)
-COUNTS = np.round(4000.0 * wave())
+COUNTS, QUIET = np.round(4000.0 * wave()), 0.1 * wave()
 
 
 def trace(channel="HNE", data=COUNTS, dt=0.01, start=0.0):
@@ -52,7 +52,7 @@ def knet(folder, counts, **options):
     return put(folder / "AOM.EW", knet_text(counts, **options))
 
 
-def at2(folder, samples=0.1 * wave(), name="a.AT2", **options):
+def at2(folder, samples=QUIET, name="a.AT2", **options):
     return put(folder / name, at2_text(samples, **options))
 
 
