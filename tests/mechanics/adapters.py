@@ -13,25 +13,7 @@ from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
 from archfrag.mechanics.contact.path import new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
-from archfrag.mechanics.mega_voussoirs.assemble import (
-    assemble,
-    gather_state,
-    in_use,
-    new_mega_voussoirs,
-    split_state,
-)
-from archfrag.mechanics.mega_voussoirs.first_level import (
-    centripetal_bias,
-    four_hinges,
-    solve_first_level,
-)
-from archfrag.mechanics.mega_voussoirs.second_level import (
-    FORCE_0,
-    FRICTION_MINUS,
-    N_LAW,
-    joint_reactions,
-    solve_second_level,
-)
+from archfrag.mechanics.mega_voussoirs import assemble, first_level, second_level
 from archfrag.mechanics.model import Model, Work, model_of, new_work
 
 
@@ -140,13 +122,13 @@ def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
     modes = [Mode((k,)) for k in corners]
     problem = pose(mass, inertia, centroid, np.ones(4), modes, free, point=point)
     velocity = framed(np.column_stack([0.0 * spin, 0.0 * spin, spin]))
-    solved = four_hinges(problem.model, problem.position, velocity, problem.work)
+    solved = first_level.four_hinges(problem.model, problem.position, velocity, problem.work)
     return solution_of(problem, solved)
 
 
 def views_of(mega):
     """Arrays of assembled mega-voussoirs cut to their size; as Python, for a kernel's are not."""
-    return getattr(in_use, "py_func", in_use)(mega)
+    return getattr(assemble.in_use, "py_func", assemble.in_use)(mega)
 
 
 class Posed:
@@ -162,7 +144,7 @@ class Posed:
         set_modes(modes, work.contact, work.slide)
         work.candidate[:], work.known[:] = work.contact, work.slide
         work.free[1:-1] = -horizontal, -chain.gravity - vertical, 0.0
-        centripetal_bias(self.position, self.velocity, slip, work.known, work)
+        first_level.centripetal_bias(self.position, self.velocity, slip, work.known, work)
         self.modes, self.problem = modes, Problem(model, self.position, work).copy()
 
     def with_modes(self, modes):
@@ -175,17 +157,18 @@ class Posed:
 
     def by_levels(self):
         """Solution by both levels in the modes given; its margins stay in ``self.value``."""
-        model, work, mega = self.model, self.work, new_mega_voussoirs(self.model)
-        assemble(model, work.contact, work.slide, self.slip, mega)
-        gather_state(model, self.position, self.velocity, mega)
+        model, work, mega = self.model, self.work, assemble.new_mega_voussoirs(self.model)
+        assemble.assemble(model, work.contact, work.slide, self.slip, mega)
+        assemble.gather_state(model, self.position, self.velocity, mega)
         mega = views_of(mega)
         state = mega, mega.position, mega.velocity, *self.given[3:]
-        solved = mega.count[0] > 0 and solve_first_level(*state, 1e-3 * model.gravity)
-        self.value = np.full((self.slip.size, N_LAW), np.nan)
-        solve_second_level(model, *state, 1.0, self.value)
-        joint_reactions(mega, work)
+        solved = mega.count[0] > 0 and first_level.solve_first_level(*state, 1e-3 * model.gravity)
+        self.value = np.full((self.slip.size, second_level.N_LAW), np.nan)
+        second_level.solve_second_level(model, *state, 1.0, self.value)
+        second_level.joint_reactions(mega, work)
         # Accelerations of all voussoirs from those of the mega-voussoirs.
-        split_state(mega, mega.position, mega.work.solved, 0.0 * self.position, work.solved)
+        place = 0.0 * self.position
+        assemble.split_state(mega, mega.position, mega.work.solved, place, work.solved)
         for i in np.flatnonzero(mega.group):
             k = mega.group[i]
             arm = self.position[i, :2] - mega.position[k, :2]
@@ -198,7 +181,7 @@ class Posed:
         They are nan at joints between mega-voussoirs. Also the least of them.
         """
         assert self.by_levels().solved
-        value = self.value[:, FORCE_0 : FRICTION_MINUS + 1]
+        value = self.value[:, second_level.FORCE_0 : second_level.FRICTION_MINUS + 1]
         inside = np.isfinite(value[:, 0])
         if np.isinf(self.model.friction).all():
             value[inside, 2:] = np.inf

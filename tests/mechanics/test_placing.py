@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archbench.paper.arch import gaps
-from archbench.paper.arch import relative_velocity as velocity_there
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_offset,
-    corner_slip,
-    later_vertex_meets,
-    move_faces,
-    place_contacts,
-    relative_velocity,
-)
+from archbench.paper import arch as paper
+from archfrag.mechanics.contact import placing
 from archfrag.mechanics.model import model_of, new_work
 from tests.mechanics.linkages import rotate
 
@@ -26,8 +17,8 @@ AT_REST = np.column_stack([MODEL.centroid, np.zeros(ARCH.n_voussoir + 2)])
 def placed(position):
     """Workspace with the faces and contacts of bodies at (n_voussoir + 2, 3)."""
     work = new_work(MODEL)
-    move_faces(MODEL, position, work.rotated, work.face, work.tangent)
-    place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
+    placing.move_faces(MODEL, position, work.rotated, work.face, work.tangent)
+    placing.place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
     return work
 
 
@@ -52,13 +43,14 @@ def test_gap_is_measured_along_the_normal_and_slip_along_the_face(corner):
     tangent = work.tangent[3, 0]
     away = 0.02 * np.array([tangent[1], -tangent[0]]) + 0.05 * tangent
     work.face[3, 1] += away
-    assert clearance(3, corner, work.face, work.tangent) == pytest.approx(0.02)
-    assert corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(0.05)
+    assert placing.clearance(3, corner, work.face, work.tangent) == pytest.approx(0.02)
+    assert placing.corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(0.05)
     # Where a slipped contact holds there is no offset; vertex and face change roles with slip.
     work.face[3, 1] -= away + 0.05 * tangent
-    offset = corner_offset(3, corner, work.face, work.tangent, -0.05)
+    offset = placing.corner_offset(3, corner, work.face, work.tangent, -0.05)
     assert offset == pytest.approx((0.0, 0.0))
-    assert [later_vertex_meets(corner, slip) for slip in (0.1, -0.1)] == [corner == 0, corner == 1]
+    for slip in (0.1, -0.1):
+        assert placing.later_vertex_meets(corner, slip) == ((corner == 0) == (slip > 0.0))
 
 
 def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one():
@@ -83,10 +75,12 @@ def test_gaps_and_relative_velocities_are_those_of_the_paper():
         position[1:-1] += 0.03 * rng.normal(size=shape)
         velocity[1:-1] = rng.normal(size=shape)
         work = placed(position)
-        relative_velocity(position, velocity, work.pivot, work.relative)
+        placing.relative_velocity(position, velocity, work.pivot, work.relative)
         for j in range(ARCH.n_joint):
             bodies = [(position[i, :2], velocity[i]) for i in (j, j + 1)]
-            assert work.relative[j, :2] == pytest.approx(velocity_there(work.pivot[j], *bodies))
+            assert work.relative[j, :2] == pytest.approx(
+                paper.relative_velocity(work.pivot[j], *bodies)
+            )
             for corner in (0, 1):
-                found = clearance(j, corner, work.face, work.tangent)
-                assert np.abs(gaps(*work.face[j], corner) - found).min() < 1e-12
+                found = placing.clearance(j, corner, work.face, work.tangent)
+                assert np.abs(paper.gaps(*work.face[j], corner) - found).min() < 1e-12
