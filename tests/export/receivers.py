@@ -10,7 +10,6 @@ import sys
 
 def openquake(path, levels):
     import numpy as np
-    from openquake.baselib import __version__
     from openquake.hazardlib import imt, nrml
     from openquake.risklib import read_nrml
 
@@ -21,67 +20,46 @@ def openquake(path, levels):
         at = np.array(levels[function], dtype=float)
         built = curves.build(model.limitStates)
         found[function] = {curve.limit_state: curve(at).tolist() for curve in built}
-    return {
-        "version": __version__, "measures": sorted({name for name, _ in model}),
-        "description": model.description, "probabilities": found,
-    }  # fmt: skip
+    measures = sorted({name for name, _ in model})
+    return {"measures": measures, "description": model.description, "probabilities": found}
 
 
 def in_core(path, levels):
-    from importlib.metadata import version
-
     from pyincore import FragilityCurveSet
 
     curves = FragilityCurveSet.from_json_file(path)
     demand, bridge = curves.demand_types[0], {"inventory_type": "bridge"}
     found = [curves.calculate_limit_state({demand: im}, **bridge) for im in levels]
-    damage = [
-        curves.calculate_damage_interval(dict(each), hazard_type="earthquake", **bridge)
-        for each in found
-    ]
-    return {
-        "version": version("pyincore"), "measures": [demand], "units": curves.demand_units,
-        "probabilities": found,
-        "damage": [{key: float(value) for key, value in each.items()} for each in damage],
-    }  # fmt: skip
+    return {"measures": [demand], "units": curves.demand_units, "probabilities": found}
 
 
 def pelicun(path, levels, demand):
-    """For each component the capacities that pelicun makes of the file, and a full damage run.
-
-    Levels are in SI, pelicun's base units; `demand` is its short name, such as PGA or SA_0.5. The
-    run is at the first of the levels.
-    """
-    from importlib.metadata import version
-
+    """Levels are in SI, pelicun's base units; `demand` is its short name, as PGA or SA_0.5."""
     import pandas as pd
     from pelicun import assessment, file_io
 
-    runs, unit, probabilities, damage = 20_000, "mps" if demand == "PGV" else "mps2", {}, {}
+    unit, found = "mps" if demand == "PGV" else "mps2", {}
     for component, at in levels.items():
         run = assessment.Assessment({"PrintLog": False, "Seed": 1, "LogFile": None})
-        column = {f"{demand}-0-1": [unit, *[at[0]] * runs]}
-        run.demand.load_sample(pd.DataFrame(column, index=["Units", *range(runs)]))
+        column = {f"{demand}-0-1": [unit, at[0], at[0]]}
+        run.demand.load_sample(pd.DataFrame(column, index=["Units", 0, 1]))
         run.stories = 1
         assets = {
             "Units": ["ea"], "Location": ["0"], "Direction": ["1"], "Theta_0": [1.0],
             "Blocks": [1], "Family": [None],
         }  # fmt: skip
         run.asset.load_cmp_model({"marginals": pd.DataFrame(assets, index=[component])})
-        run.asset.generate_cmp_sample(runs)
+        run.asset.generate_cmp_sample(2)
         units = run.unit_conversion_factors
         database = file_io.load_data(path, reindex=False, unit_conversion_factors=units)
         run.damage.load_model_parameters([database], {component})
-        model = run.damage.ds_model
         names = ["cmp", "loc", "dir", "uid"]
         index = pd.MultiIndex.from_tuples([(component, "0", "1", "0")], names=names)
-        capacities, _ = model._create_dmg_RVs(pd.DataFrame({"Blocks": [1]}, index=index))
+        blocks = pd.DataFrame({"Blocks": [1]}, index=index)
+        capacities, _ = run.damage.ds_model._create_dmg_RVs(blocks)
         drawn = {name.split("-")[-1]: variable for name, variable in capacities.RV.items()}
-        probabilities[component] = {name: drawn[name].cdf(at).tolist() for name in drawn}
-        run.damage.calculate()
-        states = model.probabilities().iloc[0]
-        damage[component] = {str(state): float(value) for state, value in states.items()}
-    return {"version": version("pelicun"), "probabilities": probabilities, "damage": damage}
+        found[component] = {name: drawn[name].cdf(at).tolist() for name in drawn}
+    return {"probabilities": found}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
-"""The number type of the kernels: four runs get the bits that one would."""
+"""Four runs get the bits that one would; compiled kernels give what plain Python gives."""
 
 import math
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -47,3 +50,23 @@ def test_sine_and_cosine_are_right_to_two_units_in_the_last_place(reach):
     everything(a, np.zeros(len(angle)), 0.0, out)
     assert np.max(np.abs(out[:, 0] - np.sin(angle))) < 2.3e-16
     assert np.max(np.abs(out[:, 1] - np.cos(angle))) < 2.3e-16
+
+
+RUN = """
+import numpy as np, archfrag as af
+arch = af.Arch.circular(10.0, 1.5, 157.5, 3, friction=0.7)
+motion = af.Motion(np.full(60, 8.0), 0.001)
+r = af.simulate(arch, motion, dt=1e-3, follow=0.0)
+print(r.peak_displacement, r.energy["ground"], af.onset(arch).plus, r.steps)
+"""
+
+
+def test_compiled_and_interpreted_agree():
+    values = []
+    for disabled in ("0", "1"):
+        command = [sys.executable, "-W", "ignore", "-c", RUN]
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": disabled}
+        printed = subprocess.check_output(command, env=environment, text=True)
+        values.append([float(word) for word in printed.split()])
+    assert values[0][0] > 1e-4
+    assert values[1] == pytest.approx(values[0], rel=1e-9)
