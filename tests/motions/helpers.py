@@ -28,21 +28,19 @@ def at2_text(
     samples, dt=0.01, *, count=None, unit="G", fourth=FOURTH_LINES[0], component="180", end="\n"
 ):
     """AT2 file with five samples a row, as PEER writes them."""
-    rows = [
-        "".join(f"{value:15.7E}" for value in samples[first : first + 5])
-        for first in range(0, len(samples), 5)
-    ]
+    cells = [f"{value:15.7E}" for value in samples]
     header = [
         "PEER NGA STRONG MOTION DATABASE RECORD",
         f"Imperial Valley-02, 5/19/1940, El Centro Array #9, {component}",
         f"ACCELERATION TIME SERIES IN UNITS OF {unit}",
         fourth.format(count=len(samples) if count is None else count, dt=dt),
     ]
+    rows = ["".join(cells[first : first + 5]) for first in range(0, len(cells), 5)]
     return end.join([*header, *rows]) + end
 
 
 def refused(call, *parts, start=""):
-    """A function refuses what it is given, in one line that begins so and holds these parts."""
+    """A call is refused in one line that begins so and holds these parts."""
     with pytest.raises(InputError) as caught:
         call()
     message = str(caught.value)

@@ -150,9 +150,8 @@ HEADERS = {
 
 
 class TestHeaders:
-    @pytest.mark.parametrize("case", HEADERS)
-    def test_event_and_station_are_kept(self, tmp_path, case):
-        text, facts = HEADERS[case]
+    @pytest.mark.parametrize(("text", "facts"), HEADERS.values(), ids=HEADERS)
+    def test_event_and_station_are_kept(self, tmp_path, text, facts):
         (tmp_path / "a.txt").write_text(text, encoding="utf-8")
         metadata = read_motions(tmp_path / "a.txt")[0].metadata
         assert {key: metadata.get(key) for key in facts} == facts

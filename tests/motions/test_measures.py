@@ -17,12 +17,7 @@ WAVE = Motion(wave(), 0.01)
 STILL = Motion(np.zeros(10), 0.01, id="still")
 
 
-def sine(frequency=2.0, amplitude=3.0, duration=5.0, dt=0.001):
-    time = np.arange(round(duration / dt) + 1) * dt
-    return Motion(amplitude * np.sin(2.0 * np.pi * frequency * time), dt, id="sine")
-
-
-SINE = sine()
+SINE = Motion(wave(), 0.01, id="sine")
 
 
 def noise(count=2000, seed=1):
