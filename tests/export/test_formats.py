@@ -62,13 +62,14 @@ def test_names_of_measures(receiver, measure, name, unit, si, note):
     assert bool(note) == bool(named.note)
 
 
-def test_measures_that_a_receiver_does_not_know():
-    for receiver, measure, message in (
-        ("OpenQuake", "HI", "no name for the intensity measure HI"),
-        ("pelicun", "PGD", "its PGD is permanent ground deformation"),
-    ):
-        with pytest.raises(InputError, match=message):
-            formats.named_measure(receiver, measure)
+@pytest.mark.parametrize(
+    ("receiver", "measure", "message"),
+    [("OpenQuake", "HI", "no name for the intensity measure HI"),
+     ("pelicun", "PGD", "its PGD is permanent ground deformation")],
+)  # fmt: skip
+def test_measures_that_a_receiver_does_not_know(receiver, measure, message):
+    with pytest.raises(InputError, match=message):
+        formats.named_measure(receiver, measure)
 
 
 class TestNrml:

@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import ask_modes, solve_contact, velocity_scale
+from archfrag.mechanics.contact.modes import ask_modes
 from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, modes_of, pose
-from tests.mechanics.linkages import KINDS, random_state
 
 HALF = 0.5  # half the length of a joint [m]
 AXES = 0.3  # angle of the joints' axes to the frame's [rad]
@@ -187,12 +185,6 @@ class TestVertexOnVertex:
     def test_reaction_in_the_cones(self, angle, slip):
         assert asked(Mode((0,)), STILL, directed(angle), **AT_VERTEX) == Mode((0,), slip)
 
-    @pytest.mark.parametrize(("along", "mode"), [(-1.0, OPEN), (1.0, Mode((0,)))])
-    def test_parts_along_either_face(self, along, mode):
-        """Moving into one face is free where it leaves the other; into both it is not."""
-        motion = (-0.5 * math.tan(OPENED), along, 0.0)
-        assert asked(OPEN, motion, NO_FORCE, **AT_VERTEX) == mode
-
     @pytest.mark.parametrize(("sense", "lean"), [(PLUS, -OPENED), (MINUS, 0.0)])
     def test_friction_lies_on_the_cone_of_the_face_that_is_slid_on(self, sense, lean):
         sliding, force = Mode((0,), sense), lean + sense * CONE
@@ -223,11 +215,3 @@ class TestManyJoints:
         assert proposed(joints, tolerance=0.4) == ([CLOSED, OPEN], False)
         assert proposed(joints, scale=10.0, tolerance=0.1) == ([Mode((0, 1), PLUS), OPEN], True)
         assert proposed(joints, force_scale=10.0, tolerance=0.1) == ([CLOSED, Mode((0,))], True)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_velocity_scale_is_that_of_free_bodies_whatever_was_solved_before(kind):
-    problem = random_state(np.random.default_rng(3), 12, 0.6, kind)
-    before = velocity_scale(problem.position, problem.work)
-    solve_contact(*problem, True, 0.0, -1.0, EXACT)
-    assert velocity_scale(problem.position, problem.work) == before > 0.0

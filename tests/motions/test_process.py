@@ -8,7 +8,8 @@ from archfrag.errors import RecordError
 from archfrag.motions import process
 from archfrag.motions.measures import velocity
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import azimuth_of_code, rotate
+from archfrag.motions.process import azimuth_of_code, remove_response, rotate
+from archfrag.motions.read import read_motion
 
 from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
@@ -105,6 +106,9 @@ def test_to_an_azimuth(azimuth, code, apart):
     expected = np.cos(direction) * north + np.sin(direction) * east
     assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
     assert rotated.metadata["azimuth"] == azimuth
+    if code == "090":
+        by_angle = rotate(pair(), angle=azimuth)
+        assert np.allclose(by_angle.acceleration, expected, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -139,9 +143,6 @@ def test_refusals(call, parts):
 
 @needs_real_records
 def test_a_response_is_flat_where_an_accelerometer_is(tmp_path):
-    from archfrag.motions.process import remove_response
-    from archfrag.motions.read import read_motion
-
     folder = REAL_RECORDS / "mseed"
     path, table = folder / "CI.CLC..HNE.mseed", folder / "CI.CLC.xml"
     motion = read_motion(path, inventory=table)

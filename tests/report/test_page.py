@@ -18,7 +18,6 @@ from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.hazard import Hazard
-from archfrag.study.file.members import shown
 from tests.report import synthetic
 from tests.report.test_figures import overlaps
 
@@ -38,7 +37,7 @@ def page(study):
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A study of two arches at a level, with all that an answer may hold."""
+    """A study of two arches at a level, with all that an answer may hold; page and summary."""
     study = synthetic.inputs(
         ("thin", "thick"), at=0.35, classes={"both": synthetic.answer_of(4.1)}
     )
@@ -117,12 +116,11 @@ class TestAnswer:
         assert "No fragility curve: no run collapsed." in text(card)
         assert large(card) == ["0.370 g"]
         assert all(row[8] == "–" for row in table(page, LEVELS_OF_RING)[1])
-        for changes, part in (
-            ({"stands": False, "plus": np.nan, "minus": np.nan}, "does not stand"),
-            ({"plus": np.inf, "hinges": [], "thrust_plus": None}, "no limit"),
+        for changes in (
+            {"stands": False, "plus": np.nan, "minus": np.nan},
+            {"plus": np.inf, "hinges": [], "thrust_plus": None},
         ):
             page, _ = render(replace(given, arches=[("ring", arch, replace(onset, **changes))]))
-            assert part in page
             assert not re.search(r"\b(nan|inf) g", page)
 
     def test_limit_states_measures_and_class(self, full):
@@ -146,7 +144,7 @@ class TestAnswer:
         both = text(section(page, "class0"))
         assert "0.380 from record to record and 0.120 between its arches" in both
 
-    def test_summary_for_programs(self, full, tmp_path):
+    def test_summary_for_programs(self, full):
         given, _, data = full
         assert [data[k] for k in ("format", "unit", "level")] == ["archfrag-summary/2", "g", 0.35]
         for arch, verdict in zip(data["arches"], given.cube["verdict"].values, strict=True):
@@ -160,23 +158,6 @@ class TestAnswer:
             assert arch["probability"]["interval"] == pytest.approx(band)
         (both,) = data["classes"]
         assert (both["arches"], both["dispersion"]["beta_model"]) == (2, 0.12)
-        none = synthetic.inputs(answers={"ring": synthetic.none("no run collapsed")})
-        out = write_report(none, tmp_path / "report.html")
-        (arch,) = json.loads((out.parent / "summary.json").read_text())["arches"]
-        assert (arch["curve"], arch["reason"]) == (None, "no run collapsed")
-
-    def test_a_fleet_has_one_file_of_curves(self, tmp_path):
-        names = [f"a{i:02d}" for i in range(14)]
-        study = synthetic.inputs(names, n_record=3, n_level=5)
-        answers = {name: synthetic.answer_of(2.0 + 0.1 * i) for i, name in enumerate(names)}
-        kept = [study.arches[i] for i in shown([a.curve.theta for a in answers.values()])]
-        write_report(replace(study, answers=answers, arches=kept), tmp_path / "report.html")
-        page = lxml.html.document_fromstring((tmp_path / "report.html").read_text())
-        heads = [text(head) for head in page.xpath('//section[@class="arch"]/h2')]
-        assert heads == ["a00", "a07", "a13"]
-        assert len(table(page, "Answer for each arch")[1]) == 14
-        files = sorted(path.name for path in tmp_path.iterdir())
-        assert files == ["curves.svg", "report.html", "summary.json"]
 
 
 def hazard(points):
