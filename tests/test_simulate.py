@@ -143,20 +143,16 @@ class TestMechanism:
         sliding = next(change for change in response.mechanism if change.joints)
         assert sliding.joints == {0: "slides towards extrados"}
 
-    def test_a_log_beyond_the_bound_states_where_it_ends(self, monkeypatch):
-        full = af.simulate(ARCH, PUSH, history=True).mechanism
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_LOG", 6)
-        kept = af.simulate(ARCH, PUSH, history=True).mechanism
-        assert kept[:5] == full[:5]
-        assert len(kept) == 6
-        assert np.isnan(kept[5].until)
-
-    def test_history_changes_nothing(self, monkeypatch):
+    def test_a_log_grows_up_to_its_bound_and_a_history_changes_nothing(self, monkeypatch):
         stepped = functools.partial(af.simulate, ARCH, PUSH, method="time_stepping")
         without, kept = stepped(), stepped(history=True)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 3)
+        assert (without.work, without.energy) == (kept.work, kept.energy)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
         again = stepped(history=True)  # its log needs more space
         assert again.mechanism == kept.mechanism
         assert again.history.identical(kept.history)
-        assert (without.work, without.energy) == (kept.work, kept.energy)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_LOG", 6)
+        bounded = stepped(history=True).mechanism
+        assert bounded[:5] == kept.mechanism[:5]
+        assert len(bounded) == 6
+        assert np.isnan(bounded[5].until)

@@ -33,12 +33,10 @@ def refusal(make, *args, **given):
 NUMBERS = [
     ("thickness", 0.0, "thickness = 0.0 m is impossible"),
     ("thickness", "1.5", "thickness = '1.5' is not numeric"),
-    ("thickness", [1.5], "thickness = [1.5] is not a single number"),
     ("thickness", [[1.0], [1.0, 2.0]], "thickness has rows of unequal length"),
     ("thickness", 1e-9, "thickness = 1e-09 m is no size of a structure"),
     ("embrace", 360.0, "embrace = 360.0 degrees is impossible"),
     ("depth", -1.0, "depth = -1.0 m is impossible"),
-    ("voussoirs", 1, "voussoirs = 1 is impossible"),
     ("voussoirs", 6.5, "voussoirs = 6.5 is impossible"),
     ("voussoirs", 2001, "voussoirs = 2001 is impossible"),
     ("sector", "yes", "sector = 'yes' is not a choice"),
@@ -47,7 +45,6 @@ NUMBERS = [
     ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
     ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
     ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints = ["),
-    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints = [0, 30, nan"),
 ]
 
 

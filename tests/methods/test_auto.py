@@ -7,8 +7,6 @@ import archfrag as af
 from archfrag.mechanics.status import Status
 from archfrag.methods import auto
 from archfrag.methods.auto import goes_by_events
-from archfrag.methods.registry import steps_of_tolerance
-from archfrag.simulation.rest import own_time
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 1.2, 0.001)
@@ -32,15 +30,6 @@ def test_records_are_stepped_by_the_steps_of_the_tolerance():
 def test_fine_tolerances_are_met_by_events():
     times = run(1e-4).model_time
     assert times["four_hinges"] + times["mega_voussoirs"] > 0.1
-
-
-def test_steps_are_short_at_impacts_and_long_between_them():
-    unit = own_time(ARCH)
-    impact, largest = (unit * part for part in steps_of_tolerance(1e-3, 7))
-    stepped = run(1e-3)
-    moving = stepped.model_time["all_voussoirs"]
-    assert largest == pytest.approx(10.0 * impact)
-    assert 1.5 * moving / largest < stepped.steps < 0.5 * moving / impact
 
 
 @pytest.mark.parametrize(("bad", "by_events"), [(0, False), (1, True), (2, False), (3, False)])

@@ -71,12 +71,6 @@ class TestSliding:
         assert time == pytest.approx(expected, abs=1e-9)
         assert used == {("slip", 0)}
 
-    def test_both_forces_of_a_face_that_vanish_at_once(self):
-        # The ground falls away ever faster: at its downward acceleration g nothing compresses.
-        time, used = sliding(2.0, (0.0, 0.0, 0.0, -300.0)).first_event(0.05)
-        assert time == pytest.approx(g / 300.0, abs=1e-9)
-        assert used == {("law", 0)}
-
     def test_of_two_events_in_a_step_the_first(self):
         # The brake weakens with the pressing force g + rate t; the slip rate is what is left,
         # 0.2 - 0.6 (g t + rate t^2 / 2).

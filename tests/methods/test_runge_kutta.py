@@ -74,12 +74,3 @@ class TestOrder:
                 found = np.concatenate(moving.inside(part))
                 errors.append(np.abs(found - exact(part * size)).max())
             assert order(errors) > power - 0.4
-
-    def test_of_the_error_that_a_step_estimates_is_that_of_the_embedded_formula(self):
-        moving, exact = linkage()
-        estimates = []
-        for size in SIZES:
-            *state, estimate = moving.step(size)
-            assert estimate > np.abs(np.concatenate(state) - exact(size)).max()
-            estimates.append(estimate)
-        assert 4.6 < order(estimates) < 5.9
