@@ -178,12 +178,11 @@ class Posed:
     def margins(self):
         """Forces at both corners and margins of Coulomb's law of either sense, (m, 4) [N].
 
-        They are nan at joints between mega-voussoirs. Also the least of them, and the solution.
+        They are nan at joints between mega-voussoirs. Also the least of them.
         """
-        solution = self.by_levels()
-        assert solution.solved
+        assert self.by_levels().solved
         value = self.value[:, second_level.FORCE_0 : second_level.FRICTION_MINUS + 1]
         inside = np.isfinite(value[:, 0])
         if np.isinf(self.model.friction).all():
             value[inside, 2:] = np.inf
-        return value, value[inside].min(initial=np.inf), solution
+        return value, value[inside].min(initial=np.inf)

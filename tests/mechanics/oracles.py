@@ -3,7 +3,7 @@
 import numpy as np
 
 from archbench.paper import block
-from archbench.paper.arch import cross, next_reaction, relative_velocity, rotated
+from archbench.paper.arch import cross, full_motion, next_reaction, relative_velocity, rotated
 from tests.mechanics.adapters import MINUS, PLUS, framed
 
 
@@ -99,3 +99,30 @@ def law_violation(problem, solution):
         else:
             worst = max(worst, np.abs(wrench[j]).max())
     return worst
+
+
+def balanced(problem, modes):
+    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27).
+
+    Constrained are both components at a joint's first corner that bears, the normal one at its
+    second.
+    """
+    model, work, n = problem.model, problem.work, problem.model.mass.size - 2
+    still = problem.copy(bias=0.0 * work.bias)
+    units = np.eye(3 * n).reshape(-1, n, 3)
+    matrix = np.stack([corner_rates(still, unit) for unit in units], axis=-1)
+    held = [
+        (j, c, axis)
+        for j, mode in enumerate(modes)
+        for k, c in enumerate(mode.corners)
+        for axis in (np.eye(2) if k == 0 else work.normal[j : j + 1])
+    ]
+    rows = np.array([axis @ matrix[j, c] for j, c, axis in held])
+    bias = np.array([axis @ work.bias[j, c] for j, c, axis in held])
+    mass, inertia = model.mass[1:-1], model.inertia[1:-1]
+    inverse = 1.0 / np.stack([mass, mass, inertia], axis=1).ravel()
+    _, forces = full_motion(inverse, rows, rows, bias, work.free[1:-1].ravel(), ease=0.0)
+    wrench = np.zeros((len(modes), 3))
+    for force, (j, c, axis) in zip(forces, held):
+        wrench[j] += force * np.array([*axis, cross(work.point[j, c], axis)])
+    return wrench
