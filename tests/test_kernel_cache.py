@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import archfrag
+from tests.motions.helpers import Payload
 
 PACKAGE = Path(archfrag.__file__).parent
 CALLER = """
@@ -80,19 +81,9 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
         assert (python(code, PYTHONPATH=tmp_path) == before) is same
 
 
-class Planted:
-    """A pickle that makes a folder when it is read."""
-
-    def __init__(self, marker):
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.marker),)
-
-
 def plant(folder, marker):
     """Put code in the place of every compiled kernel of a folder."""
-    planted = pickle.dumps(Planted(marker))
+    planted = pickle.dumps(Payload(marker))
     for path in folder.rglob("*.kernel"):
         path.write_bytes(hashlib.sha256(planted).digest() + planted)
 

@@ -1,6 +1,6 @@
 """States of arches: in motion on four hinges, resting, sliding, at impact."""
 
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,17 +11,6 @@ from archfrag.mechanics.model import model_of, new_work
 from tests.mechanics.adapters import CLOSED, Mode, Problem, set_modes
 
 KINDS = ("resting", "hinged", "sliding", "impact")
-
-
-class Hinged(NamedTuple):
-    """An arch of which four hinges have opened, rigid between them."""
-
-    position: np.ndarray  # (n, 3) centroid, rotation
-    velocity: np.ndarray  # (n, 3)
-    modes: list  # of its joints
-    joints: list  # of its hinges
-    hinge: np.ndarray  # (4, 2) where they are
-    bodies: list  # voussoirs of each of the three bodies
 
 
 def rotate(vector, angle):
@@ -38,9 +27,9 @@ def joined(chain, voussoirs, position):
 
 
 def hinged_arch(arch, hinges, tilt, rate):
-    """Arch whose first body between hinges (joint, corner) has rotated, and rotates, by so much.
+    """Position, velocity (n, 3) and modes of an arch that is rigid between hinges (joint, corner).
 
-    None where the hinges would have to close meanwhile.
+    Its first body has rotated, and rotates, by so much. None where hinges would have to close.
     """
     joints, corners = zip(*hinges)
     rest = np.array([(arch.intrados, arch.extrados)[c][j] for j, c in hinges])
@@ -58,21 +47,19 @@ def hinged_arch(arch, hinges, tilt, rate):
     hinge = rest[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(arms, axis=0)])
     chain = arch.chain
     position = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
-    bodies = [np.arange(joints[k], joints[k + 1]) for k in range(3)]
+    velocity, bodies = np.zeros_like(position), [slice(*ends) for ends in pairwise(joints)]
     for k, body in enumerate(bodies):
         position[body, :2] = hinge[k] + rotate(chain.centroid[body] - rest[k], angle[k])
         position[body, 2] = angle[k]
     centroid = np.array([joined(chain, body, position)[2] for body in bodies])
     motion = rate * mechanism_of(centroid, hinge)
-    velocity = np.zeros_like(position)
     for k, body in enumerate(bodies):
         arm = position[body, :2] - centroid[k]
         velocity[body, :2] = motion[k, :2] + motion[k, 2] * rotated(arm)
         velocity[body, 2] = motion[k, 2]
-    modes = [CLOSED] * chain.friction.size
-    for joint, corner in hinges:
-        modes[joint] = Mode((corner,))
-    return Hinged(position, velocity, modes, list(joints), hinge, bodies)
+    at = dict(hinges)
+    modes = [Mode((at[j],)) if j in at else CLOSED for j in range(arch.n_joint)]
+    return position, velocity, modes
 
 
 def random_hinged_arch(rng, friction):

@@ -20,7 +20,7 @@ def states(seed, friction, count):
     for _ in range(count):
         arch, state = random_hinged_arch(rng, friction)
         push, lift = rng.uniform(-1.5, 1.5) * g, rng.uniform(-0.3, 0.3) * g
-        yield Posed(arch.chain, state.position, state.velocity, state.modes, push, lift)
+        yield Posed(arch.chain, *state, push, lift)
 
 
 def assert_same(posed, theirs):

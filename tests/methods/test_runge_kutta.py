@@ -16,30 +16,28 @@ def linkage():
     """Three voussoirs on four hinges; their motion by nine dense equations."""
     arch = af.Arch.circular(10.0, 1.5, 157.5, 3, 0.7)
     hinges = [(0, 1), (1, 0), (2, 1), (3, 0)]
-    state = hinged_arch(arch, hinges, 0.02, 0.3)
+    position, velocity, modes = hinged_arch(arch, hinges, 0.02, 0.3)
     chain = arch.chain
     corners = [c for _, c in hinges]
 
     def rate(time, y):
-        position, velocity = y.reshape(2, 3, 3)
+        places, speeds = y.reshape(2, 3, 3)
         face = chain.face_after[range(4), corners]
-        hinge = np.array(
-            [place[:2] + rotate(arm, place[2]) for place, arm in zip(position, face)] + [face[3]]
-        )
+        hinge = [place[:2] + rotate(arm, place[2]) for place, arm in zip(places, face)]
+        hinge = np.array([*hinge, face[3]])
         ground_x, rate_x, ground_y, rate_y = GROUND
         force = [-ground_x - rate_x * time, -chain.gravity - ground_y - rate_y * time, 0.0]
         free = np.tile(force, (3, 1))
-        acceleration, _ = hinged_motion(
-            chain.mass, chain.inertia, position[:, :2], hinge, velocity[:, 2], free
-        )
-        return np.concatenate([velocity.ravel(), acceleration.ravel()])
+        bodies = chain.mass, chain.inertia, places[:, :2]
+        acceleration, _ = hinged_motion(*bodies, hinge, speeds[:, 2], free)
+        return np.concatenate([speeds.ravel(), acceleration.ravel()])
 
     def exact(time):
-        start = np.concatenate([state.position.ravel(), state.velocity.ravel()])
+        start = np.concatenate([position.ravel(), velocity.ravel()])
         done = solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-14)
         return done.y[:, -1].reshape(6, 3)
 
-    return Moving(chain, state.position, state.velocity, state.modes, GROUND), exact
+    return Moving(chain, position, velocity, modes, GROUND), exact
 
 
 SIZES = (0.08, 0.04, 0.02)

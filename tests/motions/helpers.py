@@ -1,6 +1,7 @@
 """Small files that the tests write themselves, and the real ones that may lie beside the repo."""
 
 import csv
+import os
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +66,13 @@ def manifest():
     """Rows of the manifests of the real records; none where these are not there."""
     files = (REAL_RECORDS / name for name in ("manifest.csv", "manifest_p695.csv"))
     return [row for file in files if file.is_file() for row in csv.DictReader(file.open())]
+
+
+class Payload:
+    """Makes a folder where it is unpickled."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)

@@ -23,7 +23,7 @@ from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
 from archfrag.motions.read import read_motion, read_motions
 
-from .helpers import wave
+from .helpers import Payload, wave
 from .samples import MADE_UP
 
 
@@ -35,16 +35,6 @@ def record(form):
     with tempfile.NamedTemporaryFile() as file:
         stream.write(file.name, format=form)
         return file.read()
-
-
-class Payload:
-    """Makes a folder where it is unpickled."""
-
-    def __init__(self, marker):
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.marker),)
 
 
 def payload(marker):

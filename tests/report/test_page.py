@@ -323,25 +323,6 @@ class TestDesigns:
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)
 
-    def test_a_level_of_its_own_for_each_run(self):
-        """Grouped by intensity: every run is in one group, and groups rise."""
-        study = synthetic.inputs(n_record=32, n_level=4)
-        data = study.cube.isel(level=[2]).copy(deep=True)
-        own = np.random.default_rng(4).uniform(1.0, 8.0, (1, 32, 1))
-        own[0, 30:] = np.nan  # records that were not used
-        data["intensity"] = (("arch", "record", "level"), own, data["intensity"].attrs)
-        data["scale_factor"] = (("arch", "record", "level"), own / 3.0)
-        data["verdict"][0, :, 0] = (own[0, :, 0] > 4.0).astype(int)
-        data["verdict"][0, 30:, 0] = Verdict.NOT_SIMULATED
-        data.attrs["archfrag_design"] = json.dumps({"kind": "cloud"})
-        found = arch_results(data, "ring", reading_scale(data, "PGA"))
-        assert found.simulated.sum(axis=1).tolist() == [1] * 30 + [0] * 2
-        assert np.all(np.diff(found.levels) > 0)
-        fraction = found.counts.collapsed / found.counts.n
-        assert (fraction[0], fraction[-1]) == (0.0, 1.0)
-        page = read(replace(study, cube=data, answers=synthetic.answers_of(data)))
-        assert any(label.startswith("30 runs of ring") for label in page.xpath("//@aria-label"))
-
 
 def compared(arches=("ring",), measure="PGA"):
     """A study beside another one, by their names, arches and measures."""
