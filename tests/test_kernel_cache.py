@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import archfrag
+from tests.motions.helpers import Payload
 
 PACKAGE = Path(archfrag.__file__).parent
 CALLER = """
@@ -49,12 +50,6 @@ def margin(**environment):
     return int(found), Path(folder)
 
 
-def chosen(umask=-1, **environment):
-    """Folder that a process would use."""
-    code = "from archfrag.kernel_cache import use_kernel_cache; print(use_kernel_cache())"
-    return Path(python(code, umask, **environment).strip())
-
-
 def clone(root):
     shutil.copytree(PACKAGE, root / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
     return root / "archfrag"
@@ -86,35 +81,18 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
         assert (python(code, PYTHONPATH=tmp_path) == before) is same
 
 
-class Planted:
-    """A pickle that makes a folder when it is read."""
-
-    def __init__(self, marker):
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.marker),)
-
-
 def plant(folder, marker):
     """Put code in the place of every compiled kernel of a folder."""
-    planted = pickle.dumps(Planted(marker))
+    planted = pickle.dumps(Payload(marker))
     for path in folder.rglob("*.kernel"):
         path.write_bytes(hashlib.sha256(planted).digest() + planted)
 
 
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    base = tmp_path_factory.mktemp("compiled")
-    margin(NUMBA_CACHE_DIR=base)
-    return base
-
-
 @pytest.fixture
-def base(compiled, tmp_path):
-    """A cache of our own with a compiled kernel, and its folder."""
-    base = shutil.copytree(compiled, tmp_path / "base")
-    return base, next(base.glob("k-*"))
+def base(tmp_path):
+    """A cache of our own with a compiled kernel."""
+    margin(NUMBA_CACHE_DIR=tmp_path / "base")
+    return tmp_path / "base"
 
 
 @pytest.fixture
@@ -125,80 +103,66 @@ def shared(tmp_path):
     return tmp_path / "shared"
 
 
-@pytest.fixture
-def open_to_all(tmp_path):
-    (tmp_path / "open").mkdir()
-    (tmp_path / "open").chmod(0o777)
-    return tmp_path / "open"
+@pytest.mark.skipif(os.getuid() != 0, reason="only root makes files of others")
+def test_planted_code_runs_unless_it_is_of_another_user(base, tmp_path, shared):
+    plant(base, tmp_path / "ran")
+    margin(NUMBA_CACHE_DIR=base)
+    (tmp_path / "ran").rmdir()
+    plant(base, tmp_path / "ran")
+    for place in (base, *base.rglob("*")):
+        os.chown(place, 61002, 61002)
+    found, folder = margin(NUMBA_CACHE_DIR=base, TMPDIR=shared)
+    assert (found, (tmp_path / "ran").exists()) == (0, False)
+    assert folder.is_relative_to(shared)
+    assert not folder.exists()  # a temporary one, removed at the end
 
 
-as_root = pytest.mark.skipif(os.getuid() != 0, reason="only root makes files of others")
+def test_a_place_where_everybody_writes_is_not_used(tmp_path, base, shared):
+    code = "from archfrag.kernel_cache import use_kernel_cache; print(use_kernel_cache())"
+    everybody = tmp_path / "open"
+    everybody.mkdir()
+    for place in (everybody, next(base.glob("k-*"))):
+        place.chmod(0o777)
+    for place in (everybody, everybody / "new", base):
+        folder = python(code, 0, NUMBA_CACHE_DIR=place, TMPDIR=shared).strip()
+        assert Path(folder).is_relative_to(shared)
+    homeless = {"HOME": "/dev/null", "XDG_CACHE_HOME": ""}
+    assert margin(**homeless, TMPDIR=everybody) == (0, Path("None"))
 
 
-class TestOthers:
-    """A folder that someone else made or can write to is not used."""
-
-    @as_root
-    def test_planted_code_runs_unless_it_is_of_another_user(self, base, tmp_path, shared):
-        plant(base[0], tmp_path / "ran")
-        margin(NUMBA_CACHE_DIR=base[0])
-        (tmp_path / "ran").rmdir()
-        plant(base[0], tmp_path / "ran")
-        for place in (base[0], *base[0].rglob("*")):
-            os.chown(place, 61002, 61002)
-        found, folder = margin(NUMBA_CACHE_DIR=base[0], TMPDIR=shared)
-        assert (found, (tmp_path / "ran").exists()) == (0, False)
-        assert folder.is_relative_to(shared)
-        assert not folder.exists()  # a temporary one, removed at the end
-
-    def test_a_place_where_everybody_writes(self, open_to_all, base, shared):
-        base[1].chmod(0o777)
-        for place in (open_to_all, open_to_all / "new", base[0]):
-            folder = chosen(umask=0, NUMBA_CACHE_DIR=place, TMPDIR=shared)
-            assert folder.is_relative_to(shared)
-
-    def test_no_safe_place_at_all(self, open_to_all):
-        homeless = {"HOME": "/dev/null", "XDG_CACHE_HOME": ""}
-        assert margin(**homeless, TMPDIR=open_to_all) == (0, Path("None"))
+def test_damaged_files_count_as_missing(base):
+    code = (
+        "import glob, os, archfrag.mechanics.ground as g\n"
+        "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
+        "full = open(file, 'rb').read()\n"
+        "print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5))\n"
+        "cache, context = g.rest_margin._cache, g.rest_margin.targetctx\n"
+        "(sig,) = g.rest_margin.overloads\n"
+        "for text in (full[:100], b'', full[:-1] + bytes([full[-1] ^ 1]), full):\n"
+        "    open(file, 'wb').write(text)\n"
+        "    print(cache.load_overload(sig, context) is not None)\n"
+    )
+    reported = python(code, NUMBA_CACHE_DIR=base).split()
+    assert reported == ["1.5", "False", "False", "False", "True"]
 
 
-class TestFiles:
-    def test_damaged_ones_count_as_missing(self, base):
-        code = (
-            "import glob, os, archfrag.mechanics.ground as g\n"
-            "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
-            "full = open(file, 'rb').read()\n"
-            "print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5))\n"
-            "cache, context = g.rest_margin._cache, g.rest_margin.targetctx\n"
-            "(sig,) = g.rest_margin.overloads\n"
-            "for text in (full[:100], b'', full[:-1] + bytes([full[-1] ^ 1]), full):\n"
-            "    open(file, 'wb').write(text)\n"
-            "    print(cache.load_overload(sig, context) is not None)\n"
-        )
-        reported = python(code, NUMBA_CACHE_DIR=base[0]).split()
-        assert reported == ["1.5", "False", "False", "False", "True"]
-
-    def test_processes_that_compile_at_once(self, tmp_path):
-        # Two versions of one kernel by each of four processes, each version by two of them.
-        code = (
-            "import sys, time, numpy as np, archfrag.mechanics.ground as g\n"
-            "while time.time() < float(sys.argv[1]): time.sleep(0.001)\n"
-            "for kind in sys.argv[2:]:\n"
-            "    print(kind, g.rest_margin(np.dtype(kind).type(1), 0.0, 10.0, 0.5, 0.5))\n"
-            "print(len(g.rest_margin.stats.cache_hits), len(g.rest_margin.overloads))"
-        )
-        start = str(time.time() + 3.0)
-        pairs = (["f8", "f4"], ["f4", "f8"], ["i8", "f8"], ["f4", "i8"])
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        running = [
-            subprocess.Popen([sys.executable, "-c", code, start, *kinds], env=environment,
-                             stdout=subprocess.PIPE, text=True)
-            for kinds in pairs
-        ]  # fmt: skip
-        reported = [process.communicate(timeout=120)[0].split() for process in running]
-        for words, kinds in zip(reported, pairs):
-            assert words[:4] == [kinds[0], "4.0", kinds[1], "4.0"]
-        # Each version was compiled by one process; the others waited for it.
-        assert sum(int(words[-2]) for words in reported) == 5
-        assert len(list(tmp_path.rglob("*.kernel"))) == 3
-        assert not [p for p in tmp_path.rglob("*") if p.suffix in (".lock", ".tmp")]
+def test_of_processes_that_compile_at_once_one_compiles_each_version(tmp_path):
+    # Two versions of one kernel by each of four processes, each version by two of them.
+    code = (
+        "import sys, time, numpy as np, archfrag.mechanics.ground as g\n"
+        "while time.time() < float(sys.argv[1]): time.sleep(0.001)\n"
+        "for kind in sys.argv[2:]:\n"
+        "    print(g.rest_margin(np.dtype(kind).type(1), 0.0, 10.0, 0.5, 0.5))\n"
+        "print(len(g.rest_margin.stats.cache_hits))"
+    )
+    environment, start = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}, str(time.time() + 3.0)
+    running = [
+        subprocess.Popen([sys.executable, "-c", code, start, *kinds], env=environment,
+                         stdout=subprocess.PIPE, text=True)
+        for kinds in (["f8", "f4"], ["f4", "f8"], ["i8", "f8"], ["f4", "i8"])
+    ]  # fmt: skip
+    reported = [process.communicate(timeout=120)[0].split() for process in running]
+    assert [words[:2] for words in reported] == 4 * [["4.0", "4.0"]]
+    assert sum(int(words[2]) for words in reported) == 5
+    assert len(list(tmp_path.rglob("*.kernel"))) == 3
+    assert not [p for p in tmp_path.rglob("*") if p.suffix in (".lock", ".tmp")]

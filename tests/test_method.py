@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from archbench.paper.block import (
-    Mechanism,
-    uniform_block,
-)
+from archbench.paper.block import Mechanism, uniform_block
 from archbench.paper.regions import starting_region
 
 TESTS = Path(__file__).parent
@@ -23,7 +20,7 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import arch, block, equations  # noqa: E402
+from figures import block, equations  # noqa: E402
 
 
 def equations_named(text):
@@ -77,13 +74,6 @@ class TestPages:
         assert "four_hinges" in equations.holds(29)
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """The figures of a module instead of what a page shows."""
-    monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
-    monkeypatch.setattr(arch, "shown", lambda figure, *_: figure)
-
-
 def shades_at(axes, x, y):
     """Colours of the regions that are drawn at a point."""
     found = set()
@@ -98,18 +88,17 @@ def shades_at(axes, x, y):
     return found
 
 
-class TestFigures:
-    @pytest.mark.parametrize("slenderness", [0.2, 1.0])
-    def test_the_shade_of_a_point_is_that_of_its_motion(self, slenderness, drawn):
-        first, second, third, _ = block.starting_regions(slenderness).axes
-        body, rng = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1)
-        reach, seen = 2.5 * slenderness, set()
-        for x, y in rng.uniform([-reach, 0.0], [reach, reach], (300, 2)):
-            for axes, ground_y in ((first, 0.0), (second, -0.4)):
-                mechanism = starting_region(body, x, ground_y, y)
-                assert block._SHADE[mechanism] in shades_at(axes, x, y)
-                seen.add(mechanism)
-        for x, y in rng.uniform([-reach, -1.0], [reach, 0.8], (300, 2)):
-            mechanism = starting_region(body, x, y, 1.5 * slenderness)
-            assert block._SHADE[mechanism] in shades_at(third, x, y)
-        assert seen == set(Mechanism) - {Mechanism.LIFT_OFF}
+@pytest.mark.parametrize("slenderness", [0.2, 1.0])
+def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(slenderness, monkeypatch):
+    monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
+    first, second, third, _ = block.starting_regions(slenderness).axes
+    body, rng, seen = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1), set()
+    for across, y in rng.uniform([-2.5, 0.0], [2.5, 2.5], (300, 2)):
+        x, friction = slenderness * across, slenderness * y
+        points = ((first, friction, (0.0, friction)), (second, friction, (-0.4, friction)),
+                  (third, 0.7 * y - 1.0, (0.7 * y - 1.0, 1.5 * slenderness)))  # fmt: skip
+        for axes, height, at in points:
+            mechanism = starting_region(body, x, *at)
+            assert block._SHADE[mechanism] in shades_at(axes, x, height)
+            seen.add(mechanism)
+    assert seen >= set(Mechanism) - {Mechanism.LIFT_OFF}

@@ -1,7 +1,6 @@
 """Drawings: blocks of a DXF file make a chain, or are refused by handle."""
 
 import json
-import math
 
 import ezdxf
 import numpy as np
@@ -10,7 +9,6 @@ from click.testing import CliRunner
 
 import archfrag as af
 from archfrag.arch.drawing import read_drawing
-from archfrag.arch.geometry import outline_section
 from archfrag.cli import main
 from archfrag.errors import GeometryError
 from archfrag.study.file.arches import ArchEntry
@@ -51,46 +49,39 @@ def test_what_is_drawn_is_read_as_the_same_arch(tmp_path, name, unit):
     assert (tmp_path / "arch.dxf").read_bytes() == content
 
 
-def test_section_of_half_a_disk():
-    """Its centroid is 4 r/(3 pi) above its base; pi r^4/4 about the middle of the base."""
-    section, away = outline_section(np.array([[-2.0, 0, 0], [2.0, 0, 1.0]])), 8.0 / (3 * math.pi)
-    assert section.area == pytest.approx(2.0 * math.pi, rel=1e-14)
-    np.testing.assert_allclose(section.centroid, [0, away], atol=1e-14)
-    assert section.polar == pytest.approx(math.pi * (4.0 - 2.0 * away**2), rel=1e-13)
+@pytest.mark.parametrize("old", [False, True])
+def test_pier(tmp_path, old):
+    # In any order, one clockwise, in centimetres, as an old POLYLINE or seen from behind.
+    sign = 1 if old else -1
+    blocks = [[(sign * 100 * x, 100 * y) for x, y in PIER[i]] for i in (1, 2, 0)]
+    ground = [((0, 0), (100, 0))]
+    drawn = draw(tmp_path / "a.dxf", [blocks[0][::-1], *blocks[1:]], ground, 5, old=old)
+    for polyline in drawn.modelspace().query("LWPOLYLINE"):
+        polyline.dxf.extrusion = (0, 0, -1)
+    drawn.saveas(tmp_path / "a.dxf")
+    pier = af.Arch.from_dxf(tmp_path / "a.dxf", 0.9, unit="cm")
+    assert (pier.n_voussoir, pier.n_joint, pier.free_end) == (3, 3, True)
+    assert af.onset(pier).plus == pytest.approx(1.0 / 1.5)
+    assert pier.chain.centroid[:, 1] == pytest.approx([0.25, 0.75, 1.25])
 
 
-class TestChain:
-    @pytest.mark.parametrize("old", [False, True])
-    def test_pier(self, tmp_path, old):
-        # In any order, one clockwise, in centimetres, as an old POLYLINE or seen from behind.
-        sign = 1 if old else -1
-        blocks = [[(sign * 100 * x, 100 * y) for x, y in PIER[i]] for i in (1, 2, 0)]
-        ground = [((0, 0), (100, 0))]
-        drawn = draw(tmp_path / "a.dxf", [blocks[0][::-1], *blocks[1:]], ground, 5, old=old)
-        for polyline in drawn.modelspace().query("LWPOLYLINE"):
-            polyline.dxf.extrusion = (0, 0, -1)
-        drawn.saveas(tmp_path / "a.dxf")
-        pier = af.Arch.from_dxf(tmp_path / "a.dxf", 0.9, unit="cm")
-        assert (pier.n_voussoir, pier.n_joint, pier.free_end) == (3, 3, True)
-        assert af.onset(pier).plus == pytest.approx(1.0 / 1.5)
-        assert pier.chain.centroid[:, 1] == pytest.approx([0.25, 0.75, 1.25])
+def test_blocks_wider_than_joints():
+    # A drum on a plinth: the joint is what both have in common.
+    plinth = [(-1, 0), (1, 0), (1, 1), (-1, 1)]
+    drum, ground = [(-0.5, 1), (0.5, 1), (0.5, 3), (-0.5, 3)], [[(-1, 0), (1, 0)]]
+    column = af.Arch.from_polygons([drum, plinth], 5.0, ground=ground)
+    np.testing.assert_allclose(column.intrados[1], [0.5, 1])
+    assert af.onset(column).plus == pytest.approx(0.5)
+    with pytest.raises(GeometryError, match=r"thickness_factor = 1\.1"):
+        af.Arch.from_polygons([drum, plinth], 5.0, ground=ground, thickness_factor=1.1)
 
-    def test_blocks_wider_than_joints(self):
-        # A drum on a plinth: the joint is what both have in common.
-        plinth = [(-1, 0), (1, 0), (1, 1), (-1, 1)]
-        drum, ground = [(-0.5, 1), (0.5, 1), (0.5, 3), (-0.5, 3)], [[(-1, 0), (1, 0)]]
-        column = af.Arch.from_polygons([drum, plinth], 5.0, ground=ground)
-        np.testing.assert_allclose(column.intrados[1], [0.5, 1])
-        assert af.onset(column).plus == pytest.approx(0.5)
-        with pytest.raises(GeometryError, match=r"thickness_factor = 1\.1"):
-            af.Arch.from_polygons([drum, plinth], 5.0, ground=ground, thickness_factor=1.1)
 
-    def test_thickness_factor(self, tmp_path):
-        af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).to_dxf(tmp_path / "a.dxf")
-        drawn = af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, thickness_factor=1.1, dead_load=1e4)
-        thick = af.Arch.circular(10.0, 1.65, 157.5, 7, 0.7, dead_load=1e4)
-        for pair in zip(thick.chain[:6], drawn.chain[:6]):
-            np.testing.assert_allclose(*pair, rtol=1e-13, atol=1e-12)
+def test_thickness_factor(tmp_path):
+    af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).to_dxf(tmp_path / "a.dxf")
+    drawn = af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, thickness_factor=1.1, dead_load=1e4)
+    thick = af.Arch.circular(10.0, 1.65, 157.5, 7, 0.7, dead_load=1e4)
+    for pair in zip(thick.chain[:6], drawn.chain[:6]):
+        np.testing.assert_allclose(*pair, rtol=1e-13, atol=1e-12)
 
 
 LOW, MIDDLE, HIGH = PIER
@@ -107,52 +98,48 @@ FAULTS = {
 }  # fmt: skip
 
 
-class TestRefused:
-    """One message with file, layer and handle."""
+@pytest.mark.parametrize(("blocks", "wrong", "word"), FAULTS.values(), ids=FAULTS)
+def test_blocks_that_make_no_chain_are_refused_by_handle(tmp_path, blocks, wrong, word):
+    handle = draw(tmp_path / "a.dxf", blocks).modelspace()[wrong].dxf.handle
+    with pytest.raises(GeometryError, match=f"STONE: LWPOLYLINE {handle} .*{word}"):
+        af.Arch.from_dxf(tmp_path / "a.dxf", 0.7)
 
-    @pytest.mark.parametrize(("blocks", "wrong", "word"), FAULTS.values(), ids=FAULTS)
-    def test_no_chain(self, tmp_path, blocks, wrong, word):
-        handle = draw(tmp_path / "a.dxf", blocks).modelspace()[wrong].dxf.handle
-        with pytest.raises(GeometryError, match=f"STONE: LWPOLYLINE {handle} .*{word}"):
-            af.Arch.from_dxf(tmp_path / "a.dxf", 0.7)
 
-    @pytest.mark.parametrize(
-        ("options", "reading", "word"),
-        [
-            ({"closed": False}, {}, "LWPOLYLINE 2F is open"),
-            ({"unit": 0}, {}, "INSUNITS = 0"),
-            ({"unit": 4}, {}, "0.0015 m"),
-            ({}, {"layer": "BRICK"}, "layers with polylines: STONE"),
-            ({"ground": []}, {}, "LWPOLYLINE 2F"),
-            ({"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
-            ({"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
-        ],
-    )
-    def test_drawing(self, tmp_path, options, reading, word):
-        blocks = PIER[:1] if options == {"ground": []} else PIER
-        draw(tmp_path / "a.dxf", blocks, **options)
-        with pytest.raises(GeometryError, match=word):
-            af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, **reading)
+@pytest.mark.parametrize(
+    ("blocks", "options", "reading", "word"),
+    [
+        (PIER, {"closed": False}, {}, "LWPOLYLINE 2F is open"),
+        (PIER, {"unit": 0}, {}, "INSUNITS = 0"),
+        (PIER, {"unit": 4}, {}, "0.0015 m"),
+        (PIER, {}, {"layer": "BRICK"}, "layers with polylines: STONE"),
+        (PIER[:1], {"ground": []}, {}, "LWPOLYLINE 2F"),
+        (PIER, {"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
+        (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
+    ],
+)
+def test_drawings_that_are_refused(tmp_path, blocks, options, reading, word):
+    draw(tmp_path / "a.dxf", blocks, **options)
+    with pytest.raises(GeometryError, match=word):
+        af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, **reading)
 
-    def test_other_entities(self, tmp_path):
-        document = draw(tmp_path / "a.dxf", PIER)
-        space = document.modelspace()
-        space.add_text("north elevation", dxfattribs={"layer": "STONE"})
-        document.saveas(tmp_path / "a.dxf")
-        # A mark of its encoding may stand first.
-        (tmp_path / "a.dxf").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "a.dxf").read_bytes())
-        assert len(read_drawing(tmp_path / "a.dxf").outlines) == 3
-        circle = space.add_circle((0, 0), 1, dxfattribs={"layer": "STONE"})
-        document.saveas(tmp_path / "a.dxf")
-        with pytest.raises(GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"):
-            read_drawing(tmp_path / "a.dxf")
 
-    @pytest.mark.parametrize("content", [None, b"AC1032\0\0"])
-    def test_no_dxf(self, tmp_path, content):
-        if content is not None:
-            (tmp_path / "a.dxf").write_bytes(content)
-        with pytest.raises(GeometryError, match=r"a\.dxf:? (is not a DXF file|cannot be read)"):
-            read_drawing(tmp_path / "a.dxf")
+def test_other_entities_and_other_files(tmp_path):
+    path = tmp_path / "a.dxf"
+    document = draw(path, PIER)
+    space = document.modelspace()
+    space.add_text("north elevation", dxfattribs={"layer": "STONE"})
+    document.saveas(path)
+    # A mark of its encoding may stand first.
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert len(read_drawing(path).outlines) == 3
+    circle = space.add_circle((0, 0), 1, dxfattribs={"layer": "STONE"})
+    document.saveas(path)
+    with pytest.raises(GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"):
+        read_drawing(path)
+    path.write_bytes(b"AC1032\0\0")
+    for wrong in (path, tmp_path / "missing.dxf"):
+        with pytest.raises(GeometryError, match=r"\.dxf:? (is not a DXF file|cannot be read)"):
+            read_drawing(wrong)
 
 
 def test_entry_of_a_study(tmp_path):

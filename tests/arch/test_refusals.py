@@ -33,12 +33,10 @@ def refusal(make, *args, **given):
 NUMBERS = [
     ("thickness", 0.0, "thickness = 0.0 m is impossible"),
     ("thickness", "1.5", "thickness = '1.5' is not numeric"),
-    ("thickness", [1.5], "thickness = [1.5] is not a single number"),
     ("thickness", [[1.0], [1.0, 2.0]], "thickness has rows of unequal length"),
     ("thickness", 1e-9, "thickness = 1e-09 m is no size of a structure"),
     ("embrace", 360.0, "embrace = 360.0 degrees is impossible"),
     ("depth", -1.0, "depth = -1.0 m is impossible"),
-    ("voussoirs", 1, "voussoirs = 1 is impossible"),
     ("voussoirs", 6.5, "voussoirs = 6.5 is impossible"),
     ("voussoirs", 2001, "voussoirs = 2001 is impossible"),
     ("sector", "yes", "sector = 'yes' is not a choice"),
@@ -47,54 +45,51 @@ NUMBERS = [
     ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
     ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
     ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints = ["),
-    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints = [0, 30, nan"),
 ]
 
 
-class TestNumbers:
-    @pytest.mark.parametrize(("key", "value", "start"), NUMBERS)
-    def test_circular(self, key, value, start):
-        message = refusal(circular, **{key: value})
-        assert message.startswith(start)
-        assert "must be" in message
-
-    def test_what_overflows(self):
-        assert "voussoir 0 has a mass of inf kg" in refusal(circular, density=1e308)
-
-    @pytest.mark.parametrize("name", ["segmental", "pointed", "elliptic", "catenary"])
-    @pytest.mark.parametrize(
-        ("key", "value"),
-        [
-            ("span", 0.0), ("rise", NAN), ("thickness", "3"), ("voussoirs", 1), ("depth", NAN),
-            ("friction", -0.5), ("density", 0.0), ("dead_load", -3.0), ("joints", [0.0, 0.5]),
-        ],
-    )  # fmt: skip
-    def test_every_profile_checks_its_numbers(self, name, key, value):
-        assert refusal(profile, name, **{key: value}).startswith(key)
+@pytest.mark.parametrize(("key", "value", "start"), NUMBERS)
+def test_numbers_of_a_circular_arch(key, value, start):
+    message = refusal(circular, **{key: value})
+    assert message.startswith(start)
+    assert "must be" in message
 
 
-class TestProfiles:
-    def test_proportions(self):
-        assert "at most 5 m" in refusal(profile, "segmental", rise=5.1)
-        assert "at least 5 m" in refusal(profile, "pointed", rise=4.9)
-        assert "less than 14.5 m" in refusal(profile, "segmental", rise=2.0, thickness=14.5)
+@pytest.mark.parametrize("name", ["segmental", "pointed", "elliptic", "catenary"])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("span", 0.0), ("rise", NAN), ("thickness", "3"), ("voussoirs", 1), ("depth", NAN),
+        ("friction", -0.5), ("density", 0.0), ("dead_load", -3.0), ("joints", [0.0, 0.5]),
+    ],
+)  # fmt: skip
+def test_every_profile_checks_its_numbers(name, key, value):
+    assert refusal(profile, name, **{key: value}).startswith(key)
 
-    @pytest.mark.parametrize(
-        ("name", "given", "joint"),
-        [
-            ("elliptic", {"rise": 8.0, "thickness": 7.0, "voussoirs": 21}, 10),
-            ("catenary", {"rise": 8.0, "thickness": 6.0, "voussoirs": 21}, 10),
-            ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 12}, 5),
-            ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 13}, 6),
-        ],
-    )
-    def test_joints_that_cross_inside_the_ring(self, name, given, joint):
-        message = refusal(profile, name, **given)
-        assert f"joints {joint} and {joint + 1} would cross inside the ring" in message
-        limit = float(message.split()[-2])
-        assert refusal(profile, name, **{**given, "thickness": 1.0001 * limit}).startswith("thick")
-        arch = profile(name, **{**given, "thickness": 0.9999 * limit})
-        assert arch.n_voussoir == given["voussoirs"]
+
+def test_proportions_and_what_overflows():
+    assert "at most 5 m" in refusal(profile, "segmental", rise=5.1)
+    assert "at least 5 m" in refusal(profile, "pointed", rise=4.9)
+    assert "less than 14.5 m" in refusal(profile, "segmental", rise=2.0, thickness=14.5)
+    assert "voussoir 0 has a mass of inf kg" in refusal(circular, density=1e308)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "joint"),
+    [
+        ("elliptic", {"rise": 8.0, "thickness": 7.0, "voussoirs": 21}, 10),
+        ("catenary", {"rise": 8.0, "thickness": 6.0, "voussoirs": 21}, 10),
+        ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 12}, 5),
+        ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 13}, 6),
+    ],
+)
+def test_joints_that_cross_inside_the_ring(name, given, joint):
+    message = refusal(profile, name, **given)
+    assert f"joints {joint} and {joint + 1} would cross inside the ring" in message
+    limit = float(message.split()[-2])
+    assert refusal(profile, name, **{**given, "thickness": 1.0001 * limit}).startswith("thick")
+    arch = profile(name, **{**given, "thickness": 0.9999 * limit})
+    assert arch.n_voussoir == given["voussoirs"]
 
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
@@ -112,39 +107,29 @@ def ring_of(angles):
     return 9.0 * across, 11.0 * across
 
 
-# Intrados, extrados, and what the message begins with.
-RINGS = [
-    (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), "the intrados and extrados corners of joint 1 coincide"),
-    (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, "the intrados corners of joints 0 and 1 coincide"),
-    (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), "voussoir 1 is no convex quadrilateral: its"),
-    (
-        moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]),
-        "voussoir 1 lies on the same side of joint 1 as voussoir 0",
-    ),
-    (*ring_of(np.linspace(-200.0, 200.0, 12)), "voussoirs 0 and 9 overlap by "),
-]  # fmt: skip
-TABLES = [
-    (SQUARE[:2], ABOVE[:2], {}, "intrados has shape (2, 2)"),
-    (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
-    (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2] = (nan, 1.0) is not finite or beyond"),
-    (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice"),
-    (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction has shape (4,), not (3,"),
-]
+@pytest.mark.parametrize(
+    ("intrados", "extrados", "more", "start"),
+    [
+        (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), {}, "the intrados and extrados corners of joint 1"),
+        (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, {}, "the intrados corners of joints 0 and 1"),
+        (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), {}, "voussoir 1 is no convex quadrilateral: its"),
+        (moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]), {},
+         "voussoir 1 lies on the same side of joint 1 as voussoir 0"),
+        (*ring_of(np.linspace(-200.0, 200.0, 12)), {}, "voussoirs 0 and 9 overlap by "),
+        (SQUARE[:2], ABOVE[:2], {}, "intrados has shape (2, 2)"),
+        (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
+        (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2] = (nan, 1.0) is not finite"),
+        (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice"),
+        (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction has shape (4,)"),
+    ],
+)  # fmt: skip
+def test_joints_that_cannot_be(intrados, extrados, more, start):
+    given = {"friction": 0.7, **more}
+    assert refusal(Arch.from_joints, intrados, extrados, **given).startswith(start)
 
 
-class TestFromJoints:
-    @pytest.mark.parametrize(("intrados", "extrados", "start"), RINGS)
-    def test_rings_that_cannot_be(self, intrados, extrados, start):
-        assert refusal(Arch.from_joints, intrados, extrados, 0.7).startswith(start)
-
-    @pytest.mark.parametrize(("intrados", "extrados", "more", "start"), TABLES)
-    def test_tables(self, intrados, extrados, more, start):
-        given = {"friction": 0.7, **more}
-        assert refusal(Arch.from_joints, intrados, extrados, **given).startswith(start)
-
-    def test_a_ring_that_closes_on_itself_or_lies_near_itself_may_be(self):
-        intrados, extrados = ring_of(np.linspace(-180.0, 180.0, 13))
-        assert Arch.from_joints(intrados, extrados, 0.7).n_voussoir == 12
-        angles = np.linspace(0.0, 700.0, 71)
-        spiral = [(1.0 + angles / 1000.0)[:, None] * side for side in ring_of(angles)]
-        assert Arch.from_joints(*spiral, 0.7).n_voussoir == 70
+def test_a_ring_that_closes_on_itself_or_lies_near_itself_may_be():
+    assert Arch.from_joints(*ring_of(np.linspace(-180.0, 180.0, 13)), 0.7).n_voussoir == 12
+    angles = np.linspace(0.0, 700.0, 71)
+    spiral = [(1.0 + angles / 1000.0)[:, None] * side for side in ring_of(angles)]
+    assert Arch.from_joints(*spiral, 0.7).n_voussoir == 70

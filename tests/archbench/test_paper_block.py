@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.mechanics.adapters import Mode, Problem, solve
+from tests.mechanics.adapters import Mode, pose, solve
 
 from archbench.paper import block as paper
 from archbench.paper.block import CORNER_A, CORNER_B, gradient, metric, uniform_block
@@ -42,10 +42,11 @@ def contact_answer(block, corners, rotation, free, friction, omega, slip):
         touching[0, corner] = side in corners
     up, sense = np.array([[0.0, 1.0]]), int(np.sign(slip))
     both = np.stack([up, up], axis=1)
-    return solve(Problem(
-        np.array([block.mass]), np.array([block.inertia]), np.zeros((1, 2)), point, up, both, both,
-        touching, np.array([sense]), -(omega**2) * point, np.array([friction]),
-        np.asarray(free)[None], [Mode(tuple(np.flatnonzero(touching[0])), sense)],
+    return solve(pose(
+        [block.mass], [block.inertia], np.zeros((1, 2)), [friction],
+        [Mode(tuple(np.flatnonzero(touching[0])), sense)], free, point=point, normal=up,
+        side_normal=np.stack([both, both], axis=2), candidate=touching, known=sense,
+        bias=-(omega**2) * point,
     ))  # fmt: skip
 
 

@@ -1,22 +1,16 @@
-"""Arches in motion on four hinges: their configurations."""
+"""States of arches: in motion on four hinges, resting, sliding, at impact."""
 
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
+import archfrag as af
 from archbench.paper.arch import cross, mechanism_of, rotated
-from tests.mechanics.adapters import CLOSED, Mode
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.model import model_of, new_work
+from tests.mechanics.adapters import CLOSED, Mode, Problem, set_modes
 
-
-class Hinged(NamedTuple):
-    """An arch of which four hinges have opened, rigid between them."""
-
-    position: np.ndarray  # (n, 3) centroid, rotation
-    velocity: np.ndarray  # (n, 3)
-    modes: list  # of its joints
-    joints: list  # of its hinges
-    hinge: np.ndarray  # (4, 2) where they are
-    bodies: list  # voussoirs of each of the three bodies
+KINDS = ("resting", "hinged", "sliding", "impact")
 
 
 def rotate(vector, angle):
@@ -33,9 +27,9 @@ def joined(chain, voussoirs, position):
 
 
 def hinged_arch(arch, hinges, tilt, rate):
-    """Arch whose first body between hinges (joint, corner) has rotated, and rotates, by so much.
+    """Position, velocity (n, 3) and modes of an arch that is rigid between hinges (joint, corner).
 
-    None where the hinges would have to close meanwhile.
+    Its first body has rotated, and rotates, by so much. None where hinges would have to close.
     """
     joints, corners = zip(*hinges)
     rest = np.array([(arch.intrados, arch.extrados)[c][j] for j, c in hinges])
@@ -53,27 +47,27 @@ def hinged_arch(arch, hinges, tilt, rate):
     hinge = rest[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(arms, axis=0)])
     chain = arch.chain
     position = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
-    bodies = [np.arange(joints[k], joints[k + 1]) for k in range(3)]
+    velocity, bodies = np.zeros_like(position), [slice(*ends) for ends in pairwise(joints)]
     for k, body in enumerate(bodies):
         position[body, :2] = hinge[k] + rotate(chain.centroid[body] - rest[k], angle[k])
         position[body, 2] = angle[k]
     centroid = np.array([joined(chain, body, position)[2] for body in bodies])
     motion = rate * mechanism_of(centroid, hinge)
-    velocity = np.zeros_like(position)
     for k, body in enumerate(bodies):
         arm = position[body, :2] - centroid[k]
         velocity[body, :2] = motion[k, :2] + motion[k, 2] * rotated(arm)
         velocity[body, 2] = motion[k, 2]
-    modes = [CLOSED] * chain.friction.size
-    for joint, corner in hinges:
-        modes[joint] = Mode((corner,))
-    return Hinged(position, velocity, modes, list(joints), hinge, bodies)
+    at = dict(hinges)
+    modes = [Mode((at[j],)) if j in at else CLOSED for j in range(arch.n_joint)]
+    return position, velocity, modes
 
 
-def random_hinged_arch(rng, make):
-    """An arch by ``make(voussoirs)`` on four hinges, alternating between its edges."""
+def random_hinged_arch(rng, friction):
+    """An arch on four hinges, alternating between its edges."""
     while True:
-        arch = make(int(rng.integers(4, 21)))
+        voussoirs = int(rng.integers(4, 21))
+        thickness, embrace = rng.uniform(1.2, 3.0), rng.uniform(110.0, 170.0)
+        arch = af.Arch.circular(10.0, thickness, embrace, voussoirs, friction)
         joints = np.sort(rng.choice(arch.n_joint, 4, replace=False))
         first = int(rng.integers(2))
         hinges = [(int(j), (first + k) % 2) for k, j in enumerate(joints)]
@@ -87,3 +81,45 @@ def random_hinged_arch(rng, make):
         state = hinged_arch(arch, hinges, tilt, rng.uniform(-0.5, 0.5))
         if state is not None:
             return arch, state
+
+
+def random_ring(rng, n, mu):
+    """An arch of n straight-sided voussoirs of different lengths."""
+    radius = 10.0
+    thickness = radius * rng.uniform(0.08, 0.3)
+    embrace = np.deg2rad(rng.uniform(60, 180))
+    cuts = np.sort(rng.uniform(0.3, 1.0, n).cumsum())
+    angles = np.pi / 2 + embrace / 2 - embrace * np.concatenate([[0], cuts / cuts[-1]])
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return af.Arch.from_joints((radius - thickness / 2) * ray, (radius + thickness / 2) * ray, mu)
+
+
+def random_state(rng, n, mu, kind):
+    """One contact problem of n voussoirs; the last springing follows wherever joints lead it."""
+    model = model_of(random_ring(rng, n, mu).chain)
+    modes, slip, opened = [CLOSED] * (n + 1), np.zeros(n + 1), np.zeros(n + 1)
+    if kind != "resting":
+        opened = rng.choice([0, -1, 1], n + 1, p=[0.5, 0.25, 0.25])  # about corner 0, about 1
+        modes = [Mode(((sense + 1) // 2,)) if sense else CLOSED for sense in opened]
+        opened = opened * 10 ** rng.uniform(-3, -0.7, n + 1)
+    if kind == "sliding":
+        slip = np.where(rng.random(n + 1) < 0.3, rng.uniform(-0.05, 0.05, n + 1), 0.0)
+    work, position = new_work(model), np.zeros((n + 2, 3))
+    before = model.corner[0, 0]
+    for j, angle in enumerate(np.cumsum(opened)):
+        tangent = (before[1] - before[0]) / np.linalg.norm(before[1] - before[0])
+        corner = modes[j].corners[0]
+        vertex = before[corner] + slip[j] * tangent
+        position[j + 1, :2] = vertex - rotate(model.corner[j, 1, corner], angle)
+        position[j + 1, 2] = angle
+        if j < n:
+            before = position[j + 1, :2] + rotate(model.corner[j + 1, 0], angle)
+    work.rotated[-1] = np.cos(angle), np.sin(angle)
+    move_faces(model, position, work.rotated, work.face, work.tangent)
+    place_contacts(model, slip, work.face, work.tangent, work)
+    set_modes(modes, work.contact, work.slide)
+    work.candidate[:] = work.contact
+    work.free[1:-1] = rng.uniform(-9.81, 9.81), -9.81 * (1 + rng.uniform(-0.3, 0.3)), 0.0
+    if kind == "impact":
+        work.free[1:-1] = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * rng.uniform(0.01, 1)
+    return Problem(model, position, work)

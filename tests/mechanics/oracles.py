@@ -1,8 +1,4 @@
-"""The contact laws and the balance of a chain by the paper's formulas, apart from the package.
-
-Axes of a joint: normal n from the earlier body to the later one, tangent t = n rotated by +90
-degrees, from corner 0 to corner 1. Reactions act on the later body.
-"""
+"""The contact laws and the balance of a chain by the paper's formulas, apart from the package."""
 
 import numpy as np
 
@@ -13,25 +9,25 @@ from tests.mechanics.adapters import MINUS, PLUS, framed
 
 def corner_rates(problem, velocity):
     """Relative velocity at both corners of all joints (Eq 22), with bias, (m, 2, 2)."""
-    bodies = list(zip(framed(problem.centroid), framed(velocity)))
-    pairs = zip(problem.point, bodies, bodies[1:])
-    return np.array([relative_velocity(*pair) for pair in pairs]) + problem.bias
+    bodies = list(zip(problem.position[:, :2], framed(velocity)))
+    pairs = zip(problem.work.point, bodies, bodies[1:])
+    return np.array([relative_velocity(*pair) for pair in pairs]) + problem.work.bias
 
 
 def balance_error(problem, solution):
     """Largest part of a reaction that does not follow from the one before it (Eq 35)."""
-    p, following = problem, np.vstack([solution.wrench, np.zeros(3)])
-    bodies = zip(p.mass, p.inertia, p.centroid, solution.velocity, p.free)
+    model, following = problem.model, np.vstack([solution.wrench, np.zeros(3)])
+    parts = model.mass, model.inertia, problem.position[:, :2], framed(solution.velocity)
+    bodies = list(zip(*parts, problem.work.free))[1:-1]
     left = [next_reaction(following[i], *body) - following[i + 1] for i, body in enumerate(bodies)]
     return np.abs(left).max() / (np.abs(solution.wrench).max() or 1.0)
 
 
 def corner_forces(problem, wrench):
     """Normal forces at both corners and shear of each joint as if closed, (m, 3)."""
-    force, n = wrench[:, :2], problem.normal
-    moment = wrench[:, 2, None] - cross(problem.point, force[:, None])  # about either corner
-    along = problem.point[:, 1] - problem.point[:, 0]
-    second = moment[:, 0] / cross(along, n)
+    force, n, point = wrench[:, :2], problem.work.normal, problem.work.point
+    moment = wrench[:, 2, None] - cross(point, force[:, None])  # about either corner
+    second = moment[:, 0] / cross(point[:, 1] - point[:, 0], n)
     return np.stack([(force * n).sum(1) - second, second, cross(n, force)], axis=1)
 
 
@@ -46,42 +42,38 @@ def coulomb(normal, shear, rate, friction, sliding):
 
 def closed_violation(problem, j, rates, forces):
     """Violation at a joint whose faces are parallel: Eq 5 at either corner, Eq 6 between them."""
-    n, t = problem.normal[j], rotated(problem.normal[j])
-    signorini = block.signorini(rates @ n, forces[:2]).max()
+    n, mu, sliding = problem.work.normal[j], problem.model.friction[j], problem.work.known[j]
     # Where only one corner bears, the slip is that of this corner.
     weight = np.maximum(forces[:2], 0.0) + 1e-30
-    rate = weight @ (rates @ t) / weight.sum()
-    return max(
-        signorini,
-        coulomb(forces[:2].sum(), forces[2], rate, problem.friction[j], problem.sliding[j]),
-    )
+    rate = weight @ (rates @ rotated(n)) / weight.sum()
+    signorini = block.signorini(rates @ n, forces[:2]).max()
+    return max(signorini, coulomb(forces[:2].sum(), forces[2], rate, mu, sliding))
 
 
 def corner_violation(problem, j, c, rate, force):
     """Violation at a corner by Eqs 23a, 23b and Coulomb's cones of either face."""
-    faces = {PLUS: problem.normal_plus[j, c], MINUS: problem.normal_minus[j, c]}
-    mu = problem.friction[j]
+    faces = dict(zip((PLUS, MINUS), problem.work.side_normal[j, c]))
+    mu, sliding = problem.model.friction[j], problem.work.known[j]
     rays = {}
     for sense, n in faces.items():
         ray = sense * rotated(n) if np.isinf(mu) else n + sense * mu * rotated(n)
         rays[sense] = ray / np.linalg.norm(ray)
-    size = np.linalg.norm(force)
-    least = max(size, -max(n @ rate for n in faces.values()))
+    least = max(np.linalg.norm(force), -max(n @ rate for n in faces.values()))
     outside = max(cross(rays[PLUS], force), cross(force, rays[MINUS]), 0.0)
-    if problem.sliding[j] == 0:
+    if sliding == 0:
         least = min(least, max(outside, np.linalg.norm(rate)))
     for sense, n in faces.items():
-        if problem.sliding[j] == -sense:
-            continue
-        along = 0.0 if problem.sliding[j] else sense * (rotated(n) @ rate)
-        off = np.linalg.norm(force - max(force @ rays[sense], 0.0) * rays[sense])
-        least = min(least, max(off, abs(n @ rate), along))
+        if sliding != -sense:
+            along = 0.0 if sliding else sense * (rotated(n) @ rate)
+            off = np.linalg.norm(force - max(force @ rays[sense], 0.0) * rays[sense])
+            least = min(least, max(off, abs(n @ rate), along))
     return least
 
 
 def scale_of(problem):
     """Largest relative velocity of corners that may touch, without reactions."""
-    return np.abs(corner_rates(problem, problem.free)[problem.touching]).max()
+    rates = corner_rates(problem, problem.work.free[1:-1])
+    return np.abs(rates[problem.work.candidate > 0.5]).max()
 
 
 def law_violation(problem, solution):
@@ -90,19 +82,19 @@ def law_violation(problem, solution):
     Joints of which both corners may touch have parallel faces. Velocities count over the largest
     relative velocity without reactions, forces over the largest of them.
     """
-    touching = problem.touching
+    point, touching = problem.work.point, problem.work.candidate > 0.5
     rates = corner_rates(problem, solution.velocity) / scale_of(problem)
     wrench = solution.wrench / (np.abs(solution.wrench[:, :2]).max() or 1.0)
     forces = corner_forces(problem, wrench)
     worst = 0.0
-    for j in range(problem.friction.size):
+    for j in range(len(point)):
         if touching[j].all():
             worst = max(worst, closed_violation(problem, j, rates[j], forces[j]))
         elif touching[j].any():
             c = int(np.argmax(touching[j]))
             force = wrench[j, :2]
-            arm = np.linalg.norm(problem.point[j, 1] - problem.point[j, 0])
-            off = abs(wrench[j, 2] - cross(problem.point[j, c], force)) / arm
+            arm = np.linalg.norm(point[j, 1] - point[j, 0])
+            off = abs(wrench[j, 2] - cross(point[j, c], force)) / arm
             worst = max(worst, off, corner_violation(problem, j, c, rates[j, c], force))
         else:
             worst = max(worst, np.abs(wrench[j]).max())
@@ -115,21 +107,22 @@ def balanced(problem, modes):
     Constrained are both components at a joint's first corner that bears, the normal one at its
     second.
     """
-    n = problem.mass.size
-    still = problem.but(bias=np.zeros_like(problem.bias))
+    model, work, n = problem.model, problem.work, problem.model.mass.size - 2
+    still = problem.copy(bias=0.0 * work.bias)
     units = np.eye(3 * n).reshape(-1, n, 3)
     matrix = np.stack([corner_rates(still, unit) for unit in units], axis=-1)
     held = [
         (j, c, axis)
         for j, mode in enumerate(modes)
         for k, c in enumerate(mode.corners)
-        for axis in (np.eye(2) if k == 0 else problem.normal[j : j + 1])
+        for axis in (np.eye(2) if k == 0 else work.normal[j : j + 1])
     ]
     rows = np.array([axis @ matrix[j, c] for j, c, axis in held])
-    bias = np.array([axis @ problem.bias[j, c] for j, c, axis in held])
-    inverse = 1.0 / np.stack([problem.mass, problem.mass, problem.inertia], axis=1).ravel()
-    _, forces = full_motion(inverse, rows, rows, bias, problem.free.ravel(), ease=0.0)
+    bias = np.array([axis @ work.bias[j, c] for j, c, axis in held])
+    mass, inertia = model.mass[1:-1], model.inertia[1:-1]
+    inverse = 1.0 / np.stack([mass, mass, inertia], axis=1).ravel()
+    _, forces = full_motion(inverse, rows, rows, bias, work.free[1:-1].ravel(), ease=0.0)
     wrench = np.zeros((len(modes), 3))
     for force, (j, c, axis) in zip(forces, held):
-        wrench[j] += force * np.array([*axis, cross(problem.point[j, c], axis)])
+        wrench[j] += force * np.array([*axis, cross(work.point[j, c], axis)])
     return wrench

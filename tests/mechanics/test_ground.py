@@ -4,20 +4,13 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics.ground import (
-    end_rest,
-    grounds_of,
-    impulse_between,
-    one_of,
-    rest_margin,
-    segment_at,
-)
+from archfrag.mechanics import ground
 from archfrag.mechanics.model import N_CLOCK, Clock, model_of
 
 DT = 0.02
 SAMPLES = np.random.default_rng(2).normal(size=(3, 50))
 # The second of two motions, and the first without a vertical component.
-GROUNDS = grounds_of([(SAMPLES[0], None, 2.0 * DT), (SAMPLES[1], SAMPLES[2], DT)])
+GROUNDS = ground.grounds_of([(SAMPLES[0], None, 2.0 * DT), (SAMPLES[1], SAMPLES[2], DT)])
 MODEL = model_of(af.Block(0.4, 1.0, friction=0.6).chain)._replace(gravity=10.0)
 
 
@@ -30,7 +23,7 @@ def clock_at(time, motion=0, factor=1.0):
 def test_impulse_is_the_exact_integral_of_either_component():
     knots, rng = np.arange(50) * DT, np.random.default_rng(3)
     for start, end in rng.uniform(-0.1, 1.1, (50, 2)):
-        given = impulse_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
+        given = ground.impulse_between(GROUNDS, clock_at(0.0, 1, -1.5), start, end)
         grid = np.union1d(knots, [start, end])
         grid = grid[(grid >= min(start, end)) & (grid <= max(start, end))]
         inside = (grid[:-1] >= 0.0) & (grid[1:] <= knots[-1] + 1e-12)
@@ -39,37 +32,26 @@ def test_impulse_is_the_exact_integral_of_either_component():
             pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(grid)
             expected = -1.5 * pieces[inside].sum() * np.sign(end - start)
             assert found == pytest.approx(expected, abs=1e-13)
-    alone = impulse_between(GROUNDS, clock_at(0.0), 0.1, 0.5)
+    alone = ground.impulse_between(GROUNDS, clock_at(0.0), 0.1, 0.5)
     assert abs(alone.x) > 1e-3
     assert alone.y == 0.0
 
 
-class TestSegments:
-    """Pieces over which the acceleration is linear in time."""
-
-    x = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
+def test_acceleration_is_linear_up_to_the_next_bend_of_either_component():
+    x, knots = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0]), 0.5 * np.arange(7)
     y = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
-    grounds = grounds_of([(x, y, 0.5)])
-
-    def test_breaks_are_where_either_component_bends(self):
-        assert list(self.grounds.next_break) == [2, 2, 3, 5, 5, 6, 6]
-        both = grounds_of([(SAMPLES[0], None, 1.0), (self.x, self.y, 0.5)])
-        assert list(both.next_break[50:]) == [2, 2, 3, 5, 5, 6, 6]
-        alone = one_of(both, 1, 2.0)
-        assert list(alone.next_break) == [2, 2, 3, 5, 5, 6, 6]
-        assert list(alone.horizontal) == list(2.0 * self.x)
-
-    def test_acceleration_is_the_line_between_the_samples_up_to_the_next_break(self):
-        knots = 0.5 * np.arange(7)
-        for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
-            now = segment_at(time, self.grounds)
-            assert now.end >= time
-            for later in np.linspace(time, now.end, 5):
-                ahead = later - time
-                expected = [np.interp(later, knots, wave) for wave in (self.x, self.y)]
-                found = [now.x + now.slope_x * ahead, now.y + now.slope_y * ahead]
-                assert found == pytest.approx(expected)
-        assert segment_at(3.0, self.grounds) == (np.inf, 0.0, 0.0, 0.0, 0.0)
+    both = ground.grounds_of([(SAMPLES[0], None, 1.0), (x, y, 0.5)])
+    alone = ground.one_of(both, 1, 2.0)
+    assert list(both.next_break[50:]) == list(alone.next_break) == [2, 2, 3, 5, 5, 6, 6]
+    for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
+        now = ground.segment_at(time, alone)
+        assert now.end >= time
+        for later in np.linspace(time, now.end, 5):
+            expected = [2.0 * np.interp(later, knots, wave) for wave in (x, y)]
+            ahead = later - time
+            found = [now.x + now.slope_x * ahead, now.y + now.slope_y * ahead]
+            assert found == pytest.approx(expected)
+    assert ground.segment_at(3.0, alone) == (np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +67,7 @@ class TestSegments:
     ],
 )
 def test_margin_of_rest(x, y, plus, minus, expected):
-    assert rest_margin(x, y, 10.0, plus, minus) == pytest.approx(expected)
+    assert ground.rest_margin(x, y, 10.0, plus, minus) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +84,8 @@ def test_margin_of_rest(x, y, plus, minus, expected):
     ],
 )
 def test_rest_ends_where_the_load_leaves_its_range(x, y, limits, given, expected):
-    grounds = grounds_of([(x, y, 0.5)])
+    grounds = ground.grounds_of([(x, y, 0.5)])
     clock = clock_at(given.get("time", 0.0), 0, given.get("factor", 1.0))
-    leave, for_good = end_rest(MODEL, grounds, clock, *limits)
+    leave, for_good = ground.end_rest(MODEL, grounds, clock, *limits)
     assert for_good is expected[1]
     assert leave == pytest.approx(expected[0])

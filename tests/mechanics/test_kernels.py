@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.mechanics import model as shapes
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
@@ -19,18 +20,7 @@ from archfrag.mechanics.model import Clock, model_of, new_state, new_work
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import CollapseMode, Energy, Loss, Status
 from archfrag.mechanics.types import Options
-from archfrag.methods.common import (
-    AT_END,
-    BROKEN,
-    COLLAPSES,
-    EXHAUSTED,
-    IDLE,
-    UNSOLVED,
-    clear,
-    end_run,
-    new_results,
-    no_output,
-)
+from archfrag.methods import common
 
 CHAIN = af.Block(1.0, 2.0, friction=0.5).chain
 MODEL = model_of(CHAIN)._replace(gravity=10.0)
@@ -42,7 +32,7 @@ LOSS_LIMIT = 0.5
 def placed(x=0.0, y=0.0, tilt=0.0, contact=(1.0, 1.0), slide=0.0):
     """State and workspace of the block displaced by (x, y) with its joint in a mode."""
     state, work = new_state(MODEL), new_work(MODEL)
-    clear(state)
+    common.clear(state)
     state.position[1] = [CHAIN.centroid[0, 0] + x, CHAIN.centroid[0, 1] + y, tilt]
     move_faces(MODEL, state.position, work.rotated, work.face, work.tangent)
     place_contacts(MODEL, state.slip, work.face, work.tangent, work)
@@ -133,14 +123,14 @@ def test_solve_contact_slides_on_the_cone_and_refuses_a_step_in_which_a_corner_c
 @pytest.mark.parametrize(
     ("code", "place", "status", "how"),
     [
-        (IDLE, (), Status.STANDING, CollapseMode.NONE),
-        (BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
-        (EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
-        (UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
-        (AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
-        (AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight at the end
-        (COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
-        (COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
+        (common.IDLE, (), Status.STANDING, CollapseMode.NONE),
+        (common.BROKEN, (), Status.NOT_FINITE, CollapseMode.NONE),
+        (common.EXHAUSTED, (), Status.WORK_BOUND, CollapseMode.NONE),
+        (common.UNSOLVED, (), Status.NO_CONTACT_SOLUTION, CollapseMode.NONE),
+        (common.AT_END, (), Status.UNFINISHED, CollapseMode.NONE),
+        (common.AT_END, (0.0, 0.1), Status.COLLAPSED, CollapseMode.LIFT_OFF),  # in flight
+        (common.COLLAPSES, (0.0, 0.6), Status.COLLAPSED, CollapseMode.LIFT_OFF),
+        (common.COLLAPSES, (0.0, 0.0, 1.6), Status.COLLAPSED, CollapseMode.OVERTURNING),
     ],
 )
 def test_end_run(code, place, status, how):
@@ -149,8 +139,8 @@ def test_end_run(code, place, status, how):
         state.contact[0], state.lost_since[0] = 0.0, 3.0
     state.velocity[1, 0], state.clock[Clock.CODE], state.clock[Clock.TIME] = 2.0, code, 4.0
     options = Options(1e-3, 1e-3, 1e-3, 0.0, 10, LOSS_LIMIT, 64, 1e-2, 0.0)
-    results = new_results(2)
-    end_run(MODEL, state, work, options, no_output(1, 1), results, 1)
+    results = common.new_results(2)
+    common.end_run(MODEL, state, work, options, common.no_output(1, 1), results, 1)
     assert results.status[1] == status
     assert results.collapse_mode[1] == how
     assert results.collapse_joint[1] == (0 if status == Status.COLLAPSED else -1)
@@ -176,3 +166,14 @@ def test_works_of_contacts(relative, force, impact, entry, expected):
     record_step(state, work, True)
     assert state.energy[entry] == pytest.approx(expected)
     assert np.abs(state.energy[:6]).sum() <= abs(expected) * (2.0 + 1e-9)
+
+
+@pytest.mark.parametrize("chain", [af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).chain, CHAIN])
+def test_shapes_compiled_for_are_those_of_the_arrays(chain):
+    model = model_of(chain)
+    given = model, new_state(model), new_work(model)
+    declared = shapes.MODEL_SHAPES, shapes.STATE_SHAPES, shapes.WORK_SHAPES
+    for arrays, of_arrays in zip(given, declared, strict=True):
+        for name, array, shape in zip(arrays._fields, arrays, of_arrays, strict=True):
+            assert np.shape(array)[1:] == shape, name
+            assert not shape or array.flags.c_contiguous, name

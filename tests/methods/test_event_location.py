@@ -12,7 +12,6 @@ from tests.methods.moving import Moving
 
 g = 9.80665
 STILL = (0.0, 0.0, 0.0, 0.0)
-NONE = (math.inf, set())
 WIDTH, HEIGHT = 1.0, 4.0
 
 
@@ -37,12 +36,7 @@ def sliding(speed, ground=STILL, friction=0.6):
 class TestFlight:
     """Bodies without contact move on parabolas, which the integration follows exactly."""
 
-    def test_both_corners_that_land_at_once_are_one_event(self):
-        time, used = in_flight(0.05).first_event(0.15)
-        assert time == pytest.approx(math.sqrt(2.0 * 0.05 / g), abs=1e-11)
-        assert used == {("gap", 0)}
-
-    @pytest.mark.parametrize(("tilt", "rate"), [(0.02, -0.3), (-0.02, 0.3), (1e-4, 0.0)])
+    @pytest.mark.parametrize(("tilt", "rate"), [(0.02, -0.3), (-0.02, 0.3), (0.0, 0.0)])
     def test_the_corner_that_lands_first(self, tilt, rate):
         def gap(time, across):
             angle = tilt + rate * time
@@ -54,21 +48,18 @@ class TestFlight:
         assert time == pytest.approx(expected, abs=1e-9)
         assert used == {("gap", 0)}
 
-    def test_a_corner_that_lands_and_would_leave_again_inside_the_step(self):
-        speed, up, least = 0.1, 5.0, 1e-6
+    @pytest.mark.parametrize("least", [1e-6, -1e-6])
+    def test_a_corner_that_lands_and_would_leave_again_inside_the_step(self, least):
+        speed, up = 0.1, 5.0
         height = speed**2 / (2.0 * up) - least
         rising = (0.0, 0.0, -g - up, 0.0)
         time, used = in_flight(height, 0.0, (0.0, -speed, 0.0), rising).first_event(0.05)
-        expected = (speed - math.sqrt(speed**2 - 2.0 * up * height)) / up
-        assert time == pytest.approx(expected, abs=1e-9)
-        assert used == {("gap", 0)}
-
-    def test_no_event_where_the_gap_only_becomes_small(self):
-        speed, up, least = 0.1, 5.0, 1e-6
-        height = speed**2 / (2.0 * up) + least
-        rising = (0.0, 0.0, -g - up, 0.0)
-        assert in_flight(height, 0.0, (0.0, -speed, 0.0), rising).first_event(0.05) == NONE
-        assert in_flight(0.05).first_event(0.1) == NONE
+        if least < 0.0:  # the gap only becomes small
+            assert (time, used) == (math.inf, set())
+        else:
+            expected = (speed - math.sqrt(speed**2 - 2.0 * up * height)) / up
+            assert time == pytest.approx(expected, abs=1e-9)
+            assert used == {("gap", 0)}
 
 
 class TestSliding:
@@ -79,12 +70,6 @@ class TestSliding:
         time, used = sliding(0.4, (3.0, 40.0, 0.0, 0.0)).first_event(0.1)
         assert time == pytest.approx(expected, abs=1e-9)
         assert used == {("slip", 0)}
-
-    def test_both_forces_of_a_face_that_vanish_at_once(self):
-        # The ground falls away ever faster: at its downward acceleration g nothing compresses.
-        time, used = sliding(2.0, (0.0, 0.0, 0.0, -300.0)).first_event(0.05)
-        assert time == pytest.approx(g / 300.0, abs=1e-9)
-        assert used == {("law", 0)}
 
     def test_of_two_events_in_a_step_the_first(self):
         # The brake weakens with the pressing force g + rate t; the slip rate is what is left,

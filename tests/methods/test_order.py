@@ -6,6 +6,7 @@ four joints at once at about 0.43 s and swings to the other side, four hinges ag
 """
 
 import functools
+import inspect
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import archbench  # noqa: F401  registers the baselines
 import archfrag as af
 from archfrag.mechanics.status import Status
 from archfrag.methods.registry import known_methods
-from archfrag.simulation.checks import is_available
+from archfrag.simulation.checks import is_available, own_parameters
 
 g = 9.80665
 SAMPLE = 2.5e-4
@@ -23,10 +24,9 @@ ARCH = af.Arch.circular(10.0, 1.5, 157.5, 3, 0.7)
 STEPS = {"dt": (8e-3, 4e-3, 2e-3, 1e-3)}
 SHORT_STEPS = {"dt": (1e-4, 5e-5, 2.5e-5, 1.25e-5)}
 TOLERANCES = {"rtol": (1e-8, 1e-9, 1e-10)}
-# Setting that is refined; order in smooth motion and through an impact; where a method has none
-# of its own, its solver's tolerance is kept apart. Steps that do not know of
-# impacts are of first order there. Adaptive methods are proportional to their tolerance, and
-# below it. Damping of the penalty method enters by the rate of half a step ago: first order.
+# Setting that is refined; order in smooth motion and through an impact; tolerance of a solver.
+# Steps that do not know of impacts are of first order there. Adaptive methods are proportional to
+# their tolerance. Damping of the penalty method enters by the rate of half a step ago.
 ORDERS = {
     "time_stepping": (STEPS, 2.0, 1.0, {}),
     "gauss_seidel": (STEPS, 2.0, 1.0, {"sweep_tolerance": 1e-12}),
@@ -37,10 +37,13 @@ ORDERS = {
     "four_link": (TOLERANCES, 1.0, 1.0, {}),
 }
 # Where in its step an impact falls is chance: the error of one run is the first-order one times
-# anything up to one. Means over three motions and three halvings leave several tenths of the
-# order. Step control leaves as much in smooth motion too, which takes it some ten steps only.
-MARGIN = {"smooth": 0.3, "impact": 0.4}
+# anything up to one, and means over three motions leave several tenths of the order. Step control
+# leaves as much in smooth motion, which takes it some ten steps only.
+MARGIN = (0.3, 0.4)
 AMPLITUDES = (0.43, 0.44, 0.45)
+SIGNATURE = [
+    "chain", "grounds", "factor", "position", "velocity", "from_rest", "options", "frames", "log"
+]  # fmt: skip
 
 
 def state_at(time, method, amplitude, settings=None, **options):
@@ -80,34 +83,23 @@ def mean_errors(method, time, amplitudes):
     return np.array(values), errors
 
 
-def order_of(values, errors):
-    """Slope of the errors over the setting, both in logarithms."""
-    return np.polyfit(np.log(values), np.log(errors), 1)[0]
-
-
-def test_every_method_has_an_order():
+def test_every_method_has_an_order_and_the_common_signature():
     assert set(ORDERS) == set(known_methods())
+    for info in known_methods().values():
+        run = info.load()
+        parameters = list(inspect.signature(getattr(run, "py_func", run)).parameters)
+        assert parameters == [*SIGNATURE, *own_parameters(info)]
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        pytest.param(
-            name, marks=pytest.mark.skipif(not is_available(info), reason=f"needs {info.needs}")
-        )
-        for name, info in known_methods().items()
-    ],
-)
-class TestOrder:
-    def check(self, method, time, amplitudes, expected):
-        values, errors = mean_errors(method, time, amplitudes)
-        assert order_of(values, errors) > expected
-        if "rtol" in ORDERS[method][0]:
-            assert (errors < 10.0 * values).all()
-
-    def test_in_smooth_motion(self, method):
-        expected = ORDERS[method][1] - MARGIN["smooth"]
-        self.check(method, SMOOTH, AMPLITUDES[:1], expected)
-
-    def test_through_an_impact(self, method):
-        self.check(method, IMPACT, AMPLITUDES, ORDERS[method][2] - MARGIN["impact"])
+@pytest.mark.parametrize("method", known_methods())
+@pytest.mark.parametrize("impact", [False, True])
+def test_order(method, impact):
+    if not is_available(known_methods()[method]):
+        pytest.skip(f"needs {known_methods()[method].needs}")
+    setting, *orders, _ = ORDERS[method]
+    time, amplitudes = (IMPACT, AMPLITUDES) if impact else (SMOOTH, AMPLITUDES[:1])
+    values, errors = mean_errors(method, time, amplitudes)
+    order = np.polyfit(np.log(values), np.log(errors), 1)[0]
+    assert order > orders[impact] - MARGIN[impact]
+    if "rtol" in setting:
+        assert (errors < 10.0 * values).all()

@@ -35,7 +35,7 @@ class TestBlock:
         assert impact.modes == [Mode((1,))]
         expected = ratio * np.array([-0.5 * HEIGHT, 0.5 * width, 1.0])
         assert impact.velocity[0] == pytest.approx(expected, rel=1e-10)
-        before = kinetic(chain, impact.problem.free)
+        before = kinetic(chain, impact.free)
         assert impact.energy == pytest.approx((ratio**2 - 1.0) * before, rel=1e-9)
         assert impact.joints_closed == 1
 
@@ -44,27 +44,11 @@ class TestBlock:
         chain, impact = landing(6.0, friction=5.0)
         assert impact.modes == [CLOSED]
         assert impact.velocity[0] == pytest.approx(np.zeros(3), abs=1e-12)
-        assert impact.energy == pytest.approx(-kinetic(chain, impact.problem.free), rel=1e-12)
-
-    def test_slides_where_friction_is_small(self):
-        """The impulse lies on Coulomb's cone at the corner that lands: three equations of
-        momentum and one of the corner that stops."""
-        width, friction = 1.0, 0.05
-        chain, impact = landing(width, friction)
-        arm = np.array([0.5 * width, 0.5 * HEIGHT])  # from the corner to the centroid
-        along = np.array([friction, 1.0])  # the later body slides to -x
-        spin = (arm[1] * along[0] - arm[0] * along[1]) / chain.inertia[0]
-        per_unit = np.array([*along / chain.mass[0], spin])
-        up = np.array([0.0, 1.0, -arm[0]])  # velocity of the corner along y
-        before = impact.problem.free[0]
-        after = before - (up @ before) / (up @ per_unit) * per_unit
-        assert impact.velocity[0] == pytest.approx(after, rel=1e-9)
-        assert impact.modes[0].corners == (1,)
-        assert impact.modes[0].slip != 0
+        assert impact.energy == pytest.approx(-kinetic(chain, impact.free), rel=1e-12)
 
     def test_without_an_approaching_corner_nothing_happens(self):
         chain, impact = landing(1.0, friction=0.6, spin=-1.0)
-        assert impact.velocity == pytest.approx(impact.problem.free)
+        assert impact.velocity == pytest.approx(impact.free)
         assert impact.energy == pytest.approx(0.0, abs=1e-9 * kinetic(chain, impact.velocity))
         velocity = np.array([[0.1, 1.0, 0.05]])
         thrown_up = Impact(chain, np.array([[0.0, 2.0, 0.0]]), velocity, [CLOSED])
@@ -74,21 +58,16 @@ class TestBlock:
 
 def colliding(seed, friction, count):
     """Arches at rest in their geometry, or on four hinges, whose voussoirs are all struck."""
-
-    def make(voussoirs):
-        thickness, embrace = rng.uniform(1.2, 3.0), rng.uniform(110.0, 170.0)
-        return af.Arch.circular(10.0, thickness, embrace, voussoirs, friction)
-
     rng = np.random.default_rng(seed)
     for number in range(count):
-        arch, state = random_hinged_arch(rng, make)
+        arch, state = random_hinged_arch(rng, friction)
         chain = arch.chain
-        position, modes, n = state.position, state.modes, chain.mass.size
+        (position, velocity, modes), n = state, chain.mass.size
         if number % 3 == 0:
             position, modes = np.column_stack([chain.centroid, np.zeros(n)]), [CLOSED] * (n + 1)
         struck = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * 10.0 ** rng.uniform(-2.0, 0.5)
         if number % 3 == 1:  # one blow to a motion that its hinges allow
-            struck = state.velocity * (1.0 + 0.2 * rng.normal(size=(n, 1)))
+            struck = velocity * (1.0 + 0.2 * rng.normal(size=(n, 1)))
         yield chain, position, struck, modes
 
 

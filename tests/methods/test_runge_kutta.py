@@ -1,12 +1,10 @@
 """Steps of the Runge-Kutta method between events: order 5, its dense output 4, its own error."""
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archbench.paper.arch import hinged_motion
-from tests.mechanics.adapters import PLUS, Mode
 from tests.mechanics.linkages import hinged_arch, rotate
 from tests.methods.moving import Moving
 
@@ -18,30 +16,28 @@ def linkage():
     """Three voussoirs on four hinges; their motion by nine dense equations."""
     arch = af.Arch.circular(10.0, 1.5, 157.5, 3, 0.7)
     hinges = [(0, 1), (1, 0), (2, 1), (3, 0)]
-    state = hinged_arch(arch, hinges, 0.02, 0.3)
+    position, velocity, modes = hinged_arch(arch, hinges, 0.02, 0.3)
     chain = arch.chain
     corners = [c for _, c in hinges]
 
     def rate(time, y):
-        position, velocity = y.reshape(2, 3, 3)
+        places, speeds = y.reshape(2, 3, 3)
         face = chain.face_after[range(4), corners]
-        hinge = np.array(
-            [place[:2] + rotate(arm, place[2]) for place, arm in zip(position, face)] + [face[3]]
-        )
+        hinge = [place[:2] + rotate(arm, place[2]) for place, arm in zip(places, face)]
+        hinge = np.array([*hinge, face[3]])
         ground_x, rate_x, ground_y, rate_y = GROUND
         force = [-ground_x - rate_x * time, -chain.gravity - ground_y - rate_y * time, 0.0]
         free = np.tile(force, (3, 1))
-        acceleration, _ = hinged_motion(
-            chain.mass, chain.inertia, position[:, :2], hinge, velocity[:, 2], free
-        )
-        return np.concatenate([velocity.ravel(), acceleration.ravel()])
+        bodies = chain.mass, chain.inertia, places[:, :2]
+        acceleration, _ = hinged_motion(*bodies, hinge, speeds[:, 2], free)
+        return np.concatenate([speeds.ravel(), acceleration.ravel()])
 
     def exact(time):
-        start = np.concatenate([state.position.ravel(), state.velocity.ravel()])
+        start = np.concatenate([position.ravel(), velocity.ravel()])
         done = solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-14)
         return done.y[:, -1].reshape(6, 3)
 
-    return Moving(chain, state.position, state.velocity, state.modes, GROUND), exact
+    return Moving(chain, position, velocity, modes, GROUND), exact
 
 
 SIZES = (0.08, 0.04, 0.02)
@@ -76,29 +72,3 @@ class TestOrder:
                 found = np.concatenate(moving.inside(part))
                 errors.append(np.abs(found - exact(part * size)).max())
             assert order(errors) > power - 0.4
-
-    def test_of_the_error_that_a_step_estimates_is_that_of_the_embedded_formula(self):
-        moving, exact = linkage()
-        estimates = []
-        for size in SIZES:
-            *state, estimate = moving.step(size)
-            assert estimate > np.abs(np.concatenate(state) - exact(size)).max()
-            estimates.append(estimate)
-        assert 4.6 < order(estimates) < 5.9
-
-
-def test_work_of_the_ground_and_of_friction_over_a_part_of_a_step():
-    """A block that slides under changing ground: powers are polynomials, met exactly."""
-    block = af.Block(8.0, 4.0, friction=0.6).chain
-    speed, brake, rate = 2.0, 0.6 * block.gravity, 20.0
-    position, velocity = np.array([[0.0, 2.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
-    ground = (0.0, rate, 0.0, 0.0)
-    moving = Moving(block, position, velocity, [Mode((0, 1), PLUS)], ground)
-    moving.step(0.1)
-    for part in (0.25, 0.6, 1.0):
-        t, mass = 0.1 * part, block.mass[0]
-        slid = speed * t - brake * t**2 / 2.0 - rate * t**3 / 6.0
-        pushed = speed * t**2 / 2.0 - brake * t**3 / 3.0 - rate * t**4 / 8.0
-        by_ground, by_friction = moving.work(part)
-        assert by_ground == pytest.approx(-mass * rate * pushed, rel=1e-10)
-        assert by_friction == pytest.approx(-mass * brake * slid, rel=1e-10)

@@ -14,7 +14,6 @@ import numpy as np
 from obspy import Inventory, Stream, Trace, UTCDateTime
 from obspy.core import event
 from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
-from obspy.geodetics import locations2degrees
 
 from .helpers import wave
 
@@ -41,7 +40,6 @@ def quakeml(origins=True):
     quake = event.Event(
         resource_id=event.ResourceIdentifier(f"smi:local/{EVENT}"),
         origins=[origin] if origins else [], magnitudes=magnitudes,
-        event_descriptions=[event.EventDescription("Somewhere, Italy")],
         preferred_magnitude_id=magnitudes[0].resource_id,
     )  # fmt: skip
     return _written(event.Catalog([quake]), "QUAKEML")
@@ -69,13 +67,10 @@ def miniseed(station, location, channels, start, end):
     """A wave with an offset, in counts, on each channel."""
     shape = wave(int((end - start) * 100.0))
     header = {"network": "IV", "station": station, "location": location, "delta": 0.01}
-    traces = [
-        Trace(
-            np.round(((number + 1) * shape + 0.5) * SENSITIVITY).astype(np.int32),
-            {**header, "channel": name, "starttime": start},
-        )
-        for number, name in enumerate(channels)
-    ]
+    traces = []
+    for number, name in enumerate(channels, start=1):
+        counts = np.round((number * shape + 0.5) * SENSITIVITY).astype(np.int32)
+        traces.append(Trace(counts, {**header, "channel": name, "starttime": start}))
     return _written(Stream(traces), "MSEED")
 
 
@@ -99,10 +94,8 @@ class DataCentre:
     def station(self, query):
         if query["level"] == "response":
             return station_xml([query["station"]])
-        origin = float(query["latitude"]), float(query["longitude"])
-        near = [code for code, (north, _, _) in STATIONS.items()
-                if locations2degrees(*origin, EPICENTRE[0] + north, EPICENTRE[1])
-                <= float(query["maxradius"])]  # fmt: skip
+        radius = float(query["maxradius"])
+        near = [code for code, (north, _, _) in STATIONS.items() if north <= radius]
         return station_xml(near, responses=False) if near else 204
 
     def dataselect(self, query):
@@ -121,17 +114,17 @@ class _Handler(BaseHTTPRequestHandler):
         assert (root, method) == ("fdsnws", "query")
         query = {key: values[0] for key, values in parse_qs(parts.query).items()}
         answer = self.server.centre.answer(service, query)
-        if callable(answer):
-            with suppress(OSError):  # the client went away
+        with suppress(OSError):  # the client went away
+            if callable(answer):
                 answer(self)
-        elif isinstance(answer, int):
-            self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
-        else:
-            self.send(200, answer)
+            elif isinstance(answer, int):
+                self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
+            else:
+                self.send(200, answer)
 
     def send(self, status, body, announced=None):
         self.send_response(status)
-        self.send_header("Content-Length", str(len(body) if announced is None else announced))
+        self.send_header("Content-Length", str(announced or len(body)))
         self.end_headers()
         self.wfile.write(body)
 
@@ -149,17 +142,11 @@ def broken_off(handler):
     handler.send(200, b"abc", announced=1003)
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads, block_on_close = True, False
-
-    def handle_error(self, *_):
-        pass  # a client that went away
-
-
 @contextmanager
 def data_centre():
     """A server on a free port of this machine while the block lasts."""
-    with _Server(("127.0.0.1", 0), _Handler) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Handler) as server:
+        server.block_on_close = False
         server.centre = DataCentre(f"http://127.0.0.1:{server.server_port}")
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         try:

@@ -1,6 +1,7 @@
 """Small files that the tests write themselves, and the real ones that may lie beside the repo."""
 
 import csv
+import os
 from pathlib import Path
 
 import numpy as np
@@ -28,21 +29,19 @@ def at2_text(
     samples, dt=0.01, *, count=None, unit="G", fourth=FOURTH_LINES[0], component="180", end="\n"
 ):
     """AT2 file with five samples a row, as PEER writes them."""
-    rows = [
-        "".join(f"{value:15.7E}" for value in samples[first : first + 5])
-        for first in range(0, len(samples), 5)
-    ]
+    cells = [f"{value:15.7E}" for value in samples]
     header = [
         "PEER NGA STRONG MOTION DATABASE RECORD",
         f"Imperial Valley-02, 5/19/1940, El Centro Array #9, {component}",
         f"ACCELERATION TIME SERIES IN UNITS OF {unit}",
         fourth.format(count=len(samples) if count is None else count, dt=dt),
     ]
+    rows = ["".join(cells[first : first + 5]) for first in range(0, len(cells), 5)]
     return end.join([*header, *rows]) + end
 
 
 def refused(call, *parts, start=""):
-    """A function refuses what it is given, in one line that begins so and holds these parts."""
+    """A call is refused in one line that begins so and holds these parts."""
     with pytest.raises(InputError) as caught:
         call()
     message = str(caught.value)
@@ -63,9 +62,17 @@ def pga(motion):
     return np.abs(motion.acceleration).max()
 
 
-def manifest(name="manifest.csv"):
-    """Rows of a manifest of the real records; none where these are not there."""
-    if not (REAL_RECORDS / name).is_file():
-        return []
-    with open(REAL_RECORDS / name, newline="") as file:
-        return list(csv.DictReader(file))
+def manifest():
+    """Rows of the manifests of the real records; none where these are not there."""
+    files = (REAL_RECORDS / name for name in ("manifest.csv", "manifest_p695.csv"))
+    return [row for file in files if file.is_file() for row in csv.DictReader(file.open())]
+
+
+class Payload:
+    """Makes a folder where it is unpickled."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)

@@ -1,13 +1,16 @@
 """Files that attack, and spoiled ones: none runs anything, ends the command or keeps it."""
 
 import bz2
+import collections
 import functools
 import gzip
 import io
 import os
 import pickle
+import re
 import tarfile
 import tempfile
+import time
 
 import numpy as np
 import pytest
@@ -18,9 +21,10 @@ from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
-from archfrag.motions.read import read_motion
+from archfrag.motions.read import read_motion, read_motions
 
-from .helpers import wave
+from .helpers import Payload, wave
+from .samples import MADE_UP
 
 
 @functools.cache
@@ -31,16 +35,6 @@ def record(form):
     with tempfile.NamedTemporaryFile() as file:
         stream.write(file.name, format=form)
         return file.read()
-
-
-class Payload:
-    """Makes a folder where it is unpickled."""
-
-    def __init__(self, marker):
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.mkdir, (str(self.marker),)
 
 
 def payload(marker):
@@ -55,15 +49,6 @@ def tarred(content):
         entry.size = len(content)
         archive.addfile(entry, io.BytesIO(content))
     return buffer.getvalue()
-
-
-def flipped(content, seed, count=8):
-    """The content with some of its bits flipped."""
-    random = np.random.default_rng(seed)
-    changed = bytearray(content)
-    for _ in range(count):
-        changed[random.integers(len(changed))] ^= 1 << int(random.integers(8))
-    return bytes(changed)
 
 
 def crash():
@@ -84,10 +69,8 @@ ATTACKS = {
     "payload.tar": lambda marker: tarred(payload(marker)),
     "record.bz2": lambda _: bz2.compress(record("SLIST")),
     "cut.gse2": lambda _: record("GSE2")[:300],
-    "flipped.gse2": lambda _: flipped(record("GSE2"), 53),
     "crash.gse2": lambda _: crash(),
     "cut.mseed": lambda _: record("MSEED")[:-100],
-    "flipped.mseed": lambda _: flipped(record("MSEED"), 0, 400),
     "long.sac": lambda _: with_count(record("SAC"), 2**31 - 1),
     "negative.sac": lambda _: with_count(record("SAC"), -5),
     "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
@@ -137,3 +120,61 @@ def test_a_crash_computing_time_and_memory_end_it(
     (tmp_path / "x").write_bytes(content())
     with pytest.raises(RecordError, match=rf"x: {reason}"):
         read_apart(str(tmp_path / "x"))
+
+
+GOOD = [make().encode("latin-1") for makers in MADE_UP.values() for make in makers]
+NUMBER = re.compile(rb"[-+]?\d*\.?\d+(?:[ED][-+]?\d+)?")
+WORDS = (b"NaN", b"-Infinity", b"1e999", b"1D+03", b"*" * 9, b"1_0", b"--1", b"9" * 40, b"",
+         b"\t", b"\xbd", b"1,5", b"-", b"0", b"-5", b"401", b"99999999", b"4.5")  # fmt: skip
+ENDS = (b"\r\n", b"\r", b"\n\n", b"\x0c", b"\0", b"\x1a", b" \n")
+
+
+def any_of(things, random):
+    return things[random.integers(len(things))]
+
+
+def spoiled(content, random):
+    """A file cut off, with bytes put in, numbers replaced, other line ends or lines of another."""
+    place, kind = random.integers(len(content) + 1), random.integers(6)
+    if kind == 0:
+        return content[:place]
+    if kind == 1:
+        noise = random.bytes(random.integers(1, 300))
+        more = any_of((noise, b" " * 50_000, b"9" * 50_000), random)
+        return content[:place] + more + content[place:]
+    if kind == 2:  # most of them of the header
+        share = 5.0 / (1 + len(NUMBER.findall(content[:4000])))
+        return NUMBER.sub(
+            lambda found: any_of(WORDS, random) if random.random() < share else found[0], content
+        )
+    if kind == 3:
+        return content.replace(b"\n", any_of(ENDS, random))
+    if kind == 4:
+        lines, others = content.split(b"\n"), any_of(GOOD, random).split(b"\n")
+        place, count = random.integers(len(lines)), any_of((1, 20), random)
+        lines[place : place + count] = [any_of((b"", any_of(others, random)), random)]
+        return b"\n".join(lines)
+    return content + any_of(GOOD, random)
+
+
+@pytest.mark.slow
+def test_each_spoiled_file_is_read_or_refused_in_one_line_in_time(tmp_path):
+    found, path = collections.Counter(), tmp_path / "record.txt"
+    for seed in range(20260000, 20260250):
+        random = np.random.default_rng(seed)
+        content = any_of(GOOD, random)
+        for _ in range(random.integers(1, 4)):
+            content = spoiled(content, random) or b"\n"
+        path.write_bytes(content)
+        begun, message = time.process_time(), f"{path}"
+        try:
+            read_motions(path, accept="samples,pga,time_step,header")
+            found["motion"] += 1
+        except RecordError as error:
+            found["refusal"] += 1
+            message = str(error)
+        assert message.startswith(str(path)), seed
+        assert "\n" not in message, seed
+        assert time.process_time() - begun < 10.0, seed
+    # Some of the files can still be read, most cannot.
+    assert min(found["motion"], found["refusal"]) > 250 / 20

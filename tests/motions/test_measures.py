@@ -1,16 +1,14 @@
-"""Intensity measures against closed forms and independent integrators."""
+"""Intensity measures against closed forms and independent integrators; files of motions."""
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from archfrag.motions.measures import (
-    measure,
-    parse_measure,
-    scale_factor,
-    spectral_acceleration,
-)
-from archfrag.motions.motion import Motion
+from archfrag.errors import InputError
+from archfrag.files import write_csv
+from archfrag.motions.flatfile import measure_records, read_flatfile
+from archfrag.motions.measures import measure, parse_measure, scale_factor, spectral_acceleration
+from archfrag.motions.motion import Motion, load_motions, save_motions
 
 from .helpers import refused, wave
 
@@ -19,12 +17,7 @@ WAVE = Motion(wave(), 0.01)
 STILL = Motion(np.zeros(10), 0.01, id="still")
 
 
-def sine(frequency=2.0, amplitude=3.0, duration=5.0, dt=0.001):
-    time = np.arange(round(duration / dt) + 1) * dt
-    return Motion(amplitude * np.sin(2.0 * np.pi * frequency * time), dt, id="sine")
-
-
-SINE = sine()
+SINE = Motion(wave(), 0.01, id="sine")
 
 
 def noise(count=2000, seed=1):
@@ -90,15 +83,7 @@ def test_rotated_spectrum_is_that_of_each_direction(period):
     assert measure(motion, f"RotD100(Sa({period}))") == pytest.approx(np.max(each), rel=1e-8)
 
 
-def test_either_spelling():
-    for one, other in (("AvgSA(0.2,1.0)", "SaAvg(0.2, 1.0)"), ("Sa(0.3)", "SA(0.3)")):
-        assert measure(WAVE, one) == measure(WAVE, other) > 0.0
-
-
-POWERS = {"PGA": 1, "PGV": 1, "Arias": 2, "Sa(0.3)": 1, "AvgSA(0.2,1.0)": 1, "D5_95": 0}
-
-
-@pytest.mark.parametrize("name", [name for name, power in POWERS.items() if power])
+@pytest.mark.parametrize("name", ["PGA", "PGV", "Arias", "SA(0.3)", "SaAvg(0.2, 1.0)"])
 def test_scaled_motion_has_the_level(name):
     scaled = WAVE.scaled(scale_factor(WAVE, name, 7.0))
     assert measure(scaled, name) == pytest.approx(7.0, rel=1e-9)
@@ -124,3 +109,73 @@ def test_scaled_motion_has_the_level(name):
 )
 def test_refusals(call, parts):
     refused(call, *parts)
+
+
+MOTIONS = [
+    Motion(wave() * np.pi, 0.01, id="one", metadata={"Mw": 6.5, "event": "é"}, log=("Made.",)),
+    Motion(wave(50), 1.0 / 3.0, vertical=wave(50), id="two"),
+]
+
+
+def test_round_trip_is_exact(tmp_path):
+    save_motions(tmp_path / "motions.npz", MOTIONS)
+    save_motions(tmp_path / "again.npz", MOTIONS)
+    assert (tmp_path / "motions.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
+    for before, after in zip(MOTIONS, load_motions(tmp_path / "motions.npz"), strict=True):
+        assert np.array_equal(before.acceleration, after.acceleration)
+        assert (after.vertical is None) == (before.vertical is None)
+        assert before.vertical is None or np.array_equal(before.vertical, after.vertical)
+        for name in ("dt", "id", "log", "metadata"):
+            assert getattr(after, name) == getattr(before, name)
+
+
+def test_metadata_that_are_not_json(tmp_path):
+    odd = Motion(wave(), 0.01, id="odd", metadata={"path": tmp_path})
+    with pytest.raises(InputError, match=r"odd: metadata cannot be stored as JSON"):
+        save_motions(tmp_path / "motions.npz", [odd])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (lambda path: None, "no such file"),
+        (lambda path: path.write_text("something else"), "not a file of motions"),
+        (lambda path: np.savez(path, x=np.zeros(3)), "not a file of motions"),
+    ],
+)
+def test_damaged_file(tmp_path, damage, reason):
+    damage(tmp_path / "motions.npz")
+    with pytest.raises(InputError, match=reason):
+        load_motions(tmp_path / "motions.npz")
+
+
+def test_flatfile_has_its_columns_and_values(tmp_path):
+    facts = {"file": "a.AT2", "event": "Quake, 1999", "Mw": 6.5, "component": "090"}
+    known = Motion(wave(), 0.01, id="known", metadata=facts)
+    pair = Motion(wave(), 0.01, id="pair", transverse=wave(frequency=3.0))
+    table = measure_records([known, pair], periods=[0.1, 1.0])
+    assert list(table.columns[:14]) == [
+        "record", "file", "event", "station", "magnitude", "distance_km", "vs30_mps",
+        "component", "scale", "dt_s", "PGA_g", "PGV_cms", "PGD_cm", "T0.100S",
+    ]  # fmt: skip
+    assert table["T1.000S"][0] == pytest.approx(measure(known, "Sa(1.0)") / G, rel=1e-12)
+    assert table["RotD50_T0.100S"].isna().tolist() == [True, False]
+    write_csv(tmp_path / "flat.csv", [table], float_format="%.6g")
+    again = read_flatfile(tmp_path / "flat.csv")
+    assert list(again.columns) == list(table.columns)
+    assert (again["event"][0], again["component"][0]) == ("Quake, 1999", "090")
+    assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
+    with pytest.raises(InputError, match="must differ in their first three decimals"):
+        measure_records([], periods=[0.1, 0.1001])
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [("a,b\n1,2\n", "has no column 'record'"), ("", "cannot be read as a flatfile in CSV"),
+     ("record,magnitude\nx,big\n", "could not convert string")],
+)  # fmt: skip
+def test_no_flatfile(tmp_path, text, reason):
+    (tmp_path / "flat.csv").write_text(text)
+    with pytest.raises(InputError, match=reason):
+        read_flatfile(tmp_path / "flat.csv")

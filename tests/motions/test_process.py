@@ -8,7 +8,8 @@ from archfrag.errors import RecordError
 from archfrag.motions import process
 from archfrag.motions.measures import velocity
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import azimuth_of_code, rotate
+from archfrag.motions.process import azimuth_of_code, remove_response, rotate
+from archfrag.motions.read import read_motion
 
 from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
@@ -17,105 +18,106 @@ def pair(**metadata):
     return Motion(wave(), 0.01, transverse=2.0 * wave(frequency=3.0), metadata=metadata, id="m")
 
 
-class TestSteps:
-    def test_without_its_mean_and_its_line_as_by_scipy(self):
-        samples = np.random.default_rng(0).standard_normal(3000) + np.linspace(-3.0, 5.0, 3000)
-        assert abs(process.demean(Motion(samples, 0.01)).acceleration.mean()) < 1e-12
-        motion = process.detrend(Motion(samples, 0.01, vertical=-samples))
-        assert np.allclose(motion.acceleration, detrend(samples), rtol=0, atol=1e-11)
-        assert np.allclose(motion.vertical, -motion.acceleration, rtol=0, atol=1e-11)
-
-    def test_baseline_takes_off_a_drift_of_its_order(self):
-        motion = process.baseline(Motion(0.02 + 1e-5 * np.arange(4000), 0.01), order=2)
-        assert np.abs(motion.acceleration).max() < 1e-6
-        assert np.abs(velocity(motion)).max() < 1e-5
-
-    def test_taper(self):
-        left = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left").acceleration
-        assert left[[0, 5, 10, 99]] == pytest.approx([0.0, 0.5, 1.0, 1.0])
-
-    @pytest.mark.parametrize("causal", [False, True])
-    def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(self, causal):
-        impulse = np.zeros(20_001)
-        impulse[10_000] = 1.0
-        found = process.bandpass(Motion(impulse, 0.01), 0.5, 20.0, causal=causal).acceleration
-        gain = np.abs(np.fft.rfft(found))
-        at = np.interp([0.05, 0.5, 3.0, 20.0], np.fft.rfftfreq(20_001, 0.01), gain)
-        corner = 0.707 if causal else 0.5
-        assert at == pytest.approx([0.0, corner, 1.0, corner], abs=2e-3)
-        assert found[:10_000].any() != causal
-        assert np.allclose(found, found[::-1], rtol=0, atol=1e-6) != causal
-        short = process.bandpass(Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal)
-        assert short.acceleration.size == 20
-
-    def test_cut_and_trim(self):
-        motion = process.cut(Motion(np.arange(101.0), 0.01, vertical=np.arange(101.0)), 0.2, 0.5)
-        assert np.array_equal(motion.acceleration, np.arange(20.0, 51.0))
-        assert np.array_equal(motion.vertical, motion.acceleration)
-        constant = Motion(np.full(1001, 2.0), 0.01)
-        for margin, duration in ((0.0, 7.0), (0.5, 8.0)):
-            kept = process.trim_by_arias(constant, 0.1, 0.8, margin=margin)
-            assert kept.duration == pytest.approx(duration)
-        samples = np.zeros(1001)
-        samples[[300, 700]] = 1.0, -2.0
-        start = process.trim_by_arias(Motion(samples, 0.01), 0.0, 0.9)
-        assert np.array_equal(start.acceleration, samples[: start.acceleration.size])
-        assert start.acceleration.size < 710
-        assert process.trim_by_arias(Motion(samples, 0.01), 0.0, 1.0).acceleration.size == 1001
-        kept = process.trim_by_threshold(Motion(samples, 0.01), 0.9, margin=0.1)
-        assert kept.acceleration.size == 421
-
-    @pytest.mark.parametrize("dt", [0.005, 0.02, 0.0075])
-    def test_resampling_keeps_a_sine_that_both_can_hold(self, dt):
-        def packet(time, frequency):
-            envelope = np.exp(-(((time - 20.0) / 5.0) ** 2))
-            return np.sin(2.0 * np.pi * frequency * time) * envelope
-
-        time = np.arange(4001) * 0.01
-        motion = process.resample(Motion(packet(time, 10.0), 0.01), dt)
-        assert motion.dt == pytest.approx(dt)
-        assert np.abs(motion.acceleration - packet(motion.time, 10.0)).max() < 1e-4
-        high = process.resample(Motion(packet(time, 35.0), 0.01), 0.02)
-        assert np.abs(high.acceleration).max() < 1e-3
-
-    def test_all_components_are_changed_alike_and_nothing_given_is(self):
-        samples = np.random.default_rng(0).standard_normal(500)
-        motion = Motion(samples, 0.01, vertical=samples, transverse=samples)
-        for step in (process.demean, process.detrend, process.taper, process.baseline,
-                     lambda m: process.bandpass(m, 0.1, 20.0),
-                     lambda m: process.resample(m, 0.02)):  # fmt: skip
-            changed = step(motion)
-            assert len(changed.log) == 1
-            assert np.array_equal(changed.vertical, changed.transverse)
-            assert all(np.array_equal(part, samples) for part in motion.components.values())
+def test_without_its_mean_and_its_line_as_by_scipy():
+    samples = np.random.default_rng(0).standard_normal(3000) + np.linspace(-3.0, 5.0, 3000)
+    assert abs(process.demean(Motion(samples, 0.01)).acceleration.mean()) < 1e-12
+    motion = process.detrend(Motion(samples, 0.01, vertical=-samples))
+    assert np.allclose(motion.acceleration, detrend(samples), rtol=0, atol=1e-11)
+    assert np.allclose(motion.vertical, -motion.acceleration, rtol=0, atol=1e-11)
 
 
-class TestRotation:
-    def test_by_90_degrees_swaps_the_components(self):
-        motion = pair()
-        rotated = rotate(motion, angle=90.0)
-        assert np.allclose(rotated.acceleration, motion.transverse, rtol=0, atol=1e-15)
-        assert np.allclose(rotated.transverse, -motion.acceleration, rtol=0, atol=1e-15)
+def test_baseline_takes_off_a_drift_of_its_order():
+    motion = process.baseline(Motion(0.02 + 1e-5 * np.arange(4000), 0.01), order=2)
+    assert np.abs(motion.acceleration).max() < 1e-6
+    assert np.abs(velocity(motion)).max() < 1e-5
 
-    @pytest.mark.parametrize("azimuth", [30.0, 90.0])
-    @pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
-    def test_to_an_azimuth(self, azimuth, code, apart):
-        north, east = wave(), 2.0 * wave(frequency=3.0)
-        direction, apart = np.deg2rad([azimuth, apart])
-        facts = {"component": "000", "component_transverse": code}
-        other = np.cos(apart) * north + np.sin(apart) * east
-        rotated = rotate(Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth)
-        expected = np.cos(direction) * north + np.sin(direction) * east
-        assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
-        assert rotated.metadata["azimuth"] == azimuth
 
-    @pytest.mark.parametrize(
-        ("code", "azimuth"),
-        [("E", 90.0), ("NS2", 0.0), ("HNN", 0.0), ("270", 270.0), ("360", 0.0), ("N45W", 315.0),
-         ("X", None), ("H1", None), ("HN1", None), ("", None), ("S30W", 210.0)],
-    )  # fmt: skip
-    def test_azimuth_of_a_code(self, code, azimuth):
-        assert azimuth_of_code(code) == azimuth
+def test_taper():
+    left = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left").acceleration
+    assert left[[0, 5, 10, 99]] == pytest.approx([0.0, 0.5, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(causal):
+    impulse = np.zeros(20_001)
+    impulse[10_000] = 1.0
+    found = process.bandpass(Motion(impulse, 0.01), 0.5, 20.0, causal=causal).acceleration
+    gain = np.abs(np.fft.rfft(found))
+    at = np.interp([0.05, 0.5, 3.0, 20.0], np.fft.rfftfreq(20_001, 0.01), gain)
+    corner = 0.707 if causal else 0.5
+    assert at == pytest.approx([0.0, corner, 1.0, corner], abs=2e-3)
+    assert found[:10_000].any() != causal
+    assert np.allclose(found, found[::-1], rtol=0, atol=1e-6) != causal
+    short = process.bandpass(Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal)
+    assert short.acceleration.size == 20
+
+
+def test_cut_and_trim():
+    motion = process.cut(Motion(np.arange(101.0), 0.01), 0.2, 0.5)
+    assert np.array_equal(motion.acceleration, np.arange(20.0, 51.0))
+    constant = Motion(np.full(1001, 2.0), 0.01)
+    for margin, duration in ((0.0, 7.0), (0.5, 8.0)):
+        kept = process.trim_by_arias(constant, 0.1, 0.8, margin=margin)
+        assert kept.duration == pytest.approx(duration)
+    samples = np.zeros(1001)
+    samples[[300, 700]] = 1.0, -2.0
+    start = process.trim_by_arias(Motion(samples, 0.01), 0.0, 0.9)
+    assert np.array_equal(start.acceleration, samples[: start.acceleration.size])
+    assert start.acceleration.size < 710
+    assert process.trim_by_arias(Motion(samples, 0.01), 0.0, 1.0).acceleration.size == 1001
+    kept = process.trim_by_threshold(Motion(samples, 0.01), 0.9, margin=0.1)
+    assert kept.acceleration.size == 421
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.02, 0.0075])
+def test_resampling_keeps_a_sine_that_both_can_hold(dt):
+    def packet(time, frequency):
+        envelope = np.exp(-(((time - 20.0) / 5.0) ** 2))
+        return np.sin(2.0 * np.pi * frequency * time) * envelope
+
+    time = np.arange(4001) * 0.01
+    motion = process.resample(Motion(packet(time, 10.0), 0.01), dt)
+    assert motion.dt == pytest.approx(dt)
+    assert np.abs(motion.acceleration - packet(motion.time, 10.0)).max() < 1e-4
+    high = process.resample(Motion(packet(time, 35.0), 0.01), 0.02)
+    assert np.abs(high.acceleration).max() < 1e-3
+
+
+def test_all_components_are_changed_alike_and_nothing_given_is():
+    samples = np.random.default_rng(0).standard_normal(500)
+    motion = Motion(samples, 0.01, vertical=samples, transverse=samples)
+    for step in (process.demean, process.detrend, process.taper, process.baseline,
+                 lambda m: process.bandpass(m, 0.1, 20.0), lambda m: process.cut(m, 0.2, 0.5),
+                 lambda m: process.resample(m, 0.02)):  # fmt: skip
+        changed = step(motion)
+        assert len(changed.log) == 1
+        assert np.array_equal(changed.vertical, changed.transverse)
+        assert all(np.array_equal(part, samples) for part in motion.components.values())
+
+
+@pytest.mark.parametrize("azimuth", [30.0, 90.0])
+@pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
+def test_to_an_azimuth(azimuth, code, apart):
+    north, east = wave(), 2.0 * wave(frequency=3.0)
+    direction, apart = np.deg2rad([azimuth, apart])
+    facts = {"component": "000", "component_transverse": code}
+    other = np.cos(apart) * north + np.sin(apart) * east
+    rotated = rotate(Motion(north, 0.01, transverse=other, metadata=facts), azimuth=azimuth)
+    expected = np.cos(direction) * north + np.sin(direction) * east
+    assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
+    assert rotated.metadata["azimuth"] == azimuth
+    if code == "090":
+        by_angle = rotate(pair(), angle=azimuth)
+        assert np.allclose(by_angle.acceleration, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("code", "azimuth"),
+    [("E", 90.0), ("NS2", 0.0), ("HNN", 0.0), ("270", 270.0), ("360", 0.0), ("N45W", 315.0),
+     ("X", None), ("H1", None), ("HN1", None), ("", None), ("S30W", 210.0)],
+)  # fmt: skip
+def test_azimuth_of_a_code(code, azimuth):
+    assert azimuth_of_code(code) == azimuth
 
 
 ALONE = Motion(wave(), 0.01, id="m")
@@ -141,9 +143,6 @@ def test_refusals(call, parts):
 
 @needs_real_records
 def test_a_response_is_flat_where_an_accelerometer_is(tmp_path):
-    from archfrag.motions.process import remove_response
-    from archfrag.motions.read import read_motion
-
     folder = REAL_RECORDS / "mseed"
     path, table = folder / "CI.CLC..HNE.mseed", folder / "CI.CLC.xml"
     motion = read_motion(path, inventory=table)

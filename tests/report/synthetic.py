@@ -13,8 +13,6 @@ from archfrag.simulate import onset
 from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
-MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
-FLAGS = {"flag_values": np.arange(4, dtype=np.int8)}
 
 
 def motions(n_record=6, seed=1):
@@ -50,47 +48,52 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     verdict[0, 0, -1] = Verdict.UNFINISHED
     verdict[0, 1, -2] = Verdict.SOLVER_FAILURE
     fell = verdict == Verdict.COLLAPSED
-    joint = generator.integers(0, n_joint, size=shape)
     impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
     mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
     end = generator.uniform(20.0, 26.0, shape)
     moving = np.clip(intensity / 12.0, 0.0, 0.9) * end
     dims = ("arch", "record", "level")
-    return xr.Dataset(
-        {
-            "verdict": (dims, verdict, FLAGS),
-            "status": (dims, verdict),
-            "collapse_time": (dims, np.where(fell, 0.4 * end, np.nan), {"units": "s"}),
-            "collapse_joint": (dims, np.where(fell, joint, -1).astype(np.int16)),
-            "collapse_mode": (dims, np.where(fell, mode, 0).astype(np.int8)),
-            "lost_contact_time": (dims, np.where(fell, 0.3 * end, np.nan), {"units": "s"}),
-            "contact_losses": (dims, 3 * fell.astype(np.int64)),
-            "peak_rotation": (dims, generator.uniform(0, 0.1, shape), {"units": "rad"}),
-            "peak_displacement": (dims, generator.uniform(0, 0.4, shape), {"units": "m"}),
-            "energy_error": (dims, 10.0 ** generator.normal(-8, 0.7, shape), {"units": "1"}),
-            "model_time": ((*dims, "model"), _split(end, moving)),
-            "end_time": (dims, end, {"units": "s"}),
-            "steps": (dims, (moving * 1000).astype(np.int32)),
-            "impacts": (dims, impacts.astype(np.int64)),
-            "events": (dims, generator.integers(0, 400, shape, dtype=np.int64)),
-            "switches": (dims, generator.integers(0, 4, shape, dtype=np.int64)),
-            "levels": (dims, (moving * 900).astype(np.int64)),
-            "level_iterations": (dims, (moving * 30).astype(np.int64)),
-            "general": (dims, generator.integers(0, 40, shape, dtype=np.int64)),
-            "contact_residual": (dims, 10.0 ** generator.normal(-13, 0.5, shape)),
-            "fallbacks": (dims, np.zeros(shape, dtype=np.int32)),
-            "scale_factor": (("record", "level"), intensity / peaks[:, None]),
-            "intensity": ("level", intensity, {"units": "m s-2", "long_name": "PGA"}),
-            "event": ("record", [""] * len(records)),
-            "magnitude": ("record", generator.uniform(5.5, 7.5, len(records))),
-            "distance": ("record", generator.uniform(5.0, 60.0, len(records))),
-        },
-        coords={"arch": list(names), "record": records, "model": list(MODELS)},
+    of_runs = {
+        "verdict": verdict,
+        "status": verdict,
+        "collapse_time": np.where(fell, 0.4 * end, np.nan),
+        "collapse_joint": np.where(fell, generator.integers(0, n_joint, shape), -1),
+        "collapse_mode": np.where(fell, mode, 0),
+        "lost_contact_time": np.where(fell, 0.3 * end, np.nan),
+        "contact_losses": 3 * fell,
+        "peak_rotation": generator.uniform(0, 0.1, shape),
+        "peak_displacement": generator.uniform(0, 0.4, shape),
+        "energy_error": 10.0 ** generator.normal(-8, 0.7, shape),
+        "end_time": end,
+        "steps": (moving * 1000).astype(int),
+        "impacts": impacts,
+        "events": generator.integers(0, 400, shape),
+        "switches": generator.integers(0, 4, shape),
+        "levels": (moving * 900).astype(int),
+        "level_iterations": (moving * 30).astype(int),
+        "general": generator.integers(0, 40, shape),
+        "contact_residual": 10.0 ** generator.normal(-13, 0.5, shape),
+        "fallbacks": 0 * verdict,
+    }
+    parts = [end - moving, *(part * moving for part in (0.3, 0.6, 0.1))]
+    data = xr.Dataset(
+        {name: (dims, values) for name, values in of_runs.items()},
+        coords={"arch": list(names), "record": records},
         attrs={
             "archfrag_design": '{"kind": "stripes"}',
             "Conventions": "CF-1.11",
             "loss_limit": "0.5",
         },
+    )
+    data["verdict"].attrs["flag_values"] = np.arange(4, dtype=np.int8)
+    return data.assign(
+        model_time=((*dims, "model"), np.stack(parts, axis=-1)),
+        model=["rest", "four_hinges", "mega_voussoirs", "all_voussoirs"],
+        scale_factor=(("record", "level"), intensity / peaks[:, None]),
+        intensity=("level", intensity, {"units": "m s-2", "long_name": "PGA"}),
+        event=("record", [""] * len(records)),
+        magnitude=("record", generator.uniform(5.5, 7.5, len(records))),
+        distance=("record", generator.uniform(5.0, 60.0, len(records))),
     )
 
 
@@ -153,9 +156,3 @@ STATES = {
         {"name": "impact", "meaning": "a joint closes", "curve": {"none": "all collapse"}},
     ],
 }
-
-
-def _split(end, moving):
-    """Time of each model: three models have the motion."""
-    parts = [end - moving, *(part * moving for part in (0.3, 0.6, 0.1))]
-    return np.stack(parts, axis=-1)

@@ -1,0 +1,67 @@
+"""Probabilities that a receiver's own parser reads from a file: RECEIVER FILE LEVELS, JSON out.
+
+Run by the receiver's interpreter. LEVELS are intensities in the receiver's unit: of OpenQuake by
+id of a function, of pelicun by component, of IN-CORE a list.
+"""
+
+import json
+import sys
+
+
+def openquake(path, levels):
+    import numpy as np
+    from openquake.hazardlib import imt, nrml
+    from openquake.risklib import read_nrml
+
+    read_nrml.update_validators()
+    model, found = nrml.to_python(path), {}
+    for (name, function), curves in model.items():
+        assert str(imt.from_string(name)) == name
+        at = np.array(levels[function], dtype=float)
+        built = curves.build(model.limitStates)
+        found[function] = {curve.limit_state: curve(at).tolist() for curve in built}
+    measures = sorted({name for name, _ in model})
+    return {"measures": measures, "description": model.description, "probabilities": found}
+
+
+def in_core(path, levels):
+    from pyincore import FragilityCurveSet
+
+    curves = FragilityCurveSet.from_json_file(path)
+    demand, bridge = curves.demand_types[0], {"inventory_type": "bridge"}
+    found = [curves.calculate_limit_state({demand: im}, **bridge) for im in levels]
+    return {"measures": [demand], "units": curves.demand_units, "probabilities": found}
+
+
+def pelicun(path, levels, demand):
+    """Levels are in SI, pelicun's base units; `demand` is its short name, as PGA or SA_0.5."""
+    import pandas as pd
+    from pelicun import assessment, file_io
+
+    unit, found = "mps" if demand == "PGV" else "mps2", {}
+    for component, at in levels.items():
+        run = assessment.Assessment({"PrintLog": False, "Seed": 1, "LogFile": None})
+        column = {f"{demand}-0-1": [unit, at[0], at[0]]}
+        run.demand.load_sample(pd.DataFrame(column, index=["Units", 0, 1]))
+        run.stories = 1
+        assets = {
+            "Units": ["ea"], "Location": ["0"], "Direction": ["1"], "Theta_0": [1.0],
+            "Blocks": [1], "Family": [None],
+        }  # fmt: skip
+        run.asset.load_cmp_model({"marginals": pd.DataFrame(assets, index=[component])})
+        run.asset.generate_cmp_sample(2)
+        units = run.unit_conversion_factors
+        database = file_io.load_data(path, reindex=False, unit_conversion_factors=units)
+        run.damage.load_model_parameters([database], {component})
+        names = ["cmp", "loc", "dir", "uid"]
+        index = pd.MultiIndex.from_tuples([(component, "0", "1", "0")], names=names)
+        blocks = pd.DataFrame({"Blocks": [1]}, index=index)
+        capacities, _ = run.damage.ds_model._create_dmg_RVs(blocks)
+        drawn = {name.split("-")[-1]: variable for name, variable in capacities.RV.items()}
+        found[component] = {name: drawn[name].cdf(at).tolist() for name in drawn}
+    return {"probabilities": found}
+
+
+if __name__ == "__main__":
+    read = {"OPENQUAKE": openquake, "INCORE": in_core, "PELICUN": pelicun}[sys.argv[1]]
+    print(json.dumps(read(sys.argv[2], json.loads(sys.argv[3]), *sys.argv[4:])))
