@@ -43,9 +43,9 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
 def errors_of_theta(studies: Mapping[Setting, Study], levels: Array) -> list[Row]:
     """Cost [s] and error of ln theta over sets: mean, its standard error, and root mean square."""
     theta = {
-        setting: np.array([
-            curve_of(levels[k::SETS], study.counts[:, :, k::SETS])[0] for k in range(SETS)
-        ])
+        setting: np.array(
+            [curve_of(levels[k::SETS], study.counts[:, :, k::SETS])[0] for k in range(SETS)]
+        )
         for setting, study in studies.items()
     }
     rows = []

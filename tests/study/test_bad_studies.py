@@ -76,7 +76,6 @@ BAD += [
     ("time_stepping", "four_link", "must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
-    ("execution:", "design: {kind: two_stage}\nexecution:", "is gone, since it was"),
     ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
 ]  # fmt: skip
 

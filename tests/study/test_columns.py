@@ -7,7 +7,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.simulate import results_of_runs
 from archfrag.simulation.response import response_of
-from archfrag.study.runs.outcome import COLUMNS, columns_of, tabulate_cases
+from archfrag.study.runs.store import COLUMNS, columns_of
 
 FACTORS = [0.0, 0.5, 2.0, 6.0]
 
@@ -60,9 +60,8 @@ def test_every_column_has_a_value_of_its_own():
 
 def test_a_method_without_lanes_gives_the_same_columns():
     arch, motion = ring_and_wave()
-    table = tabulate_cases(
-        {"name": "event_driven", "rtol": 1e-3, "follow": 0.0}, arch, [motion], [0.01]
-    )
-    one = af.simulate(arch, motion, scale=0.01, method="event_driven", rtol=1e-3, follow=0.0)
-    assert table.pop("wall_time").shape == (1,)
-    assert_equal(table, table_of([one]))
+    options = {"method": "event_driven", "rtol": 1e-3, "follow": 0.0}
+    results, wall_time = results_of_runs(arch, [motion], [0.01], **options)
+    one = af.simulate(arch, motion, scale=0.01, **options)
+    assert wall_time.shape == (1,)
+    assert_equal(columns_of(results), table_of([one]))

@@ -11,8 +11,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study.answer.cube import build_cube, write_cube
 from archfrag.study.answer.fits import fit_cube, fit_text, load_fits
 from archfrag.study.files import finite
-from archfrag.study.runs.outcome import COLUMNS
-from archfrag.study.runs.store import gather
+from archfrag.study.runs.store import COLUMNS, gather
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,6 @@ from archfrag.study.answer.curves import Answer, Runs, likeliest
 from archfrag.study.answer.fits import (
     cautions_of_cube,
     coarse_levels,
-    design_cautions,
     events_caution,
     fit_cube,
     fit_text,
@@ -28,6 +27,7 @@ from archfrag.study.answer.fits import (
 )
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs import Stripes
+from archfrag.study.runs.ida import Ida
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
@@ -212,7 +212,7 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
 
 def test_contradictions_of_a_fleet_are_one_message():
     notes = {f"a{i}": {"checked": 14, "contradictions": 2} for i in range(50)}
-    (one,) = design_cautions({"arches": notes})
+    (one,) = Ida(kind="ida").cautions(notes)
     assert one.startswith("50 arches: 100 of 700 checks near the border contradict")
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
-from archfrag.study.runs import Grid, ask
+from archfrag.study.runs.design import Grid, ask
 from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Borders, Ida, Precision, look, search
 
 LEVELS = np.linspace(0.05, 0.75, 15)

@@ -12,7 +12,8 @@ import pytest
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
-from archfrag.study.runs import CASE, execute
+from archfrag.study.runs import execute
+from archfrag.study.runs.design import CASE
 from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
 from archfrag.study.runs.store import gather, make_plan, read_part
 

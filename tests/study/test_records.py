@@ -8,7 +8,7 @@ from archfrag.motions.measures import measure
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
-from archfrag.study.runs import CASE
+from archfrag.study.runs.design import CASE
 from archfrag.study.runs.store import make_plan
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 

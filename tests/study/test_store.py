@@ -12,15 +12,16 @@ from archfrag.errors import InputError
 from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import PACKAGE
-from archfrag.study.runs import CASE
+from archfrag.study.runs.design import CASE
 from archfrag.study.runs.store import (
     DECIDING,
     KEY,
     ROW,
-    Store,
     gather,
     make_plan,
+    places,
     read_part,
+    read_parts,
     write_part,
 )
 from tests.study.small import command, dumped, files_below, make_runs
@@ -46,10 +47,10 @@ class TestPlan:
         self, done, override, same
     ):
         path = done.study.folder.parent / "small.yaml"
-        before = {key.tobytes() for key in runs_of(done.plan)[2]}
+        before = {bytes(key) for key in runs_of(done.plan)[2]}
         study = load_study(path, [override]).model_copy(update={"output": done.study.output})
         plan = make_plan(study.model_copy(update={"design": done.study.design}))
-        after = {key.tobytes() for key in runs_of(plan)[2]}
+        after = {bytes(key) for key in runs_of(plan)[2]}
         assert len(before & after) == same
 
     def test_all_that_a_simulation_passes_through_decides(self, done):
@@ -70,7 +71,7 @@ class TestPlan:
     def test_keys_of_a_thousand_factors_all_differ(self, done):
         cases = np.zeros(1000, CASE)
         cases["level"] = 1.0 + np.arange(1000) * 4 * np.finfo(float).eps
-        assert len({key.tobytes() for key in done.plan.keys(cases)}) == 1000
+        assert len({bytes(key) for key in done.plan.keys(cases)}) == 1000
 
 
 class TestParts:
@@ -107,7 +108,7 @@ def part_of(folder, keys, verdicts):
 
 
 def drawn(seed, count):
-    return np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"V{KEY}")
+    return np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"S{KEY}")
 
 
 class TestStore:
@@ -117,19 +118,18 @@ class TestStore:
         generator = np.random.default_rng(1)
         text = generator.integers(0, 256, (6000, KEY)).astype(np.uint8)
         text[:, alike] %= 2
-        keys = generator.permutation(np.unique(np.frombuffer(text.tobytes(), f"V{KEY}")))
+        keys = generator.permutation(np.unique(np.frombuffer(text.tobytes(), f"S{KEY}")))
         stored, other = keys[: len(keys) // 2], keys[len(keys) // 2 :]
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):
             part_of(tmp_path, stored[some], verdict[some])
-        known = {key.tobytes(): code for key, code in zip(stored, verdict)}
+        known = {bytes(key): code for key, code in zip(stored, verdict)}
         asked = np.concatenate([other, stored, stored[:5]])
-        expected = [known.get(key.tobytes(), -1) for key in asked]
-        store = Store(tmp_path)
-        there = store.places(asked) >= 0
-        assert (there == (np.array(expected) >= 0)).all()
-        assert store.rows(asked[there])["verdict"].tolist() == [e for e in expected if e >= 0]
-        np.testing.assert_array_equal(store.rows(stored)["key"], stored)
+        expected = [known.get(bytes(key), -1) for key in asked]
+        table = read_parts(tmp_path)
+        found = places(table, asked)
+        assert np.where(found < 0, -1, table["verdict"][found]).tolist() == expected
+        np.testing.assert_array_equal(table["key"][places(table, stored)], stored)
 
     def test_clean_shows_what_is_of_no_use_asks_and_removes_it_alone(self, copied):
         """A study that grew and went back; parts of other kernels, one damaged, a user's file."""

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts, find_brackets
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.drawing import FloatArray
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
-from archfrag.study.answer.curves import Answer, arch_classes, quoted
+from archfrag.study.answer.curves import Answer, arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.hazard import load_hazard
@@ -30,7 +30,6 @@ from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import LEVEL_UNITS, Study, load_study
 from archfrag.study.files import finite
 from archfrag.study.runs import Design
-from archfrag.study.runs.ida import design_of
 from archfrag.study.steps import finished, read_timings
 
 IntArray = NDArray[np.int64]
@@ -196,6 +195,7 @@ def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
 def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     """Everything the report needs of one arch of a cube."""
     names = cube["arch"].values.astype(str).tolist()
+    (runs,) = runs_of_cube(cube.isel(arch=[names.index(arch)]))
     part = cube.isel(arch=names.index(arch)).transpose("record", "level", ...)
     run = part["verdict"].values != Verdict.NOT_SIMULATED
     given, own = part["intensity"].values.astype(float) * scale.factor, None
@@ -210,14 +210,14 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
             made = run.reshape(run.shape + (1,) * (variable.ndim - 2))
             kept = np.where(made, variable.values, _MISSING.get(str(name), 0))
             tables[str(name)] = kept.astype(float if kept.dtype.kind == "f" else int)
-    verdict, design = tables["verdict"], design_of(json.loads(cube.attrs["archfrag_design"]))
-    counts, brackets = count_verdicts(verdict), find_brackets(verdict[run.any(axis=1)], levels)
+    verdict, brackets = tables["verdict"], runs.brackets
+    counts = count_verdicts(verdict)
     return ArchResults(
         arch=arch, records=cube["record"].values.astype(str).tolist(), scale=scale,
         levels=levels, own_levels=own, tables=tables, verdict=verdict, simulated=run,
-        counts=counts, design=design,
-        known=count_verdicts(brackets.filled) if design.adaptive else counts,
-        capacities=np.where(brackets.bracketed, brackets.middle, brackets.upper),
+        counts=counts, design=runs.design,
+        known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
+        capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 
 

@@ -13,8 +13,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.quoted import shared_events
-from archfrag.study.runs import Design
-from archfrag.study.runs.ida import design_of
+from archfrag.study.runs import Design, design_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -75,18 +74,16 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        curves = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
-        return vars(self) | curves
+        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
+        return vars(self) | own
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
         """Inverse of `to_dict`."""
-        curves = {name: curve_of_dict(plain[name]) for name in ("curve", "likelihood")}
-        theta, beta = (
-            tuple(np.nan if end is None else float(end) for end in plain[name])
-            for name in ("theta", "beta")
-        )
-        return cls(**{**plain, **curves, "theta": theta, "beta": beta})
+        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
+        for name in ("theta", "beta"):
+            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
+        return cls(**{**plain, **own})
 
 
 def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
@@ -116,16 +113,15 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
 def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple[Runs, list[int]]]:
     """Runs of the arches of each class together, and their places; classes of several arches."""
     record, found = cube["record"].values.astype(str), {}
-    names = list(arch_classes(cube).values())
-    for name in dict.fromkeys(names):
-        places = [i for i, each in enumerate(names) if each == name]
+    names = np.array(list(arch_classes(cube).values()))
+    for name in dict.fromkeys(names.tolist()):
+        places = np.flatnonzero(names == name).tolist()
         if len(places) > 1:
             own = [runs[i] for i in places]
-            level = own[0].level
+            level, verdict = own[0].level, np.concatenate([each.verdict for each in own])
             if level.ndim == 2:
                 level = np.concatenate([each.level for each in own])
             group = np.concatenate([record[each.rows] for each in own])
-            verdict = np.concatenate([each.verdict for each in own])
             found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
     return found
 
@@ -137,7 +133,9 @@ def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        quoted = runs.design.estimate(runs.brackets, im, confidence, runs.group, runs.unit)
+        quoted = runs.design.estimate(
+            runs.brackets, im, confidence=confidence, groups=runs.group, unit=runs.unit
+        )
     except FitError as error:
         return Answer(worded(error), likelihood, confidence=confidence)
     return Answer(
@@ -164,20 +162,19 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     if isinstance(curve := pooled.curve, str):
         return replace(pooled, likelihood="")
     fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
-    if lacking := len(members) - len(fits):
+    count, lacking = len(members), len(members) - len(fits)
+    made = (
+        f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
+        "the lognormal curve with the same mean and standard deviation of ln capacity."
+    )
+    if lacking:
         made = (
-            f"{lacking} of its {len(members)} arches have no curve, so the curve is the lognormal "
-            "one of all runs of the class."
-        )
-    else:
-        curve = mixture(curve, fits)
-        made = (
-            f"The curve is the mean of the curves of its {len(members)} arches; theta and beta "
-            "are those of the lognormal curve with the same mean and standard deviation of ln "
-            "capacity."
+            f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
+            "all runs of the class."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(pooled, curve=curve, likelihood="", assumptions=text)
+    whole = curve if lacking else mixture(curve, fits)
+    return replace(pooled, curve=whole, likelihood="", assumptions=text)
 
 
 def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:

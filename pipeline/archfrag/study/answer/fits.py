@@ -27,7 +27,6 @@ MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is 
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
 LEAST_EVENTS = 4
-MOST_NAMED = 12  # arches; of more only their number
 
 
 def open_cube(study: Study) -> "xr.Dataset":
@@ -197,7 +196,7 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Ans
             found.append((name, non_monotone(verdict)))
         found.append((name, coarse_levels(cube["intensity"].values, answers[name].curve)))
     warned = unit_warnings(study, study.members(cube.sizes["record"])), uncorrected(study)
-    of_design = design_cautions(json.loads(cube.attrs["archfrag_design"]))
+    of_design = study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     of_records = filter(None, (scaled_far(cube), events_caution(cube)))
     of_arches = [f"{name}: {message}" for name, message in found if message]
     return [*of_arches, *warned[0], *warned[1], *of_design, *of_records]
@@ -218,27 +217,6 @@ def events_caution(cube: "xr.Dataset") -> str:
         f"all records are of one earthquake ({events[0]}): dispersion and bands do not include "
         "the variation between earthquakes"
     )
-
-
-def design_cautions(design: Mapping[str, Any]) -> list[str]:
-    """Messages on what a design did not reach, or found against its own assumption."""
-    notes = design.get("arches", {})
-    found = [
-        f"{name}: the median is known to {100 * note['half_width']:.2g} % instead of the "
-        f"{100 * design['precision']['theta']:.2g} % requested: {note['why']}"
-        for name, note in notes.items() if note.get("why")
-    ]  # fmt: skip
-    against = {name: (note["contradictions"], note["checked"])
-               for name, note in notes.items() if note.get("contradictions")}  # fmt: skip
-    if len(against) > MOST_NAMED:
-        count, checked = np.sum(list(against.values()), axis=0).tolist()
-        against = {f"{len(against)} arches": (count, checked)}
-    return found + [
-        f"{name}: {count} of {checked} checks near the border contradict the capacity of their "
-        "record. Such a record has several borders between survival and collapse; the search "
-        "found one of them, not always the lowest. Beta includes the scatter of single runs"
-        for name, (count, checked) in against.items()
-    ]
 
 
 def surviving(verdict: NDArray[np.int8], highest: str) -> str:

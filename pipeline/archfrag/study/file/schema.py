@@ -17,8 +17,7 @@ from archfrag.study.file import PathText, Section, first_message, parse_value, r
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, expand, needs_records
 from archfrag.study.file.motions import Motions
-from archfrag.study.runs import Stripes
-from archfrag.study.runs.ida import AnyDesign
+from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 # Keys whose values are paths, or lists of them.

@@ -1,4 +1,4 @@
-"""The design `ida`, which searches each record's border to collapse; and all designs."""
+"""The design `ida`, which searches each record's border between survival and collapse."""
 
 from collections.abc import Generator, Mapping
 from typing import Annotated, Any, Literal
@@ -6,13 +6,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, TypeAdapter
+from pydantic import Field
 
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file import Section, refuse
-from archfrag.study.runs import Cases, Cloud, Design, Grid, Requests, Stripes, Verdicts
+from archfrag.study.file import Section
+from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.
@@ -27,6 +27,7 @@ LEAST_ADDED, MOST_ADDED = 1.05, 2.0  # factors on the number of records from one
 # A design that looks after each iteration stops too soon where its runs happen to scatter little.
 LEAST_RECORDS = 20
 LOOKS_IN_A_ROW = 2
+MOST_NAMED = 12  # arches with checks that contradict; of more only their number
 
 
 class Precision(Section):
@@ -76,22 +77,19 @@ class Ida(Design):
             if self.precision is not None:
                 more, narrow, facts = look(self.precision, borders, done, narrow)
                 used = done + more
-        checks = yield from self._check(borders, done)
-        return {"runs": borders.runs, "records": done, **checks, **facts}
-
-    def _check(self, borders: "Borders", done: int) -> Generator[Cases, Verdicts, dict[str, int]]:
-        """Some cells near the borders, any as likely as another: how often do they contradict?"""
-        place = np.arange(borders.grid.levels.size)
+        # Some cells near the borders, any as likely as another: how often do they contradict?
+        place = np.arange(grid.levels.size)
         low, high = borders.low[:done, None], borders.high[:done, None]
         near = (place >= low - NEAR) & (place <= high + NEAR)
         free, places = np.nonzero(near & (borders.seen[:done] == Verdict.NOT_SIMULATED))
-        generator = np.random.default_rng([self.seed, borders.grid.arch])
         count = done if self.checks is None else self.checks
+        generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
-        rows, places = free[chosen], places[chosen]
-        collapsed, survived = yield from borders.run(rows, places)
-        against = np.where(places <= borders.low[rows], collapsed, survived)
-        return {"checked": int((collapsed | survived).sum()), "contradictions": int(against.sum())}
+        row, place = free[chosen], places[chosen]
+        collapsed, survived = yield from borders.run(row, place)
+        against = int(np.where(place <= borders.low[row], collapsed, survived).sum())
+        facts |= {"checked": int((collapsed | survived).sum()), "contradictions": against}
+        return {"runs": borders.runs, "records": done} | facts
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
@@ -108,6 +106,26 @@ class Ida(Design):
 
         known = found.known()
         return fit_brackets(known.lower, known.upper)
+
+    def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Messages on what was not reached, or found against the design's own assumption."""
+        found = [
+            f"{name}: the median is known to {100 * own['half_width']:.2g} % instead of the "
+            f"{100 * self.precision.theta:.2g} % requested: {own['why']}"
+            for name, own in facts.items() if self.precision and own.get("why")
+        ]  # fmt: skip
+        against = {name: (own["contradictions"], own["checked"])
+                   for name, own in facts.items() if own.get("contradictions")}  # fmt: skip
+        if len(against) > MOST_NAMED:
+            count, checked = np.sum(list(against.values()), axis=0).tolist()
+            against = {f"{len(against)} arches": (count, checked)}
+        return found + [
+            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
+            "their record. Such a record has several borders between survival and collapse; the "
+            "search found one of them, not always the lowest. Beta includes the scatter of single "
+            "runs"
+            for name, (count, checked) in against.items()
+        ]
 
 
 class Borders:
@@ -247,29 +265,3 @@ def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = No
         return np.inf
     ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
     return float(np.abs(ends).max())
-
-
-_GONE = {
-    "two_stage": "is gone, since it was not cheaper than ida; write kind: ida",
-    "scattered": "is gone, since it was not cheaper than the grid; write kind: ida or stripes",
-}
-
-
-def _is_there(given: Any) -> Any:
-    kind = given.get("kind") if isinstance(given, Mapping) else None
-    if isinstance(kind, str) and kind in _GONE:
-        raise refuse(f"of kind {kind} {_GONE[kind]}")
-    return given
-
-
-# All designs, by the key `design` of a study file.
-AnyDesign = Annotated[
-    Annotated[Stripes | Ida | Cloud, Field(discriminator="kind")], BeforeValidator(_is_there)
-]
-
-
-def design_of(facts: Mapping[str, Any]) -> Design:
-    """The design of a cube, whose facts may hold those of its arches too."""
-    keys = {key: value for key, value in facts.items() if key != "arches"}
-    found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
-    return found
