@@ -109,5 +109,5 @@ def test_cube_of_each_design(tmp_path, design):
         assert cube["peak_displacement"].isel(place).item() == response.peak_displacement
         assert cube["status"].isel(place).item() == response.status
     if design == "cloud":
-        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
+        assert set(fit_cube(study)[0]["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)

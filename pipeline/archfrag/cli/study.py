@@ -3,6 +3,7 @@
 import contextlib
 import json
 import shlex
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def run(
     """
     from archfrag.files import counted
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import Stopped, stoppable, without_dask
+    from archfrag.study.running import stoppable, without_dask
     from archfrag.study.steps import run_study
 
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
@@ -72,9 +73,10 @@ def run(
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
             anything = run_study(study, study_file, check, _report, cores, quiet)
-    except Stopped as stopped:
-        warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
-        click.get_current_context().exit(128 + stopped.number)
+    except SystemExit as stopped:
+        by = signal.Signals(int(stopped.code or 0) - 128).name
+        warn(f"stopped by {by}; what is finished is kept; continue with `{typed} --resume`")
+        raise
     if quiet:
         return
     if not anything:
@@ -241,6 +243,7 @@ def risk(
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
     from archfrag.errors import FitError
+    from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
     from archfrag.study.file.hazard import load_hazard
     from archfrag.study.file.schema import load_study
@@ -250,9 +253,10 @@ def risk(
     study = load_study(study_file, overrides)
     measure = study.intensity.measure
     hazard = load_hazard(options["hazards"], measure, options["unit"], options["site"])
-    fitted = finished(study)
-    with fitted.cube as cube:
-        fits = {name: each.curve for name, each in fitted.quoted(options["members"]).items()}
+    arches, classes, cube = finished(study)
+    with cube:
+        answers = quoted(cube, arches, classes, options["members"])
+        fits = {name: each.curve for name, each in answers.items()}
         found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
     facts = risk_facts(found, study)
     if out is not None:

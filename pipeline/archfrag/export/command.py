@@ -16,7 +16,7 @@ from archfrag.export import CurveSet, Made, tables
 from archfrag.export.formats import FORMATS, named_measure
 from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
+from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict, quoted
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
@@ -38,9 +38,9 @@ def export_study(
     InputError (a receiver has no name for the measure, pyarrow is not installed) or a FitError (no
     arch has a curve, for a format that holds nothing else).
     """
-    fitted = finished(study)
-    answers = fitted.quoted(members)
-    with fitted.cube as cube:
+    arches, classes, cube = finished(study)
+    answers = quoted(cube, arches, classes, members)
+    with cube:
         curves, notes = study_curves(study, cube, answers)
         texts, about = dict[tuple[str, str], str](), set[str]()
         for name in formats:

@@ -21,20 +21,13 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-class Stopped(BaseException):
-    """The run was asked to stop by a signal."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        super().__init__(f"stopped by {signal.Signals(number).name}")
-
-
 @contextlib.contextmanager
 def stoppable() -> Iterator[Callable[[], None]]:
-    """Let SIGTERM, SIGINT and SIGHUP raise `Stopped` once; what follows the first is ignored.
+    """Let SIGTERM, SIGINT and SIGHUP raise `SystemExit` once; what follows the first is ignored.
 
-    Given is a function that raises it again, where an exception in a signal handler got lost.
-    The process ends after `GRACE` also where code in C, such as a compiler, does not return.
+    Its code is 128 and the number of the signal. Given is a function that raises it again, where
+    an exception in a signal handler got lost. The process ends after `GRACE` also where code in C,
+    such as a compiler, does not return.
     """
     came: list[int] = []
     ended = threading.Event()
@@ -44,7 +37,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
     def check() -> None:
         if came:
-            raise Stopped(came[0])
+            raise SystemExit(128 + came[0])
 
     def note(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:

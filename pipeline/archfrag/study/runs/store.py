@@ -46,7 +46,7 @@ Table = NDArray[np.void]
 # enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
 # results with the entry there, or a record's attribute; long_name; comment.
 _ABOUT = pd.read_csv(Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False)
-VARIABLES: dict[str, Any] = {row.name: row for row in _ABOUT.itertuples(index=False)}
+VARIABLES: dict[str, Any] = {str(row.name): row for row in _ABOUT.itertuples(index=False)}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
