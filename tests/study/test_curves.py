@@ -12,9 +12,8 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
-from archfrag.study.answer.comparisons import _above, dispersion_split
 from archfrag.study.answer.cube import write_cube
-from archfrag.study.answer.curves import Answer, Runs, likeliest
+from archfrag.study.answer.curves import Answer, Runs, _above, dispersion_split, likeliest
 from archfrag.study.answer.fits import (
     arch_cautions,
     cautions_of_cube,
@@ -141,14 +140,14 @@ class TestCloud:
         assert "error in archfrag" not in shown
 
     def test_a_part_that_cannot_be_made_is_left_out(self, copied, monkeypatch):
-        from archfrag.study.answer import comparisons
+        from archfrag.study.answer import curves
 
         def spoiled(*_):
             raise ValueError("spoiled")
 
         write_cube(copied.study)
         for name in ("measures_compared", "limit_states"):
-            monkeypatch.setattr(comparisons, name, spoiled)
+            monkeypatch.setattr(curves, name, spoiled)
         fitted(copied.study)
         page = lxml.html.document_fromstring(render(report_inputs(copied.study))[0])
         assert page.xpath('string(//section[@id="arch0"])').count("ValueError: spoiled") == 2

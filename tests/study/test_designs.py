@@ -96,7 +96,7 @@ class TestSearch:
             medians = {"wrong": true[::-1], "narrow": true + 0.3}
             if prior in medians:
                 deviation = 0.0 if prior == "narrow" else 0.3
-                borders.expect(range(n_level + 1), medians[prior], deviation)
+                borders.expect(slice(n_level + 1), medians[prior], deviation)
 
         borders = search_only(monotone(first, n_level), prepare)
         np.testing.assert_array_equal(borders.low, first - 1)

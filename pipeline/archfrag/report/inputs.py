@@ -196,7 +196,7 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     """Everything the report needs of one arch of a cube."""
     names = cube["arch"].values.astype(str).tolist()
     (runs,) = runs_of_cube(cube.isel(arch=[names.index(arch)]))
-    part = cube.isel(arch=names.index(arch)).transpose("record", "level", ...)
+    part = runs.cube.transpose("record", "level", ...)
     run = part["verdict"].values != Verdict.NOT_SIMULATED
     given, own = part["intensity"].values.astype(float) * scale.factor, None
     levels = given

@@ -5,8 +5,6 @@ import errno
 import fcntl
 import os
 import signal
-import socket
-import stat
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -91,25 +89,13 @@ def only_run(study: Study) -> Iterator[None]:
     path = study.work / "lock"
     with contextlib.ExitStack() as stack:
         try:
-            lock = stack.enter_context(open(path, "r+b", buffering=0, opener=_own))
+            # Nothing is written to it: it may be a hard link that somebody else made.
+            lock = stack.enter_context(open(path, "ab"))
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            lock.truncate()
-            lock.write(f"process {os.getpid()} on {socket.gethostname()}".encode())
         except BlockingIOError:
-            holder = lock.read(200).decode(errors="replace")
-            what = f"another run of study {study.id!r} is at work here ({holder})"
+            what = f"another run of study {study.id!r} is at work here"
             raise OutputError(f"{study.folder}: {what}; wait for it or stop it") from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:  # of the file system
                 raise cannot_write(path, error) from error
         yield
-
-
-def _own(path: str, flags: int) -> int:
-    """Open the lock, which is written in its place: through no link, which may lead anywhere."""
-    file = os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
-    found = os.fstat(file)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
-        os.close(file)
-        raise OSError(errno.EEXIST, "it is a link or no regular file; remove it")
-    return file

@@ -12,7 +12,7 @@ from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer import comparisons, curves
+from archfrag.study.answer import curves
 from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
@@ -61,29 +61,27 @@ def fit_cube(study: Study) -> Fitted:
     with open_cube(study) as opened:
         cube = opened.load()
     runs = curves.runs_of_cube(cube)
-    own = [(cube.isel(arch=number), each) for number, each in enumerate(runs)]
     answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-    for number in shown(medians):
-        one, each = own[number]
+    for each in (runs[number] for number in shown(medians)):
         more = answers[each.name].more
-        more["free"] = part(comparisons.free_shapes, each, confidence, worded)
-        more["measures"] = part(comparisons.measures_compared, one, each)
-        more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
+        more["free"] = part(curves.free_shapes, each, confidence, worded)
+        more["measures"] = part(curves.measures_compared, each)
+        more["limit_states"] = part(curves.limit_states, [each], keys, worded)
         if not each.design.on_levels:
-            more["cloud"] = {"logistic": part(comparisons.cloud_curves, each, confidence)}
+            more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
         found = part(curves.without_verdict, each, confidence, worded)
         answers[each.name].more["without_verdict"] = found
     classes = {}
     for name, (group, places) in curves.classes_of_cube(cube, runs).items():
-        members = [answers[runs[i].name] for i in places]
+        alone = [runs[i] for i in places]
+        members = [answers[each.name] for each in alone]
         classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
         split = {}
         if not isinstance(curve := classes[name].curve, str):
-            alone = [runs[i] for i in places]
-            split = part(comparisons.dispersion_split, alone, members, curve.beta)
-        states = part(comparisons.limit_states, [own[i] for i in places], keys, worded)
+            split = part(curves.dispersion_split, alone, members, curve.beta)
+        states = part(curves.limit_states, alone, keys, worded)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
         lost = part(curves.without_verdict, group, confidence, worded)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)

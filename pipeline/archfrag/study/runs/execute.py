@@ -28,7 +28,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.records import PreparedRecord, load_record
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import Method, Study
 from archfrag.study.files import add_to_log, available_cores, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.design import Cases, Verdicts, ask
@@ -47,18 +47,15 @@ _motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertica
 
 
 def make_runs(
-    work: Path, parts: Path, method: dict[str, Any], arch: ArchEntry,
+    work: Path, parts: Path, method: Method, arch: ArchEntry,
     records: Sequence[PreparedRecord], factors: Sequence[float], keys: NDArray[np.bytes_],
 ) -> tuple[Path, float]:  # fmt: skip
-    """Make some runs of one arch; their part, and CPU time [s].
-
-    Motions are in the folder `work`, `parts` is the folder of the part.
-    """
+    """Make some runs of one arch, motions from the folder `work`; their part and CPU time [s]."""
     from archfrag.simulate import results_of_runs
 
     started = time.process_time()
     motions = [_motion(work, record) for record in records]
-    options = {("method" if key == "name" else key): value for key, value in method.items()}
+    options = method.model_dump(exclude={"name"}) | {"method": method.name}
     results, wall_time = results_of_runs(arch.build(), motions, factors, **options)
     part = store.write_part(parts, keys, store.columns_of(results) | {"wall_time": wall_time})
     return part, time.process_time() - started
@@ -71,10 +68,9 @@ def run_batch(
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
-    time, time in the kernels summed over workers [s]), which is never of the cube, and a row for
-    each run of the batch: arch, record, level, verdict, steps, wall time [s]. `workers` take the
-    place of the study's; `plan` is that of the study, if it is known. WorkerError if workers
-    cannot be started or are lost; finished parts are kept.
+    time, time in the kernels summed over workers [s]) and a row for each run: arch, record, level,
+    verdict, steps, wall time [s]. `workers` take the place of the study's; `plan` is that of the
+    study, if it is known. WorkerError if workers cannot be started or are lost.
     """
     started = time.perf_counter()
     log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations"), 0)
@@ -95,11 +91,10 @@ def run_batch(
         log["iterations"] += 1
         log["runs"] += len(keys)
         log["kept"] += len(keys) - missing.size
-        if not bar.disable:  # runs that are not missing are shown as done
-            done = log["runs"] - missing.size
-            bar.initial += done - bar.n
-            bar.total, bar.n = None if study.design.adaptive else log["runs"], done
-            bar.refresh()
+        if not bar.disable:  # runs that are not missing are shown as done, at no time
+            bar.total = None if study.design.adaptive else log["runs"]
+            bar.initial += len(keys) - missing.size
+            bar.update(len(keys) - missing.size)
         while missing.size:
             table = store.joined([table, *makers.make(cases[missing])])
             missing = missing[places(table, keys[missing]) < 0]
@@ -154,8 +149,7 @@ class _Makers:
     def make(self, cases: Cases) -> list[Table]:
         """Make runs, of so many chunks at once that memory stays bounded.
 
-        Returned are their parts, not all if a worker was killed or ran out of memory; WorkerError
-        when that happens too often.
+        Returned are their parts, not all if a worker was lost; WorkerError if that goes on.
         """
         if not self.used:
             self._prepare()
@@ -213,7 +207,7 @@ class _Makers:
     def _submit(self, cases: Cases) -> "Future[tuple[Path, float]]":
         plan = self._plan
         work = (
-            plan.study.work, plan.parts, plan.method, plan.arches[cases["arch"][0]].entry,
+            plan.study.work, plan.parts, plan.study.method, plan.arches[cases["arch"][0]].entry,
             [plan.records[record] for record in cases["record"]],
             plan.factors(cases).tolist(), plan.keys(cases),
         )  # fmt: skip
@@ -260,10 +254,10 @@ def kernels_needed(plan: Plan) -> list[str]:
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
-    method = plan.method
-    if method["name"] != AUTO:
-        return [method["name"]]
+    method = plan.study.method
+    if method.name != AUTO:
+        return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
-    rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
+    rtol = defaults["rtol"] if method.rtol is None else method.rtol
     by_events = {goes_by_events(entry.build().n_voussoir, rtol) for entry in plan.arches.entries}
     return [(AUTO, "event_driven")[by] for by in sorted(by_events)]

@@ -68,12 +68,11 @@ class Ida(Design):
         borders, done, narrow = Borders(grid), 0, 0
         used, facts = min(FIRST_RECORDS, grid.records.size), dict[str, Any]()
         while used > done:
-            rows = range(done, used)
             if done > 2:
-                borders.expect(rows, *expected_by_measures(borders, range(done), rows))
-            yield from search(borders, rows)
-            done = used
-            used = grid.records.size
+                new = slice(done, used)
+                borders.expect(new, *expected_by_measures(borders, slice(done), new))
+            yield from search(borders, range(done, used))
+            done, used = used, grid.records.size
             if self.precision is not None:
                 more, narrow, facts = look(self.precision, borders, done, narrow)
                 used = done + more
@@ -154,59 +153,50 @@ class Borders:
         self.seen[rows, places] = verdicts
         return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
 
-    def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
+    def expect(self, rows: slice, median: FloatArray, deviation: float) -> None:
         """Expect ln capacities of some rows to be normal about `median`."""
         ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
         reach = max(deviation, LEAST_DEVIATION)
         mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
-        self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
-
-    def next_places(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Level to try next for each of some rows, -1 where nothing is left to try.
-
-        The most informative one for its cost: the entropy of its verdict over the cost expected.
-        Levels where a run had no verdict are not tried again.
-        """
-        place = np.arange(self.grid.levels.size)
-        low, high = self.low[row, None], self.high[row, None]
-        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        below = np.cumsum(np.where(within, self.expected[row], 0.0), axis=1)
-        collapse = below[:, :-1] / below[:, -1:]
-        cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
-        gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
-        free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
-        best = np.where(free, gain, -1.0).argmax(axis=1)
-        return np.where(free.any(axis=1), best, -1)
-
-    def middles(self) -> FloatArray:
-        """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
-        logs = np.log(self.grid.levels)
-        step = np.diff(logs).mean() if logs.size > 1 else 0.5
-        ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
-        return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
+        self.expected[rows] = mass / mass.sum(axis=1, keepdims=True)
 
 
 def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None]:
-    """Narrow the brackets of some rows until neighbouring levels are left."""
-    left = np.asarray(rows, dtype=np.int64)
+    """Narrow the brackets of some rows until neighbouring levels are left.
+
+    The level to try next is the most informative one for its cost: the entropy of its verdict over
+    the cost expected. Levels where a run had no verdict are not tried again.
+    """
+    left, place = np.asarray(rows, dtype=np.int64), np.arange(borders.grid.levels.size)
     while left.size:
-        places = borders.next_places(left)
-        left, places = left[places >= 0], places[places >= 0]
+        low, high = borders.low[left, None], borders.high[left, None]
+        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
+        below = np.cumsum(np.where(within, borders.expected[left], 0.0), axis=1)
+        collapse = below[:, :-1] / below[:, -1:]
+        cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
+        gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
+        free = (place > low) & (place < high) & (borders.seen[left] == Verdict.NOT_SIMULATED)
+        best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
+        left, places = left[some], best[some]
         collapsed, survived = yield from borders.run(left, places)
         borders.high[left[collapsed]] = places[collapsed]
         borders.low[left[survived]] = places[survived]
 
 
-def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
+def expected_by_measures(borders: Borders, known: slice, rows: slice) -> tuple[FloatArray, float]:
     """ln capacities of some rows from those known, by the measure that predicts these best.
 
     Straight lines in the logarithm of one other measure at the study's own; the one with the
     least error where each record is predicted from the others.
     """
-    capacity = borders.middles()[known.start : known.stop]
-    best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))
+    logs = np.log(borders.grid.levels)
+    step = np.diff(logs).mean() if logs.size > 1 else 0.5
+    ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
+    # Middles of the brackets, half a level beyond the ends.
+    capacity = 0.5 * (ends[borders.low[known] + 1] + ends[borders.high[known] + 1])
+    best = (capacity.mean() + np.zeros(rows.stop - rows.start), float(capacity.std(ddof=1)))
     for values in borders.grid.measures.T:
-        x = values[known.start : known.stop]
+        x = values[known]
         centred = x - x.mean()
         if not centred @ centred > 1e-9:
             continue
@@ -215,7 +205,7 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
         left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
         error = float(np.sqrt(left @ left / (x.size - 1)))
         if error < best[1]:
-            at = values[rows.start : rows.stop] - x.mean()
+            at = values[rows] - x.mean()
             best = (capacity.mean() + slope * at, error)
     return best
 
@@ -237,10 +227,8 @@ def look(
     facts: dict[str, Any] = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
     if facts["reached"]:
         return 0, narrow, facts
-    factor = MOST_ADDED
-    if np.isfinite(width):  # it falls with the root of the number of records
-        suggested = MARGIN * (width / requested.theta) ** 2
-        factor = min(max(suggested, LEAST_ADDED), MOST_ADDED)
+    # It falls with the root of the number of records.
+    factor = min(max(MARGIN * (width / requested.theta) ** 2, LEAST_ADDED), MOST_ADDED)
     available = grid.records.size - done
     allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
     more = min(int(np.ceil(factor * done)) - done, allowed, available)

@@ -95,11 +95,6 @@ class Plan:
         return self.study.work / "parts" / self.identity[:12]
 
     @cached_property
-    def method(self) -> dict[str, Any]:
-        """The method and its options, as plain values."""
-        return self.study.method.model_dump()
-
-    @cached_property
     def levels(self) -> NDArray[np.float64]:
         """Levels of the study, (n_level,) [SI]."""
         return np.array(self.study.intensity.si)
@@ -122,7 +117,7 @@ class Plan:
             "records": [asdict(record) for record in self.records],
             "levels": study.intensity.si,
             "measure": study.intensity.measure,
-            "method": self.method,
+            "method": study.method.model_dump(),
             "design": study.design.model_dump(mode="json"),
         }
         return {name: digest_of(part) for name, part in parts.items()}
@@ -137,7 +132,7 @@ class Plan:
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
         """Identity of each run: of kernels, method, arch, motion and factor, (n,) of 16 bytes."""
-        given, stems, keys = f"{self.identity}/{digest_of(self.method)}", {}, []
+        given, stems, keys = f"{self.identity}/{self.digests['method']}", {}, []
         pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
         for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
             if pair not in stems:
