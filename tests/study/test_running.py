@@ -54,22 +54,6 @@ class TestStop:
         process.communicate()
 
 
-def test_a_run_without_a_scheduler_does_not_load_dask(tmp_path):
-    """Afterwards it can be imported; where xarray is loaded already, nothing is hidden from it."""
-    code = (
-        "import sys; from archfrag.study.running import without_dask\n"
-        "for _ in range(2):\n"
-        "    with without_dask():\n"
-        "        import xarray; xarray.Dataset({'a': ('x', [1.0])}).to_netcdf(sys.argv[1])\n"
-        "    print('dask' in sys.modules)\n"
-        "    import dask.base\n"
-    )
-    found = subprocess.run(
-        [sys.executable, "-c", code, tmp_path / "a.nc"], capture_output=True, text=True
-    )
-    assert found.stdout.split() == ["False", "True"], found.stderr
-
-
 class TestLock:
     def test_another_run_is_named_and_whatever_ends_it_frees_the_lock(self, study):
         with only_run(study):

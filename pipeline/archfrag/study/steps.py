@@ -245,8 +245,7 @@ def run_study(
         for line in changed[:_MOST_LINES]:
             note(line)
         if changed:
-            kept = "finished runs that are still what they were are kept"
-            note(f"what follows from it is made again; {kept}")
+            note("what follows from it is made again; other runs that are finished are kept")
         plan = None
         for step in stale:
             check_stopped()

@@ -25,9 +25,6 @@ from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, m
 if TYPE_CHECKING:
     import xarray as xr
 
-_RUN = ("arch", "record", "level")
-# Of a chunk, which is read and decompressed at once [values].
-LARGEST_CHUNK = 100_000
 COMPRESSION = 4
 _ARCH_UNITS = dict.fromkeys(VARIABLE, "m") | {
     "embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N",
@@ -181,7 +178,7 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
     """Values with CF's attributes, as a row of `VARIABLES` describes them."""
     import xarray as xr
 
-    dimensions = about.dimensions.replace("run", " ".join(_RUN)).split()
+    dimensions = about.dimensions.replace("run", "arch record level").split()
     stated = {"long_name": about.long_name, "units": about.units, "comment": about.comment}
     attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
     level = "intensity" if "record" in dimensions else "level"
@@ -201,14 +198,10 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
             meanings |= {int(code): code.name.lower() for code in _CODES[about.flags]}
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
-    # One arch at a time, so that who reads one reads no more; of very many runs some records.
-    sizes = list(array.shape)
-    if tuple(dimensions[: len(_RUN)]) == _RUN:
-        of_record = max(1, int(np.prod(sizes[2:])))
-        sizes[:2] = [1, min(sizes[1], max(1, LARGEST_CHUNK // of_record))]
+    # One arch at a time, so that who reads one reads no more.
+    sizes = (1, *array.shape[1:]) if about.dimensions.startswith("run") else array.shape
     encoding |= {
-        "zlib": True, "complevel": COMPRESSION,
-        "chunksizes": tuple(max(1, size) for size in sizes),
+        "zlib": True, "complevel": COMPRESSION, "chunksizes": sizes,
         "_FillValue": float(about.fill) if about.fill else None,
     }  # fmt: skip
     return xr.Variable(dimensions, array, attrs, encoding)

@@ -43,6 +43,7 @@ class Runs:
     # (n_record,): numbers of the records in the cube.
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
     cube: Any = None  # of the one arch
+    worded: Worded = str
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -104,7 +105,7 @@ def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
     return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
-def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
+def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
     """Runs of each arch of a cube."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     verdicts = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
@@ -114,30 +115,32 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
         rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
         at = level[i, rows] if level.ndim == 3 else level
         own = None if group is None else group[rows]
-        part = cube.isel(arch=i)
-        found.append(Runs(str(name), design, verdict[rows], at, own, rows=rows, cube=part))
+        facts: dict[str, Any] = {"rows": rows, "cube": cube.isel(arch=i), "worded": worded}
+        found.append(Runs(str(name), design, verdict[rows], at, own, **facts))
     return found
 
 
-def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple[Runs, list[int]]]:
-    """Runs of the arches of each class together, and their places; classes of several arches."""
+def classes_of_cube(
+    cube: "xr.Dataset", runs: Sequence[Runs]
+) -> dict[str, tuple[Runs, list[Runs]]]:
+    """Runs of the arches of each class together, and each by itself; classes of several arches."""
     record, found = cube["record"].values.astype(str), {}
     names = np.array(list(arch_classes(cube).values()))
     for name in dict.fromkeys(names.tolist()):
-        places = np.flatnonzero(names == name).tolist()
-        if len(places) > 1:
-            own = [runs[i] for i in places]
+        own = [runs[i] for i in np.flatnonzero(names == name).tolist()]
+        if len(own) > 1:
             level, verdict = own[0].level, np.concatenate([each.verdict for each in own])
             if level.ndim == 2:
                 level = np.concatenate([each.level for each in own])
             group = np.concatenate([record[each.rows] for each in own])
-            found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
+            pooled = replace(own[0], name=name, verdict=verdict, level=level, group=group)
+            found[name] = replace(pooled, unit="record", cube=None), own
     return found
 
 
-def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
+def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = likeliest(runs, worded)
+    likelihood = likeliest(runs)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
@@ -146,7 +149,7 @@ def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
             runs.brackets, im, confidence=confidence, groups=runs.group, unit=runs.unit
         )
     except FitError as error:
-        return Answer(worded(error), likelihood, confidence=confidence)
+        return Answer(runs.worded(error), likelihood, confidence=confidence)
     return Answer(
         quoted.curve, likelihood, quoted.theta, quoted.beta,
         im.tolist(), quoted.lower.tolist(), quoted.upper.tolist(), confidence,
@@ -154,12 +157,12 @@ def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
     )  # fmt: skip
 
 
-def likeliest(runs: Runs, worded: Worded = str) -> Fragility | str:
+def likeliest(runs: Runs) -> Fragility | str:
     """Curve by maximum likelihood, or why there is none."""
     try:
         return runs.design.likelihood(runs.brackets)
     except FitError as error:
-        return worded(error)
+        return runs.worded(error)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
@@ -186,7 +189,7 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     return replace(pooled, curve=whole, likelihood="", assumptions=text)
 
 
-def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
+def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curves with all runs that no method decided as collapses, and as survivals.
 
     Empty if there are no such runs; else their number and both curves.
@@ -197,7 +200,7 @@ def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict
     found: dict[str, Any] = {"runs": int(lost.sum())}
     for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
         filled = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        found[name] = curve_to_dict(answer(filled, confidence, worded).curve)
+        found[name] = curve_to_dict(answer(filled, confidence).curve)
     return found
 
 
@@ -220,7 +223,7 @@ def quoted(
     return {**classes, **alone}
 
 
-def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
+def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
     from archfrag.fragility.quoted import check_lognormal, isotonic_curve
 
@@ -230,7 +233,7 @@ def free_shapes(runs: Runs, confidence: float, worded: Worded = str) -> dict[str
         found["isotonic"] = {name: values.tolist() for name, values in curve.items()}
         p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
     except FitError as error:
-        return found | {"none": worded(error)}
+        return found | {"none": runs.worded(error)}
     message = (
         f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small number of "
         "records only a large misfit would show."
@@ -271,9 +274,7 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
 
 
-def limit_states(
-    members: Sequence[Runs], keys: Mapping[str, float], worded: Worded = str
-) -> dict[str, Any]:
+def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str, Any]:
     """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
 
     `keys` are the ``limit_states`` of a study.
@@ -298,7 +299,7 @@ def limit_states(
     onset = min(_onset(each.cube) for each in members)
     states = []
     for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
-        note = worded(none) if none else ""
+        note = members[0].worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or note)
         states.append({"name": name, "meaning": meaning, "note": note, "curve": curve})
     return {"message": message, "states": states}

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FITS, CURVE = "fits.json", "curve.csv"
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
-MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
+MOST_SCALING = 10.0
 LEAST_EVENTS = 4
 # Answers of arches, answers of classes of several arches, and the cube that they are from.
 Fitted = tuple[dict[str, Answer], dict[str, Answer], "xr.Dataset"]
@@ -60,30 +60,29 @@ def fit_cube(study: Study) -> Fitted:
 
     with open_cube(study) as opened:
         cube = opened.load()
-    runs = curves.runs_of_cube(cube)
-    answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
+    runs = curves.runs_of_cube(cube, worded)
+    answers = {each.name: curves.answer(each, confidence) for each in runs}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     for each in (runs[number] for number in shown(medians)):
         more = answers[each.name].more
-        more["free"] = part(curves.free_shapes, each, confidence, worded)
+        more["free"] = part(curves.free_shapes, each, confidence)
         more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, [each], keys, worded)
+        more["limit_states"] = part(curves.limit_states, [each], keys)
         if not each.design.on_levels:
             more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
-        found = part(curves.without_verdict, each, confidence, worded)
+        found = part(curves.without_verdict, each, confidence)
         answers[each.name].more["without_verdict"] = found
     classes = {}
-    for name, (group, places) in curves.classes_of_cube(cube, runs).items():
-        alone = [runs[i] for i in places]
+    for name, (group, alone) in curves.classes_of_cube(cube, runs).items():
         members = [answers[each.name] for each in alone]
-        classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
+        classes[name] = curves.of_class(curves.answer(group, confidence), members)
         split = {}
         if not isinstance(curve := classes[name].curve, str):
             split = part(curves.dispersion_split, alone, members, curve.beta)
-        states = part(curves.limit_states, alone, keys, worded)
+        states = part(curves.limit_states, alone, keys)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, group, confidence, worded)
+        lost = part(curves.without_verdict, group, confidence)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
     _store(study, answers, classes, cube)
     return answers, classes, cube
@@ -239,16 +238,14 @@ def record_cautions(cube: "xr.Dataset") -> Iterator[str]:
     """Messages on motions that are scaled too far, and on records of one to three earthquakes."""
     scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
     largest = scaled.max(["arch", "level"]).values
-    far, too_far = (int((largest > most).sum()) for most in (MOST_SCALING, FAR_TOO_MUCH))
-    if far:
+    if far := int((largest > MOST_SCALING).sum()):
         record = int(np.nanargmax(largest))
         worst = f"{largest[record]:,.0f}" if largest[record] >= 100.0 else f"{largest[record]:.3g}"
-        noise = f", {too_far} by more than {FAR_TOO_MUCH:g}, which also scales up their noise"
         yield (
             f"{far} of {largest.size} records were scaled up by more than {MOST_SCALING:g} (most: "
-            f"{cube['record'].values[record]!s}, by {worst}){noise if too_far else ''}. A weak "
-            "motion that is scaled up differs from a strong one (it is shorter and has less "
-            "long-period energy); use stronger records"
+            f"{cube['record'].values[record]!s}, by {worst}). A weak motion that is scaled up "
+            "differs from a strong one (it is shorter and has less long-period energy); use "
+            "stronger records"
         )
     events = cube["event"].values.astype(str)
     names = np.unique(events)

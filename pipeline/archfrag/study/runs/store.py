@@ -189,7 +189,8 @@ def write_part(folder: Path, keys: NDArray[np.bytes_], columns: Mapping[str, Any
         table[name] = values
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
-    path = folder / f"{_name(content.getvalue())}.npy"
+    name = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
+    path = folder / f"{name}.npy"
     # Not made lasting: what a power cut tears, `read_part` takes for missing.
     with replacing(path, lasting=False) as temporary:
         temporary.write_bytes(content.getbuffer())
@@ -200,16 +201,12 @@ def read_part(path: Path) -> Table | None:
     """Rows of a part; None if it is damaged or of another version of archfrag."""
     try:
         content = path.read_bytes()
-        if _name(content) != path.stem:
+        if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
             return None
         table: Table = np.load(io.BytesIO(content), allow_pickle=False)
     except (OSError, ValueError, EOFError):
         return None
     return table if table.dtype == ROW else None
-
-
-def _name(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=KEY).hexdigest()
 
 
 def read_parts(folder: Path) -> Table:
