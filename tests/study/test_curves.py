@@ -13,7 +13,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
 from archfrag.study.answer.cube import write_cube
-from archfrag.study.answer.curves import Answer, Runs, _above, dispersion_split, likeliest
+from archfrag.study.answer.curves import Answer, Runs, _above, dispersion_split
 from archfrag.study.answer.fits import (
     arch_cautions,
     cautions_of_cube,
@@ -168,7 +168,8 @@ class TestDispersionOfAClass:
             Runs("a", Stripes(), (levels >= row[:, None]).astype(int), levels) for row in capacity
         ]
         parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
-        return runs, [Answer(fit, fit) for fit in map(likeliest, runs)], parts
+        fits = [each.design.likelihood(each.brackets) for each in runs]
+        return runs, [Answer(fit, fit) for fit in fits], parts
 
     @pytest.mark.parametrize("largest", [20.0, 1.5])
     def test_arches_that_withstand_the_largest_level_count(self, largest):

@@ -8,7 +8,15 @@ import pytest
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior, quoted_band
 from archfrag.study.runs.design import Grid, ask
-from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Borders, Ida, Precision, look, search
+from archfrag.study.runs.ida import (
+    LEAST_RECORDS,
+    NEAR,
+    Ida,
+    Precision,
+    expected_borders,
+    look,
+    search,
+)
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 
@@ -55,17 +63,19 @@ def bracketed(asked, table):
     return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
-def search_only(table, prepare=lambda borders: None):
-    """Borders that a search of all rows of a table ends with."""
-    borders = Borders(grid_of(*table.shape))
-    prepare(borders)
+def search_only(table, expected=None):
+    """Borders that a search of all rows of a table ends with: the levels below and above."""
+    n_record, n_level = table.shape
+    low, high = np.full(n_record, -1), np.full(n_record, n_level)
+    if expected is None:
+        expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
 
     def design():
-        yield from search(borders, range(len(table)))
+        yield from search(grid_of(*table.shape), low, high, expected, range(n_record))
         return {}
 
     driven(design(), table)
-    return borders
+    return low, high
 
 
 def test_designs_are_answered_each_with_its_own_verdicts():
@@ -91,27 +101,26 @@ class TestSearch:
     def test_brackets_are_the_lowest_collapsing_level_whatever_is_expected(self, n_level, prior):
         first = np.arange(n_level + 1)  # the last record stands everywhere
 
-        def prepare(borders):
-            true = np.log(np.append(LEVELS[:n_level], 2 * LEVELS[n_level - 1]))
-            medians = {"wrong": true[::-1], "narrow": true + 0.3}
-            if prior in medians:
-                deviation = 0.0 if prior == "narrow" else 0.3
-                borders.expect(slice(n_level + 1), medians[prior], deviation)
-
-        borders = search_only(monotone(first, n_level), prepare)
-        np.testing.assert_array_equal(borders.low, first - 1)
-        np.testing.assert_array_equal(borders.high, first)
+        true = np.log(np.append(LEVELS[:n_level], 2 * LEVELS[n_level - 1]))
+        expected = {
+            "none": None,
+            "wrong": expected_borders(LEVELS[:n_level], true[::-1], 0.3),
+            "narrow": expected_borders(LEVELS[:n_level], true + 0.3, 0.0),
+        }[prior]
+        low, high = search_only(monotone(first, n_level), expected)
+        np.testing.assert_array_equal(low, first - 1)
+        np.testing.assert_array_equal(high, first)
 
     def test_ends_with_failures_anywhere_and_the_border_is_within(self):
         generator = np.random.default_rng(3)
         first = generator.integers(0, 16, 200)
         table = monotone(first)
         table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
-        borders = search_only(table)
-        assert (borders.low < first).all()
-        assert (first <= borders.high).all()
+        low, high = search_only(table)
+        assert (low < first).all()
+        assert (first <= high).all()
         for row in range(200):
-            between = table[row, borders.low[row] + 1 : borders.high[row]]
+            between = table[row, low[row] + 1 : high[row]]
             assert (between == Verdict.SOLVER_FAILURE).all()
 
 
@@ -221,7 +230,7 @@ class TestPrecision:
         narrow, reached = 0, []
         for width, done in ((0.01, 10), (0.09, 40), (0.11, 42), (0.09, 45), (0.09, 48)):
             monkeypatch.setattr("archfrag.study.runs.ida.half_width", lambda *_, w=width: w)
-            _, narrow, facts = look(Precision(theta=0.1), Borders(grid_of(100)), done, narrow)
+            _, narrow, facts = look(Precision(theta=0.1), grid_of(100), done, narrow)
             reached.append(facts["reached"])
         assert reached == [False] * 4 + [True]
 

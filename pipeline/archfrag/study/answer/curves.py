@@ -140,7 +140,10 @@ def classes_of_cube(
 
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = likeliest(runs)
+    try:
+        likelihood: Fragility | str = runs.design.likelihood(runs.brackets)
+    except FitError as error:
+        likelihood = runs.worded(error)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
@@ -155,14 +158,6 @@ def answer(runs: Runs, confidence: float) -> Answer:
         im.tolist(), quoted.lower.tolist(), quoted.upper.tolist(), confidence,
         quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_contradictions,
     )  # fmt: skip
-
-
-def likeliest(runs: Runs) -> Fragility | str:
-    """Curve by maximum likelihood, or why there is none."""
-    try:
-        return runs.design.likelihood(runs.brackets)
-    except FitError as error:
-        return runs.worded(error)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.fragility.counts import Brackets
+from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section
 
@@ -26,9 +26,9 @@ Verdicts = NDArray[np.int8]
 Requests = Generator[Cases, Verdicts, dict[str, Any]]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Grid:
-    """Records and levels of one arch's part of a study."""
+    """Records and levels of one arch's part of a study, and verdicts of the runs made."""
 
     arch: int
     records: NDArray[np.int64]  # (n_record,): their numbers
@@ -40,6 +40,23 @@ class Grid:
     measures: FloatArray
     # (n_record,): labels of the records' earthquakes, where several have one in common.
     groups: NDArray[np.str_] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.records.size, self.levels.size
+        self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs made at the study's levels."""
+        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
+
+    def run(
+        self, rows: NDArray[np.int64], places: NDArray[np.int64]
+    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """Request runs of some rows, and note them; which collapsed, and which survived."""
+        verdicts = yield self.cases(rows, places)
+        self.seen[rows, places] = verdicts
+        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
 
     def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
         """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""

@@ -5,12 +5,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.study.file import Section
 from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
@@ -65,30 +65,34 @@ class Ida(Design):
         The first records are searched knowing nothing, the others expecting what their measures
         and the first suggest. If a record has one border, the search finds it whatever it expects.
         """
-        borders, done, narrow = Borders(grid), 0, 0
-        used, facts = min(FIRST_RECORDS, grid.records.size), dict[str, Any]()
+        n_record, n_level = grid.seen.shape
+        # The highest level known to be below the border of each record, and the lowest above it.
+        low, high = np.full(n_record, -1), np.full(n_record, n_level)
+        # Probability that level l is the first above the border, n_level if none does.
+        expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+        done, used, narrow, facts = 0, min(FIRST_RECORDS, n_record), 0, dict[str, Any]()
         while used > done:
             if done > 2:
                 new = slice(done, used)
-                borders.expect(new, *expected_by_measures(borders, slice(done), new))
-            yield from search(borders, range(done, used))
-            done, used = used, grid.records.size
+                found = expected_by_measures(grid, low[:done], high[:done], grid.measures[new])
+                expected[new] = expected_borders(grid.levels, *found)
+            yield from search(grid, low, high, expected, range(done, used))
+            done, used = used, n_record
             if self.precision is not None:
-                more, narrow, facts = look(self.precision, borders, done, narrow)
+                more, narrow, facts = look(self.precision, grid, done, narrow)
                 used = done + more
         # Some cells near the borders, any as likely as another: how often do they contradict?
-        place = np.arange(grid.levels.size)
-        low, high = borders.low[:done, None], borders.high[:done, None]
-        near = (place >= low - NEAR) & (place <= high + NEAR)
-        free, places = np.nonzero(near & (borders.seen[:done] == Verdict.NOT_SIMULATED))
+        place, unseen = np.arange(n_level), grid.seen[:done] == Verdict.NOT_SIMULATED
+        near = (place >= low[:done, None] - NEAR) & (place <= high[:done, None] + NEAR)
+        free, places = np.nonzero(near & unseen)
         count = done if self.checks is None else self.checks
         generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
-        collapsed, survived = yield from borders.run(row, place)
-        against = int(np.where(place <= borders.low[row], collapsed, survived).sum())
+        collapsed, survived = yield from grid.run(row, place)
+        against = int(np.where(place <= low[row], collapsed, survived).sum())
         facts |= {"checked": int((collapsed | survived).sum()), "contradictions": against}
-        return {"runs": borders.runs, "records": done} | facts
+        return {"runs": grid.runs, "records": done} | facts
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
@@ -127,76 +131,56 @@ class Ida(Design):
         ]
 
 
-class Borders:
-    """Where each record goes from survival to collapse, as far as it is known."""
-
-    def __init__(self, grid: Grid) -> None:
-        n_record, n_level = grid.records.size, grid.levels.size
-        self.grid = grid
-        # The highest level known to be below the border and the lowest above it.
-        self.low = np.full(n_record, -1)
-        self.high = np.full(n_record, n_level)
-        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)  # verdicts
-        # Probability that level l is the first above the border, n_level if none does.
-        self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
-
-    @property
-    def runs(self) -> int:
-        """Number of runs made."""
-        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
-
-    def run(
-        self, rows: NDArray[np.int64], places: NDArray[np.int64]
-    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-        """Request runs of some rows, and note them; which collapsed, and which survived."""
-        verdicts = yield self.grid.cases(rows, places)
-        self.seen[rows, places] = verdicts
-        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
-
-    def expect(self, rows: slice, median: FloatArray, deviation: float) -> None:
-        """Expect ln capacities of some rows to be normal about `median`."""
-        ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
-        reach = max(deviation, LEAST_DEVIATION)
-        mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
-        self.expected[rows] = mass / mass.sum(axis=1, keepdims=True)
-
-
-def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None]:
-    """Narrow the brackets of some rows until neighbouring levels are left.
+def search(
+    grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, rows: ArrayLike
+) -> Generator[Cases, Verdicts, None]:
+    """Narrow the brackets of some rows, from `low` to `high`, until neighbouring levels are left.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
     the cost expected. Levels where a run had no verdict are not tried again.
     """
-    left, place = np.asarray(rows, dtype=np.int64), np.arange(borders.grid.levels.size)
+    left, place = np.asarray(rows, dtype=np.int64), np.arange(grid.levels.size)
     while left.size:
-        low, high = borders.low[left, None], borders.high[left, None]
-        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        below = np.cumsum(np.where(within, borders.expected[left], 0.0), axis=1)
-        collapse = below[:, :-1] / below[:, -1:]
+        below, above = low[left, None], high[left, None]
+        within = (np.arange(place.size + 1) > below) & (np.arange(place.size + 1) <= above)
+        mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
+        collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
-        free = (place > low) & (place < high) & (borders.seen[left] == Verdict.NOT_SIMULATED)
+        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_SIMULATED)
         best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
         left, places = left[some], best[some]
-        collapsed, survived = yield from borders.run(left, places)
-        borders.high[left[collapsed]] = places[collapsed]
-        borders.low[left[survived]] = places[survived]
+        collapsed, survived = yield from grid.run(left, places)
+        high[left[collapsed]] = places[collapsed]
+        low[left[survived]] = places[survived]
 
 
-def expected_by_measures(borders: Borders, known: slice, rows: slice) -> tuple[FloatArray, float]:
-    """ln capacities of some rows from those known, by the measure that predicts these best.
+def expected_borders(levels: FloatArray, median: FloatArray, deviation: float) -> FloatArray:
+    """Probability of each border, (n_record, n_level + 1), of ln capacities normal about medians.
 
-    Straight lines in the logarithm of one other measure at the study's own; the one with the
-    least error where each record is predicted from the others.
+    `median` is (n_record,).
     """
-    logs = np.log(borders.grid.levels)
+    ends = np.concatenate([[-np.inf], np.log(levels), [np.inf]])
+    reach = max(deviation, LEAST_DEVIATION)
+    mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
+    return mass / mass.sum(axis=1, keepdims=True)
+
+
+def expected_by_measures(
+    grid: Grid, low: IntArray, high: IntArray, measures: FloatArray
+) -> tuple[FloatArray, float]:
+    """ln capacities of rows from those of the first, by the measure that predicts these best.
+
+    Straight lines in the logarithm of one other measure at the study's own, of the first rows with
+    borders from `low` to `high` and of others, `measures`; the one with the least error where each
+    record is predicted from the others.
+    """
+    logs = np.log(grid.levels)
     step = np.diff(logs).mean() if logs.size > 1 else 0.5
     ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
-    # Middles of the brackets, half a level beyond the ends.
-    capacity = 0.5 * (ends[borders.low[known] + 1] + ends[borders.high[known] + 1])
-    best = (capacity.mean() + np.zeros(rows.stop - rows.start), float(capacity.std(ddof=1)))
-    for values in borders.grid.measures.T:
-        x = values[known]
+    capacity = 0.5 * (ends[low + 1] + ends[high + 1])  # half a level beyond the ends
+    best = (capacity.mean() + np.zeros(len(measures)), float(capacity.std(ddof=1)))
+    for x, other in zip(grid.measures[: low.size].T, measures.T):
         centred = x - x.mean()
         if not centred @ centred > 1e-9:
             continue
@@ -205,22 +189,20 @@ def expected_by_measures(borders: Borders, known: slice, rows: slice) -> tuple[F
         left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
         error = float(np.sqrt(left @ left / (x.size - 1)))
         if error < best[1]:
-            at = values[rows] - x.mean()
-            best = (capacity.mean() + slope * at, error)
+            best = (capacity.mean() + slope * (other - x.mean()), error)
     return best
 
 
 def look(
-    requested: Precision, borders: Borders, done: int, narrow: int
+    requested: Precision, grid: Grid, done: int, narrow: int
 ) -> tuple[int, int, dict[str, Any]]:
     """Whether `done` records are enough: the interval must be narrow at two looks in a row.
 
     Returned are records to add, looks in a row at which the interval was narrow (`narrow` before
     this one), and facts for the report.
     """
-    grid = borders.grid
     groups = None if grid.groups is None else grid.groups[:done]
-    found = find_brackets(borders.seen[:done], grid.levels)
+    found = find_brackets(grid.seen[:done], grid.levels)
     width = half_width(found, requested.confidence, groups)
     enough = width <= requested.theta
     narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
@@ -230,7 +212,7 @@ def look(
     # It falls with the root of the number of records.
     factor = min(max(MARGIN * (width / requested.theta) ** 2, LEAST_ADDED), MOST_ADDED)
     available = grid.records.size - done
-    allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
+    allowed = int((requested.runs - grid.runs) * done / max(grid.runs, 1))
     more = min(int(np.ceil(factor * done)) - done, allowed, available)
     if more > 0:
         return more, narrow, facts
