@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Deaggregation, deaggregate
+from archfrag.fragility.contributions import Contributions, deaggregate
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
@@ -113,7 +113,7 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     )
 
 
-def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
+def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Collapses by mode and by the joint that was lost."""
     lost = results["collapse_joint"]
     counted = np.bincount(np.maximum(lost[results.verdict == Verdict.COLLAPSED], 0), minlength=1)
@@ -133,14 +133,15 @@ def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
 
 @figure
 def fractions(
-    sheet: Sheet, groups: Sequence[Deaggregation], results: ArchResults
+    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults
 ) -> tuple[str, str]:
     """Fraction of collapses at each level, split by two criteria.
 
     Of all runs where every record was run at every level, else of the collapses.
     """
     every = bool(results.simulated.all())
-    stacks = [_parts(group, every) for group in groups]
+    divisor = results.counts.n if every else results.counts.collapsed
+    stacks = [_parts(group, divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     first = sheet.boxes(len(groups), 0.0, 150.0)[0]
     lines = (look.legend_rows(key, first[2] - first[0]) for key in keys)
@@ -162,16 +163,14 @@ def fractions(
     )
 
 
-def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their fraction at each level, as `fractions`."""
+def _parts(group: Contributions, divisor: IntArray) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their fraction at each level."""
     modes = {entry.label: entry for entry in MODES}
     found = []
     for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
         name = group.categories[i]
         colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
-        part = group.counts[i] / np.maximum(group.collapsed, 1)
-        if every:
-            part = np.nan_to_num(group.probability[i])
+        part = group.counts[i] / np.maximum(divisor, 1)
         found.append((modes.get(name, Entry(name, *colours)), part))
     return found
 

@@ -8,7 +8,7 @@ import xarray as xr
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Deaggregation
+from archfrag.fragility.contributions import Contributions
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import arch as arch_figures
@@ -217,8 +217,8 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
         yield "dead load", "none: the ring alone, without fill and spandrels"
 
 
-def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: str) -> Parts:
-    collapsed = groups[0].collapsed
+def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: str) -> Parts:
+    collapsed = results.counts.collapsed
     if not collapsed.any():
         yield paragraph("No run collapsed.")
         return
@@ -226,8 +226,8 @@ def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: 
     rows = [["all", collapsed.sum(), "", ""]]
     for group in groups:
         for i in np.flatnonzero(group.counts.any(axis=1)):
-            limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
-            fraction = f"{group.overall[i]:.2f}"
+            limits = html.interval((group.lower[i], group.upper[i]))
+            fraction = f"{group.fraction[i]:.2f}"
             rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
     heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
