@@ -65,7 +65,8 @@ def _parameters(a: float, b: float, information: FloatArray) -> tuple[float, flo
     """Theta, beta and covariance of (ln theta, beta) of the line a + b ln im."""
     beta = 1.0 / b
     jacobian = np.array([[-beta, beta * a / b], [0.0, -beta / b]])
-    return float(np.exp(-beta * a)), float(beta), jacobian @ np.linalg.inv(information) @ jacobian.T
+    covariance = jacobian @ np.linalg.inv(information) @ jacobian.T
+    return float(np.exp(-beta * a)), float(beta), covariance
 
 
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:

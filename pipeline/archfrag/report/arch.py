@@ -42,8 +42,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, 0)
-        caption = "The arch does not stand under its own weight, so there is no onset."
-        return f"{name}, which does not stand under its own weight", caption
+        return f"{name}, which does not stand under its own weight", "There is no onset."
     key = [
         Entry("thrust at onset", look.VERMILION, "line"),
         Entry("thrust, self-weight", look.SOFT, "dash"),
@@ -52,18 +51,15 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     if len(onset.sliding) or len(onset.sliding_minus):
         key.append(Entry("sliding joint", look.ORANGE))
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
-    each = sheet.width if sheet.narrow else 0.5 * sheet.width
-    for i, (direction, limit) in enumerate((("+x", onset.plus), ("−x", onset.minus))):
-        left = 0.0 if sheet.narrow else i * each
-        words = f"ground accelerating towards {direction}: {onset_text(limit)}"
-        sheet.text(left + 8.0, top + 14.0, words, "b")
-        _at_onset(sheet, (left, top + 20.0, each), arch, onset, -1 if i else 1)
+    each, words = sheet.width if sheet.narrow else 0.5 * sheet.width, []
+    for sign, direction, limit in ((1, "+x", onset.plus), (-1, "−x", onset.minus)):
+        left = 0.0 if sheet.narrow or sign > 0 else each
+        words.append(f"{onset_text(limit)} towards {direction}")
+        sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
+        _at_onset(sheet, (left, top + 20.0, each), arch, onset, sign)
         top = sheet.height + 4.0 if sheet.narrow else top
-    return (
-        f"{name} with hinges and thrust line at onset: {onset_text(onset.plus)} towards +x, "
-        f"{onset_text(onset.minus)} towards −x",
-        TEXTS["arch_at_onset"]["caption"],
-    )
+    alternative = f"{name} with hinges and thrust line at onset: {', '.join(words)}"
+    return alternative, TEXTS["arch_at_onset"]["caption"]
 
 
 def _at_onset(
@@ -84,12 +80,11 @@ def _at_onset(
     for outline in arch.outlines:
         path(outline, "z", kind="stone", stroke_width=0.8)
     if sign:
-        path(np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
-             stroke_dasharray="4 2.5")  # fmt: skip
-        moving, sliding, hinges = (
-            (onset.thrust_plus, onset.sliding, onset.hinges) if sign > 0
-            else (onset.thrust_minus, onset.sliding_minus, onset.hinges_minus)
-        )  # fmt: skip
+        dashed = {"stroke": look.SOFT, "stroke_width": 1.1, "stroke_dasharray": "4 2.5"}
+        path(np.asarray(onset.thrust), fill="none", **dashed)
+        moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
+        if sign < 0:
+            moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
         if moving is not None:
             path(np.asarray(moving), fill="none", stroke=look.VERMILION, stroke_width=1.5)
         for joint in sliding:
@@ -124,12 +119,6 @@ class Example:
     reason: str  #: why this run was chosen
     same: bool  #: whether it ended as in the study: status, steps and time of collapse
 
-    @property
-    def ground(self) -> tuple[FloatArray, FloatArray]:
-        """Times of the samples [s] and the ground's acceleration [g]."""
-        ground = np.asarray(self.motion.acceleration, dtype=float) * self.factor
-        return np.asarray(np.arange(ground.size) * self.motion.dt), ground / STANDARD_GRAVITY
-
 
 def choose(results: ArchResults, median: float | None) -> Chosen | None:
     """Run whose capacity, the lowest collapsing level, is nearest the median of the arch.
@@ -162,25 +151,23 @@ def repeat(
     inputs: ReportInputs, results: ArchResults, arch: Arch, chosen: Chosen | None
 ) -> Example | None:
     """Simulate a run of a study again, with the study's method and its history."""
-    method = study_config(inputs.cube).get("method")
-    if method is None or chosen is None:
+    method = dict(study_config(inputs.cube).get("method", ()))
+    if not method or chosen is None:
         return None
-    kind, options = method["name"], {k: v for k, v in method.items() if k != "name"}
-    record, level, reason = chosen
+    kind, (record, level, reason) = method.pop("name"), chosen
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
-    then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
+    status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
     # `auto` may take a history by events; the study's verdict came by steps.
     for name in (kind, "time_stepping"):
-        response = simulate(arch, motion, scale=factor, method=name, history=True, **options)
-        same = then[:2] == [response.status, response.steps] and bool(
-            np.isclose(then[2], response.collapse_time, equal_nan=True)
-        )
+        response = simulate(arch, motion, scale=factor, method=name, history=True, **method)
+        same = bool(np.isclose(time, response.collapse_time, equal_nan=True))
+        same = same and (status, steps) == (response.status, response.steps)
         if same or kind != AUTO:
             break
-    shown = f"{results.scale.measure} = {digits(results.levels[level])} {results.scale.unit}"
-    if results.own_levels is not None:
-        shown = f"about {shown}"
+    about = "" if results.own_levels is None else "about "
+    scale = results.scale
+    shown = f"{about}{scale.measure} = {digits(results.levels[level])} {scale.unit}"
     return Example(arch, motion, factor, shown, response, reason, same)
 
 
@@ -198,11 +185,11 @@ def key_frames(example: Example) -> Frames | None:
     moving = np.flatnonzero(np.abs(state).max(axis=1) > 1e-5 * size)
     if moving.size < 2:
         return None
-    start, end = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
+    start, end = time[max(moving[0] - 1, 0)], time[moving[-1]]
+    peak = time[np.abs(rotation).max(axis=1).argmax()]
     if example.response.collapsed:
-        end = float(time[-1])
-    peak = end if example.response.collapsed else time[np.abs(rotation).max(axis=1).argmax()]
-    start = max(start, min(float(peak) - 0.5 * LONGEST, end - LONGEST))
+        peak = end = time[-1]
+    start = max(start, min(peak - 0.5 * LONGEST, end - LONGEST))
     end = min(end, start + LONGEST)
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
     rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
@@ -252,9 +239,8 @@ def film(example: Example, name: str, title: str) -> Picture | None:
         percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
         stills=stills, ground=Markup("".join(_strip(example, time, height))),
     )  # fmt: skip
-    caption = TEXTS["film"]["caption"].format(
-        what=what, reason=example.reason, start=time[0], end=time[-1], frames=time.size
-    )
+    facts = {"what": what, "reason": example.reason, "frames": time.size}
+    caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
     return Picture(svg, caption)
 
 
@@ -262,15 +248,15 @@ def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
     """Acceleration of the ground below a film."""
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
     panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
-    peak = draw_ground(panel, example, 240)
-    title = f"time [s], with the ground acceleration (peak {peak:.2g} g)"
-    panel.axis_x(even_ticks(*ends, 6), title)
+    peak = f"{draw_ground(panel, example, 240):.2g} g"
+    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
     return sheet.parts
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
-    times, acceleration = example.ground
+    acceleration = example.motion.acceleration * (example.factor / STANDARD_GRAVITY)
+    times = np.arange(acceleration.size) * example.motion.dt
     start, end = panel.x
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
     place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)

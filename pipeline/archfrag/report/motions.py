@@ -16,7 +16,7 @@ from archfrag.motions.motion import Motion
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, FloatArray, Sheet, figure, log_ticks, panel_below
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
-from archfrag.report.inputs import ReportInputs, Scale
+from archfrag.report.inputs import ReportInputs
 
 _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
@@ -49,11 +49,10 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
             f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
             f"<span>{motion.duration:.0f} s</span></div>"
         )
-    label = f"Accelerograms of {len(shown)} ground motions, each scaled to its peak"
-    some = f" The first {len(shown)} of {len(motions)} are shown." * (len(shown) < len(motions))
+    label = f"Accelerograms of {len(shown)} of {len(motions)} ground motions"
     return Picture(
         f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
-        f"Horizontal acceleration of each record divided by its own PGA, entire duration.{some}",
+        f"{label}: horizontal acceleration divided by its own PGA, entire duration.",
     )
 
 
@@ -70,31 +69,25 @@ def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -
     panel = panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x(log_ticks(*x), "period [s]", grid=True)
     panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
-    every = 2 if sheet.narrow else 1
-    above = np.where(scaled >= floor, scaled, np.nan)
-    for row in above[:_MOST_SPECTRA]:
+    every, shown = 2 if sheet.narrow else 1, scaled[:_MOST_SPECTRA]
+    for row in np.where(shown >= floor, shown, np.nan):
         panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
     panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
     panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
-    of = f"{min(len(scaled), _MOST_SPECTRA)} of " if len(scaled) > _MOST_SPECTRA else ""
     return (
         f"Response spectra of {len(scaled)} records {level}",
-        f"Pseudo-acceleration spectra at 5 % damping of {of}all records, {level}.",
+        f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
+        f"{level}.",
     )
 
 
-def motion_parts(inputs: ReportInputs, scale: Scale) -> Iterator[Any]:
+def motion_parts(inputs: ReportInputs) -> Iterator[Any]:
     """Figures and table of the ground motions."""
     cube = inputs.cube
-    events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
-    factors, words = _shown_factors(inputs, scale)
-    scaled = [
-        spectral_acceleration(motion, _FEW_PERIODS) * factors[motion.id] / STANDARD_GRAVITY
-        for motion in inputs.motions if motion.id in factors
-    ]  # fmt: skip
     yield thumbnails(inputs.motions)
-    yield spectra(_FEW_PERIODS, np.stack(scaled), words)
+    yield _scaled_spectra(inputs)
     yield _motion_table(inputs)
+    events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
     if events:
         yield paragraph(TEXTS["notes"]["events"], "note")
         yield table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
@@ -124,13 +117,11 @@ def _motion_table(inputs: ReportInputs) -> Markup:
     return table("Ground motions as recorded, and their scale factors", heads, rows, "dense")
 
 
-def _shown_factors(inputs: ReportInputs, scale: Scale) -> tuple[dict[str, float], str]:
-    """Factors that spectra are shown with, and in words what they do.
-
-    They belong to the level closest to the median capacity, or to the middle level if no arch has
-    a curve; to the runs if each run has a level of its own.
+def _scaled_spectra(inputs: ReportInputs) -> Picture:
+    """Spectra at the level nearest to the median capacity, or at the middle level if no arch has
+    a curve; as in the runs if each run has a level of its own.
     """
-    cube, level, words = inputs.cube, 0, "scaled as in the runs"
+    cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
     if intensity.ndim == 1:
         fits = [answer.curve for answer in inputs.answers.values()]
@@ -141,5 +132,8 @@ def _shown_factors(inputs: ReportInputs, scale: Scale) -> tuple[dict[str, float]
             why = "the level nearest to the median capacity"
         words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
     chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
-    factors = zip(cube["record"].values.astype(str).tolist(), chosen.tolist(), strict=True)
-    return {record: factor for record, factor in factors if np.isfinite(factor)}, words
+    spectra_g = [
+        spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
+        for motion, factor in zip(inputs.motions, chosen.tolist()) if np.isfinite(factor)
+    ]  # fmt: skip
+    return spectra(_FEW_PERIODS, np.stack(spectra_g), words)
