@@ -35,10 +35,10 @@ class BruteForce:
     def check(self, known, intensities):
         """Quantiles of theta, of beta (by its own sum: sorted values come in steps), of P."""
         theta = np.exp(self.quantiles(-self.a / self.b))
-        assert known.intervals()[0] == pytest.approx(theta[[0, 2]], rel=5e-3)
+        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=5e-3)
         assert known.fragility.theta == pytest.approx(theta[1], rel=2e-3)
         beta = np.exp(np.interp(TAILS, *self.of_beta))
-        assert known.intervals()[1] == pytest.approx(beta[[0, 2]], rel=5e-3)
+        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
         assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
         for im in intensities:
             p = self.quantiles(ndtr(self.a + self.b * np.log(im)))
@@ -82,7 +82,7 @@ class TestRuns:
         for end in (lower, upper):
             assert np.all(np.diff(end) >= -1e-9)
             assert (end[0], end[-1]) == (0.0, 1.0)
-        low, high = known.intervals()[1]
+        low, high = known.beta_interval()
         assert 0.0 < low < known.fragility.beta < high
         assert np.isfinite(known.fragility.log_likelihood)
 
@@ -119,15 +119,15 @@ class TestCapacities:
         mean, deviation = logs.mean(), logs.std(ddof=1)
         reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
         ends = [mean - reach, mean + reach]
-        assert np.log(known.intervals()[0]) == pytest.approx(ends, abs=2e-3)
+        assert np.log(known.theta_interval()) == pytest.approx(ends, abs=2e-3)
         betas = deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39))
-        assert known.intervals()[1] == pytest.approx(betas, rel=1e-2)
+        assert known.beta_interval() == pytest.approx(betas, rel=1e-2)
 
     def test_one_capacity_that_agrees_with_all_still_gives_a_curve(self):
         known = fit_capacity_posterior(find_brackets([[0, 1]] * 6, [0.3, 0.4]))
-        low, high = known.intervals()[0]
+        low, high = known.theta_interval()
         assert 0.28 < low < 0.35 < high < 0.43
-        assert known.intervals()[1][1] < np.log(0.4 / 0.3)
+        assert known.beta_interval()[1] < np.log(0.4 / 0.3)
 
 
 @pytest.mark.parametrize(

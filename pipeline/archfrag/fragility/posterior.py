@@ -50,11 +50,15 @@ class Posterior:
     #: Standard deviation of ln capacity between single runs of a record, which beta includes.
     scatter: float = 0.0
 
-    def intervals(self, confidence: float = 0.9) -> list[tuple[float, float]]:
-        """Central credible intervals of theta, unit of the levels, and of beta."""
-        ends = tails(confidence)
-        theta, beta = np.exp(self.log_thetas(ends)), self.betas(ends)
-        return [(float(low), float(high)) for low, high in (theta, beta)]
+    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the median capacity, unit of the levels."""
+        low, high = np.exp(self.log_thetas(tails(confidence))).tolist()
+        return low, high
+
+    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the dispersion."""
+        low, high = self.betas(tails(confidence)).tolist()
+        return low, high
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Central credible interval of the probability of collapse at each `im`, >= 0."""

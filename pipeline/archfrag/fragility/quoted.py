@@ -58,7 +58,8 @@ def quoted_band(
             "natural logarithms, which beta includes"
         )
     return QuotedBand(
-        known.fragility, *known.intervals(confidence), *known.band(im, confidence),
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        *known.band(im, confidence),
         "posterior of capacities, right Haar prior",
         f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
     )  # fmt: skip
@@ -72,7 +73,8 @@ def quoted_runs(
         raise FitError(NOTHING)
     known = fit_posterior(level, collapsed, 1)
     return QuotedBand(
-        known.fragility, *known.intervals(confidence), *known.band(im, confidence),
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        *known.band(im, confidence),
         "posterior of independent runs, Jeffreys prior",
         "Capacity is lognormal, and runs are independent, each with a motion of its own.",
         float(np.size(level)),

@@ -80,8 +80,8 @@ def _at_onset(
     for outline in arch.outlines:
         path(outline, "z", kind="stone", stroke_width=0.8)
     if sign:
-        dashed = {"stroke": look.SOFT, "stroke_width": 1.1, "stroke_dasharray": "4 2.5"}
-        path(np.asarray(onset.thrust), fill="none", **dashed)
+        path(np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
+             stroke_dasharray="4 2.5")  # fmt: skip
         moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
         if sign < 0:
             moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus

@@ -111,8 +111,10 @@ def _answers(inputs: ReportInputs) -> Markup:
             row.append(f"{value} ({' to '.join(dict.fromkeys(ends))})")
         row.append(f"{scale.digits(fit.theta)} ({' to '.join(map(scale.digits, answer.theta))})")
         row.append(f"{fit.beta:.2f} ({html.interval(answer.beta)})")
-        known = isinstance(likeliest, Fragility)
-        row.append(f"{scale.digits(likeliest.theta)}, {likeliest.beta:.2f}" if known else "–")
+        most = "–"
+        if isinstance(likeliest, Fragility):
+            most = f"{scale.digits(likeliest.theta)}, {likeliest.beta:.2f}"
+        row.append(most)
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
