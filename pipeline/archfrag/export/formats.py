@@ -33,7 +33,7 @@ _FACTORS = {
     "g": _PER_G, "g s": _PER_G, "cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0,
 }  # fmt: skip
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
-_KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"), index_col=["receiver", "kind"])
+_KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
 Element = ElementTree.Element
 
 
@@ -65,7 +65,7 @@ class CurveSet:
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
-        return text.format(**self.made | {"title": title}) + (f" Note: {note}." if note else "")
+        return text.format(**{**self.made, "title": title}) + (f" Note: {note}." if note else "")
 
     @property
     def limit_states(self) -> tuple[str, ...]:
@@ -104,14 +104,15 @@ class Named(NamedTuple):
 
 def named_measure(receiver: str, measure: str) -> Named:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
-    parsed, known = parse_measure(measure), _KNOWN.loc[receiver]
-    if parsed.kind not in known.index:
+    parsed, rows = parse_measure(measure), _KNOWN[_KNOWN["receiver"] == receiver]
+    known = {kind: (name, unit) for _, kind, name, unit in rows.itertuples(index=False)}
+    if parsed.kind not in known:
         permanent = " (its PGD is permanent ground deformation)" if receiver == "pelicun" else ""
         raise InputError(
             f"{receiver} has no name for the intensity measure {measure}; it knows "
-            f"{', '.join(known.index)}{permanent}; csv and parquet take any"
+            f"{', '.join(known)}{permanent}; csv and parquet take any"
         )
-    name, unit = known.loc[parsed.kind]
+    name, unit = known[parsed.kind]
     notes = []
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
