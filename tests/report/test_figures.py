@@ -11,7 +11,7 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
-from archfrag.report import curves, drawing, motions, runs
+from archfrag.report import curves, drawing, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
@@ -91,7 +91,7 @@ class TestLabelsKeepClear:
         )
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
-        assert motions.thumbnails(items).svg.count("<svg") == n_record
+        assert page.thumbnails(items).svg.count("<svg") == n_record
 
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
@@ -169,7 +169,7 @@ class TestRuns:
     @pytest.mark.parametrize("n", [2, 200, 5000])
     def test_envelope_keeps_the_peaks(self, n):
         values = np.random.default_rng(n).standard_normal(n)
-        place, low, high = motions.envelope(values, 220)
+        place, low, high = drawing.envelope(values, 220)
         assert (low.min(), high.max()) == (values.min(), values.max())
         assert place.size <= 220
 

@@ -18,7 +18,6 @@ from archfrag.report import html
 from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, even_ticks, figure
 from archfrag.report.html import TEXTS, Picture, digits, onset_text
 from archfrag.report.inputs import ArchResults, ReportInputs, study_config
-from archfrag.report.motions import envelope
 from archfrag.simulate import Onset, simulate
 from archfrag.simulation.response import Response
 
@@ -259,7 +258,7 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     times = np.arange(acceleration.size) * example.motion.dt
     start, end = panel.x
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    place, low, high = look.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
     panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from html import escape
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -68,18 +68,17 @@ class Sheet:
 
     def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
         """Write words with their baseline at y; `kind` holds classes of `STYLE`."""
-        rotated = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
-        named = f' class="{kind}"' if kind else ""
-        self.parts.append(
-            f'<text x="{number(x)}" y="{number(y)}"{named}{rotated}>{escape(words)}</text>'
-        )
+        left, top = number(x), number(y)
+        more = f' class="{kind}"' if kind else ""
+        more += f' transform="rotate({angle} {left} {top})"' if angle else ""
+        self.parts.append(f'<text x="{left}" y="{top}"{more}>{escape(words)}</text>')
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in attributes}
-        given = {names[key]: value for key, value in attributes.items() if value not in ("", None)}
+        given = {key: value for key, value in attributes.items() if value not in ("", None)}
+        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in given}
+        written = "".join(f' {names[key]}="{value}"' for key, value in given.items())
         if d:
-            written = "".join(f' {name}="{value}"' for name, value in given.items())
             self.parts.append(f'<path d="{d}"{written}/>')
 
     def fill(self, d: str, colour: str, mark: str = "area") -> None:
@@ -147,11 +146,9 @@ class Panel:
     log_y: bool = False
 
     def at_x(self, values: ArrayLike) -> FloatArray:
-        """Pixels of values of x."""
         return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
 
     def at_y(self, values: ArrayLike) -> FloatArray:
-        """Pixels of values of y."""
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
@@ -175,7 +172,6 @@ class Panel:
     def dots(
         self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
     ) -> None:
-        """Mark points."""
         points = zip(self.at_x(x), self.at_y(y), strict=True)
         self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
 
@@ -206,12 +202,11 @@ class Panel:
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
         """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
-        base = np.zeros(len(parts[0][1]) if parts else 0)
+        base = 0.0
         for (_, colour, mark), part in parts:
             here = np.flatnonzero(part)
-            low, high = base[here], base[here] + part[here]
-            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
-            base = base + part
+            low, base = np.broadcast_to(base, part.shape), base + part
+            self.boxes(here - 0.42, here + 0.42, low[here], base[here], colour, mark)
 
     def axis_x(
         self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
@@ -247,7 +242,6 @@ class Panel:
             self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
 
     def heading(self, words: str) -> None:
-        """Write a title over the left end."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
 
 
@@ -314,6 +308,15 @@ def trace(x: FloatArray, y: FloatArray) -> str:
     points = [f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y)]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
+
+
+def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place among the samples and range of a trace in bins as wide as a line."""
+    # Each bin starts with the last sample of the one before it: the trace stays connected.
+    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
+    pieces = [values[a : b + 1] for a, b in pairwise(edges)]
+    low, high = (np.array([end(piece) for piece in pieces]) for end in (np.min, np.max))
+    return 0.5 * (edges[:-1] + edges[1:]), low, high
 
 
 def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:

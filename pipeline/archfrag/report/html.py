@@ -97,21 +97,10 @@ def table(
 
     Columns from `numeric_from` on are numbers, written to the right.
     """
-
-    def row(content: Sequence[object], first: str, other: str) -> str:
-        cells = []
-        for i, each in enumerate(content):
-            tag, kind = other if i else first, ' class="number"' if i >= numeric_from else ""
-            cells.append(f"<{tag}{kind}>{escape(each)}</{tag[:2]}>")
-        return f"<tr>{''.join(cells)}</tr>"
-
-    body = "\n".join(row(each, 'th scope="row"', "td") for each in rows)
-    head = row(heads, *['th scope="col"'] * 2)
-    return Markup(
-        f'<div class="wide" role="group" aria-label="{escape(label)}, may be scrolled" '
-        f'tabindex="0"><table class="{kind}" aria-label="{escape(label)}">\n'
-        f"<thead>{head}</thead>\n<tbody>\n{body}</tbody></table></div>"
-    )
+    return template(
+        "table.html.j2", label=label, heads=heads, kind=kind, numeric_from=numeric_from,
+        rows=[(row[0], row[1:]) for row in rows],
+    )  # fmt: skip
 
 
 def pairs(label: str, rows: Iterable[Sequence[object]], head: str = "figure") -> Markup:
