@@ -5,9 +5,11 @@ for reduced motion, get four still frames.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.fragility.counts import Verdict
@@ -31,13 +33,8 @@ Chosen = tuple[int, int, str]  # record, level, and why this run
 Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
 
-def pixels(points: FloatArray, scale: float, origin: tuple[float, float]) -> FloatArray:
-    """Pixels of points (..., 2) [m], where pixel 0, 0 is at the origin [m]."""
-    return scale * (points - np.array(origin)) * (1.0, -1.0)
-
-
 @figure
-def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[str, str]:
+def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, 0)
@@ -57,8 +54,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
         sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
         _at_onset(sheet, (left, top + 20.0, each), arch, onset, sign)
         top = sheet.height + 4.0 if sheet.narrow else top
-    alternative = f"{name} with hinges and thrust line at onset: {', '.join(words)}"
-    return alternative, TEXTS["arch_at_onset"]["caption"]
+    return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
 
 
 def _at_onset(
@@ -67,42 +63,44 @@ def _at_onset(
     """An arch in a box (left, top, width [px]) with the mechanism of a direction, if it stands."""
     left, top, width = box
     points = np.concatenate(arch.outlines)
-    low, (span, height) = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    low, high = points.min(axis=0), points.max(axis=0)
+    span, height = np.maximum(high - low, 1e-9).tolist()
     # Numbers of joints stand beside the springings.
-    scale = float(min(min(width - 46.0, 330.0) / span, 260.0 / height))
-    middle, ground = left + 0.5 * width, top + 16.0 + scale * float(height)
-    origin = (float(low[0] + 0.5 * span) - middle / scale, float(low[1]) + ground / scale)
-
-    def path(points: FloatArray, end: str = "", **attributes: object) -> None:
-        sheet.path(look.trace(*pixels(points, scale, origin).T) + end, **attributes)
-
+    scale = min(min(width - 46.0, 330.0) / span, 260.0 / height)
+    middle, reach, ground = left + 0.5 * width, 0.5 * scale * span, top + 16.0 + scale * height
+    place = (middle - reach, top + 16.0, middle + reach, ground)
+    panel = Panel(sheet, place, (low[0], low[0] + span), (low[1], low[1] + height))
     for outline in arch.outlines:
-        path(outline, "z", kind="stone", stroke_width=0.8)
+        x, y = np.transpose(outline)
+        d = look.trace(panel.at_x(x), panel.at_y(y))
+        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
     if sign:
-        path(np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
-             stroke_dasharray="4 2.5")  # fmt: skip
         moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
         if sign < 0:
             moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
-        if moving is not None:
-            path(np.asarray(moving), fill="none", stroke=look.VERMILION, stroke_width=1.5)
+        lines: list[tuple[Any, str, float]] = [(moving, look.VERMILION, 1.5)]
         for joint in sliding:
-            ends = np.stack([arch.intrados[joint], arch.extrados[joint]])
-            path(ends, stroke=look.ORANGE, stroke_width=4)
+            lines.append(([arch.intrados[joint], arch.extrados[joint]], look.ORANGE, 4.0))
+        x, y = np.transpose(np.asarray(onset.thrust))
+        panel.line(x, y, look.SOFT, 1.1, "4 2.5")
+        for ends, colour, thickness in lines:
+            if ends is not None:
+                x, y = np.transpose(ends)
+                panel.line(x, y, colour, thickness)
         for joint, side in hinges:
-            x, y = pixels(getattr(arch, side)[joint], scale, origin).tolist()
-            sheet.dots([(x, y)], 4.0, look.BLUE, "hinge")
-        y, half, reach = ground + 13.0, sign * 0.16 * scale * span, 0.5 * scale * span
+            x, y = getattr(arch, side)[joint, :, None]
+            panel.dots(x, y, look.BLUE, "hinge", 4.0)
+        y, half = ground + 13.0, sign * 0.16 * scale * span
         sheet.path(f"M{middle - reach:.1f} {ground:.1f}h{2 * reach:.1f}", kind="ax")
         line = f"M{middle - half:.1f} {y:.1f}H{middle + half:.1f}"
         sheet.path(line, stroke=look.INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=look.INK)
     outward = arch.extrados[: arch.n_joint] - arch.intrados[: arch.n_joint]
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    outward *= 11.0 / np.linalg.norm(outward, axis=1, keepdims=True)
     for joint in range(0, arch.n_joint, max(1, int(np.ceil(arch.n_joint / 15)))):
-        x, y = pixels(arch.extrados[joint], scale, origin) + 11.0 * outward[joint] * (1.0, -1.0)
-        sheet.text(x, y + 3.5, str(joint), "s m q")
+        (x, y), (right, up) = arch.extrados[joint], outward[joint]
+        sheet.text(panel.at_x(x) + right, panel.at_y(y) - up + 3.5, str(joint), "s m q")
     sheet.height = max(sheet.height, ground + 24.0)
 
 
@@ -130,8 +128,7 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
         return farthest(results)
     first = collapsed[records].argmax(axis=1)
     logs = np.log(results.levels[first])
-    centre = np.median(logs) if median is None else np.log(median)
-    place = int(np.abs(logs - centre).argmin())
+    place = np.abs(logs - (np.median(logs) if median is None else np.log(median))).argmin()
     reason = "the record with the capacity nearest the median, at its lowest collapsing level"
     return int(records[place]), int(first[place]), reason
 
@@ -141,9 +138,8 @@ def farthest(results: ArchResults) -> Chosen | None:
     standing = results.verdict == Verdict.STANDING
     reach = np.where(standing, np.nan_to_num(results["peak_rotation"]), 0.0)
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    if reach[record, level] == 0.0:
-        return None
-    return int(record), int(level), "the standing run with the largest rotation of a voussoir"
+    reason = "the standing run with the largest rotation of a voussoir"
+    return (int(record), int(level), reason) if reach.any() else None
 
 
 def repeat(
@@ -224,17 +220,20 @@ def film(example: Example, name: str, title: str) -> Picture | None:
     high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.06 * size
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
-    origin = (float(low[0]) - 0.5 * (NARROW / scale - wide), float(high[1]))
-    height = scale * tall
-    moves = np.dstack([pixels(place, scale, origin), -np.rad2deg(rotation)])
+    origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
+
+    def pixels(points: FloatArray, at: ArrayLike) -> FloatArray:  # where pixel 0, 0 is `at` [m]
+        return scale * (points - np.asarray(at)) * (1.0, -1.0)
+
+    moves = np.dstack([pixels(place, origin), -np.rad2deg(rotation)])
     duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
     stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
     outlines = zip(map(np.asarray, arch.outlines), centroid)
     svg = html.template(
         "film.html.j2", name=name, label=what, width=NARROW, height=height, strip=_STRIP,
-        shapes=[look.trace(*pixels(outline, scale, at).T) for outline, at in outlines],
-        rest=pixels(centroid, scale, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
+        shapes=[look.trace(*pixels(outline, at).T) for outline, at in outlines],
+        rest=pixels(centroid, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
         percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
         stills=stills, ground=Markup("".join(_strip(example, time, height))),
     )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.fragility.curve import FloatArray
-from archfrag.report.html import Picture, number
+from archfrag.report.html import TEXTS, Picture, number
 
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
@@ -39,21 +39,23 @@ class Entry(NamedTuple):
     mark: str = "area"
 
 
-def figure(draw: Callable[..., tuple[str, str] | None]) -> Callable[..., Any]:
+def figure(draw: Callable[..., str | tuple[str, str] | None]) -> Callable[..., Any]:
     """Make a function that draws on a sheet return a `Picture`, drawn for both widths.
 
-    `draw` returns the alternative text and the caption, or None if there is nothing to show; so
-    does the function made of it.
+    `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
+    name; or None if there is nothing to show.
     """
 
     @wraps(draw)
     def drawn(*arguments: Any, **named: Any) -> Picture | None:
-        sheets = Sheet(NARROW), Sheet(WIDE)
-        words = [draw(sheet, *arguments, **named) for sheet in sheets][-1]
+        narrow, wide = Sheet(NARROW), Sheet(WIDE)
+        words = [draw(sheet, *arguments, **named) for sheet in (narrow, wide)][-1]
         if words is None:
             return None
-        narrow, wide = (sheet.svg(words[0]) for sheet in sheets)
-        return Picture(wide, words[1], narrow)
+        if isinstance(words, str):
+            words = words, TEXTS[draw.__name__]["caption"]
+        slim = narrow.svg(words[0])
+        return Picture(wide.svg(words[0]), words[1], slim)
 
     return drawn
 
@@ -202,10 +204,9 @@ class Panel:
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
         """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
-        base = 0.0
+        base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
-            here = np.flatnonzero(part)
-            low, base = np.broadcast_to(base, part.shape), base + part
+            here, low, base = np.flatnonzero(part), base, base + part
             self.boxes(here - 0.42, here + 0.42, low[here], base[here], colour, mark)
 
     def axis_x(

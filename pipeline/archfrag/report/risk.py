@@ -11,7 +11,6 @@ from archfrag.fragility.contributions import NOT_KNOWN
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
-from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import LOOKS, level_axis
 from archfrag.study.answer.risk import ASSUMPTIONS, OTHER, ArchRisk, StudyRisk
@@ -82,9 +81,7 @@ def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
 
 
 @figure
-def hazard_and_fragility(
-    sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
-) -> tuple[str, str]:
+def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale) -> str:
     """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
     im = _shown(arch, hazard)
     density, shown = _density(arch, hazard, im), scale.factor * im
@@ -117,15 +114,12 @@ def hazard_and_fragility(
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
     sheet.height = third.box[3] + look.BELOW
-    return (
-        f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
-        f"collapse {'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year",
-        TEXTS["hazard_and_fragility"]["caption"],
-    )
+    found = f"{'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year"
+    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     """The rate by level and mechanism; None if no run collapsed."""
     found = arch.splits["mechanism"]
     if not found.counts.any():
@@ -143,8 +137,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    words = f"Rate of collapse of {arch.arch} by level and mechanism"
-    return words, TEXTS["contributions"]["caption"]
+    return f"Rate of collapse of {arch.arch} by level and mechanism"
 
 
 def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:

@@ -57,7 +57,7 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
 
 
 @figure
-def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
+def verdict_map(sheet: Sheet, results: ArchResults) -> str:
     """Verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
@@ -84,8 +84,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
         words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
         sheet.text(left - 8.0, middle, words, "m", angle=-90)
     level_axis(panel, results.levels, results.scale.label)
-    words = f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
-    return words, TEXTS["verdict_map"]["caption"]
+    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
 
 
 @figure
@@ -176,7 +175,7 @@ def _parts(group: Contributions, divisor: IntArray) -> list[tuple[Entry, FloatAr
 def theta_panels(
     sheet: Sheet, members: Sequence[Answer], differences: Mapping[str, NDArray], name: str,
     scale: Scale,
-) -> tuple[str, str] | None:  # fmt: skip
+) -> str | None:  # fmt: skip
     """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
     every = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in members]
     theta, known = scale.factor * np.array(every), np.isfinite(every)
@@ -195,10 +194,7 @@ def theta_panels(
         panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]")
         panel.dots(values[known], theta, look.BLUE, radius=2.4)
         panel.heading(look.shortened(title, box[2] - box[0]))
-    return (
-        f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}",
-        TEXTS["theta_panels"]["caption"],
-    )
+    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
 
 
 @figure
