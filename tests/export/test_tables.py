@@ -7,12 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from archfrag.export.tables import (
-    curve_tables,
-    facts_table,
-    runs_table,
-    write_parquet,
-)
+from archfrag.export.tables import curve_tables, facts_table, runs_table, write_parquet
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal
@@ -46,7 +41,7 @@ def cube(cube_file):
 
 
 def full(table):
-    return pd.concat(table.pieces, ignore_index=True)
+    return pd.concat(table[1], ignore_index=True)
 
 
 class TestRuns:
@@ -64,22 +59,22 @@ class TestRuns:
             assert row["event"] == cell["event"]
 
     def test_nothing_but_long_text_and_counts_is_missing(self, cube):
-        table = runs_table(cube)
-        missing = {str(name) for name in cube.variables} - set(table.columns)
+        columns, pieces = runs_table(cube)
+        missing = {str(name) for name in cube.variables} - set(columns)
         assert missing == {
             "record_file", "lost_contact_and_stand", "model", "measure", "measure_unit",
             "model_time", "record_measure",
         }  # fmt: skip
-        assert list(full(table)) == list(table.columns)
-        assert table.columns["record_measure_PGV"]["unit"] == "m s-1"
-        assert table.columns["verdict"]["codes"]["solver_failure"] == 3
+        assert list(pd.concat(pieces)) == list(columns)
+        assert columns["record_measure_PGV"]["unit"] == "m s-1"
+        assert columns["verdict"]["codes"]["solver_failure"] == 3
         records = facts_table(cube, "record")
-        assert {"record_file", "event", "magnitude"} <= set(records.columns)
+        assert {"record_file", "event", "magnitude"} <= set(records[0])
         assert len(full(records)) == 6
 
     def test_pieces_hold_the_same(self, cube):
         del cube["verdict"].encoding["chunksizes"]
-        pieces = list(runs_table(cube, 1).pieces)
+        pieces = list(runs_table(cube, 1)[1])
         assert [piece["arch"].unique().tolist() for piece in pieces] == [["ring-7"], ["wall+2"]]
         pd.testing.assert_frame_equal(pd.concat(pieces, ignore_index=True), full(runs_table(cube)))
 
@@ -95,8 +90,10 @@ class TestRuns:
 class TestFiles:
     def test_csv_and_parquet_hold_the_same(self, cube, tmp_path):
         parquet = pytest.importorskip("pyarrow.parquet")
-        write_csv(tmp_path / "runs.csv", runs_table(cube, 20).pieces)
-        write_parquet(runs_table(cube, 20), tmp_path / "runs.parquet", {"made": {"study": "x"}})
+        columns, pieces = runs_table(cube, 20)
+        write_csv(tmp_path / "runs.csv", pieces)
+        facts = {"made": {"study": "x"}, "columns": columns}
+        write_parquet(tmp_path / "runs.parquet", runs_table(cube, 20)[1], facts)
         stored = pd.read_parquet(tmp_path / "runs.parquet")
         for other in (pd.read_csv(tmp_path / "runs.csv"), full(runs_table(cube, 20))):
             pd.testing.assert_frame_equal(stored, other, check_dtype=False)
@@ -112,7 +109,7 @@ def test_points_and_parameters():
     points, parameters = curve_tables(curves, answers, "g", "m s-2", G).values()
     frame, stated = full(points), full(parameters)
     for table, found in ((points, frame), (parameters, stated)):
-        assert list(found) == list(table.columns)
+        assert list(found) == list(table[0])
         assert len(found.groupby(["arch", "limit_state"])) == 6
     np.testing.assert_allclose(frame["im"] * G, frame["intensity"], rtol=1e-14)
     for row in frame[frame["im"] > 0].iloc[::37].to_dict("records"):

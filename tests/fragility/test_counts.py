@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import Verdict, count_verdicts, find_brackets
+from archfrag.fragility.counts import count_verdicts, find_brackets
 
 LEVELS = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 INF = np.inf
@@ -24,8 +24,6 @@ class TestCounts:
     def test_a_missing_run_is_refused(self, foreign):
         with pytest.raises(InputError, match=r"of 0 \(standing\)"):
             count_verdicts(np.array([[0.0, foreign]]))
-        with pytest.raises(InputError, match="levels last"):
-            count_verdicts(Verdict.STANDING)
 
 
 class TestBracketsOfRecords:

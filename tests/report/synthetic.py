@@ -8,11 +8,12 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report.inputs import ReportInputs
+from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.simulate import onset
 from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
+SCALE = Scale("PGA", "g", 1.0 / GRAVITY)
 MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
 FLAGS = {"flag_values": np.arange(4, dtype=np.int8)}
 
@@ -101,7 +102,7 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
     data = cube(names, items, n_level, arch.n_joint)
     values = {
         "cube": data,
-        "measure": "PGA",
+        "scale": SCALE,
         "motions": items,
         "arches": [(name, arch, start) for name in names],
         "answers": answers_of(changes.get("cube", data)),

@@ -11,9 +11,9 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
-from archfrag.report import curves, drawing, motions, runs
+from archfrag.report import curves, drawing, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
-from archfrag.report.inputs import arch_results, reading_scale
+from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
@@ -23,8 +23,7 @@ TEXT = r'<text x="([^"]+)" y="([^"]+)"(?: class="([^"]+)")?( transform)?[^>]*>([
 
 
 def results(**options):
-    data = synthetic.cube(**options)
-    return arch_results(data, "ring", reading_scale(data, "PGA"))
+    return arch_results(synthetic.cube(**options), "ring", synthetic.SCALE)
 
 
 def texts(sheet):
@@ -92,25 +91,25 @@ class TestLabelsKeepClear:
         )
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
-        assert motions.thumbnails(items).svg.count("<svg") == n_record
+        assert page.thumbnails(items).svg.count("<svg") == n_record
 
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
         answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
-        shown = curves.all_curves(answers, {}, {}, results().scale, 0.8, 0.3)
+        shown = curves.all_curves(synthetic.inputs(at=0.3), answers, {})
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         named = count if count <= curves.MOST_NAMED else 0
         assert sum(words.startswith("arch-") for words, *_ in texts(drawn[0])) == named
         assert shown.svg.count("stroke-linejoin") >= count
         one = dict(list(answers.items())[:1])
-        assert curves.all_curves(one, {}, {}, results().scale, 1.0) is None
+        assert curves.all_curves(synthetic.inputs(), one, {}) is None
 
     def test_classes_and_their_parameters(self, drawn):
         members = [synthetic.answer_of(2.0 + 0.1 * i) for i in range(20)]
         answers = {f"a{i}": a for i, a in enumerate(members)} | {"alone": synthetic.answer_of(6.0)}
-        made, scale = {"thin": synthetic.answer_of(3.0)}, results().scale
-        of_class = {f"a{i}": "thin" for i in range(20)}
-        curves.all_curves(answers, made, of_class, scale, 0.8)
+        made, data = {"thin": synthetic.answer_of(3.0)}, synthetic.cube(list(answers))
+        data["arch_class"] = ("arch", ["thin"] * 20 + ["alone"])
+        curves.all_curves(synthetic.inputs(cube=data, answers=answers), answers, made)
         words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
@@ -118,7 +117,7 @@ class TestLabelsKeepClear:
             "a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20),
             "density": np.linspace(1900.0, 2300.0, 20),
         }
-        runs.theta_panels(members, values, "ring", scale)
+        runs.theta_panels(members, values, "ring", synthetic.SCALE)
         assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
         # A point for each arch in each panel.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 40
@@ -170,7 +169,7 @@ class TestRuns:
     @pytest.mark.parametrize("n", [2, 200, 5000])
     def test_envelope_keeps_the_peaks(self, n):
         values = np.random.default_rng(n).standard_normal(n)
-        place, low, high = motions.envelope(values, 220)
+        place, low, high = drawing.envelope(values, 220)
         assert (low.min(), high.max()) == (values.min(), values.max())
         assert place.size <= 220
 
@@ -244,7 +243,7 @@ class TestRepeated:
             data["scale_factor"][0, level] = factor
 
         def again():
-            found = arch_results(data, "ring", reading_scale(data, "PGA"))
+            found = arch_results(data, "ring", synthetic.SCALE)
             given = synthetic.inputs(cube=data, answers={}, motions=[motion])
             return arches.repeat(given, found, ARCH, arches.choose(found, None))
 

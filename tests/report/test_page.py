@@ -14,7 +14,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.report.html import digits
-from archfrag.report.inputs import arch_results, reading_scale
+from archfrag.report.inputs import Scale, arch_results
 from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.curves import arch_classes
@@ -202,7 +202,7 @@ def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
     fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
     risk = risk_of(data, fits, HAZARD)
-    list(risk_parts(risk, reading_scale(data, "PGA"), "90 %"))
+    list(risk_parts(risk, synthetic.SCALE, "90 %"))
     assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
     page = read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
     assert "No rate: no curve." in text(page)
@@ -236,21 +236,12 @@ class TestCautions:
 
 
 @pytest.mark.parametrize(
-    ("measure", "units", "unit", "shown"),
-    [
-        ("PGV", "m s-1", "cm/s", "800 cm/s"),
-        ("PGV", "m s-1", "m/s", "8.00 m/s"),
-        ("PGA", "m s-2", "gal", "800 gal"),
-        ("PGA", "m s-2", None, "0.816 g"),
-    ],
+    ("measure", "unit", "factor", "shown"),
+    [("PGV", "cm/s", 100.0, "800 cm/s"), ("PGA", "g", 1.0 / GRAVITY, "0.816 g")],
 )
-def test_levels_are_in_the_unit_of_the_study(measure, units, unit, shown):
-    data = synthetic.cube()
-    data["intensity"].attrs["units"] = units
-    intensity = {"measure": measure, "unit": unit}
-    data.attrs["archfrag_config"] = json.dumps({"intensity": intensity} if unit else {})
-    scale = reading_scale(data, measure)
-    highest = arch_results(data, "ring", scale).levels[-1]
+def test_levels_are_in_the_unit_of_the_study(measure, unit, factor, shown):
+    scale = Scale(measure, unit, factor)
+    highest = arch_results(synthetic.cube(), "ring", scale).levels[-1]
     assert f"{digits(highest)} {scale.unit}" == scale.text(8.0) == shown
 
 
@@ -379,7 +370,7 @@ class TestDesigns:
         assert "Each column is all collapses at a level" in text(section)
         assert "nan" not in text(section)
         assert "-" not in dict(table(page, "Models, time and accuracy of ring")[1])["impacts"]
-        found = arch_results(study.cube, "ring", reading_scale(study.cube, "PGA"))
+        found = arch_results(study.cube, "ring", synthetic.SCALE)
         levels = np.concatenate([found.levels[:1] ** 2 / found.levels[0], found.levels, [np.inf]])
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)
@@ -395,7 +386,7 @@ class TestDesigns:
         data["verdict"][0, :, 0] = (own[0, :, 0] > 4.0).astype(int)
         data["verdict"][0, 30:, 0] = Verdict.NOT_SIMULATED
         data.attrs["archfrag_design"] = json.dumps({"kind": "cloud"})
-        found = arch_results(data, "ring", reading_scale(data, "PGA"))
+        found = arch_results(data, "ring", synthetic.SCALE)
         assert found.simulated.sum(axis=1).tolist() == [1] * 30 + [0] * 2
         assert np.all(np.diff(found.levels) > 0)
         fraction = found.counts.collapsed / found.counts.n

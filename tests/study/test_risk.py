@@ -138,14 +138,12 @@ class TestCommand:
         hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
         return ("risk", tmp_path / "small.yaml", "--hazard", hazard), study
 
-    def test_json_and_file_are_the_same(self, asked, tmp_path):
-        out = tmp_path / "risk.json"
-        result = command(*asked[0], "--json", "--out", out, "--years", 100)
+    def test_json(self, asked):
+        result = command(*asked[0], "--json", "--years", 100)
         assert result.exit_code == 0, result.output
         for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
             assert command(*asked[0], f"--{option}", value).exit_code == 2
         facts = json.loads(result.stdout)
-        assert json.loads(out.read_text()) == facts
         ring = facts["arches"]["ring"]
         assert ring["probability"] == pytest.approx(1.0 - np.exp(-100.0 * ring["rate"]))
         assert ring["theta"] == pytest.approx(5.0 / 9.80665)

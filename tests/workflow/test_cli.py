@@ -134,7 +134,7 @@ class TestValidate:
     def test_a_study_in_order(self, tmp_path):
         path = small_study(tmp_path)
         assert command("validate", path).output == (
-            f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs\n"
+            f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs by design stripes\n"
         )
         assert json.loads(command("validate", path, "--json").output)["runs"] == 12
 
