@@ -113,8 +113,8 @@ def _limit_states(
         if above and above[worst] > MOST_CROSSING:
             notes.append(
                 f"{start}: its curve lies below that of a severer state by up to "
-                f"{above[worst]:.2g} (arch {worst!r}); more levels where it begins, or every record "
-                "at every level, would distinguish them"
+                f"{above[worst]:.2g} (arch {worst!r}); more levels where it begins, or every "
+                "record at every level, would distinguish them"
             )
             continue
         kept.insert(0, name)
