@@ -73,7 +73,7 @@ class TestFile:
         assert path.read_bytes() == before
         next(copied.plan.parts.glob("*.npy")).unlink()
         path.unlink()
-        with pytest.raises(InputError, match="2 of 12 runs of iteration 1 are missing or damaged"):
+        with pytest.raises(InputError, match="2 of 12 runs are missing or damaged"):
             write_cube(copied.study)
         assert not path.exists()
 
@@ -97,5 +97,7 @@ class TestFits:
     )
     def test_damaged_fits_are_a_message(self, copied, content):
         (copied.study.folder / "fits.json").write_text(content)
-        with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
+        with pytest.raises(
+            InputError, match=r"fits.json: is missing or damaged .*`archfrag fit` makes it"
+        ):
             load_fits(copied.study)

@@ -84,7 +84,7 @@ class TestParts:
                        parts[1].read_bytes()):  # fmt: skip
             parts[0].write_bytes(spoilt)
             assert read_part(parts[0]) is None
-            with pytest.raises(InputError, match="runs of iteration 1 are missing or damaged"):
+            with pytest.raises(InputError, match="runs are missing or damaged"):
                 gather(plan)
         make_runs(copied.study)
         _, after, _ = gather(plan)

@@ -36,13 +36,12 @@ def open_cube(study: Study) -> "xr.Dataset":
     import xarray as xr
 
     path = study.folder / CUBE
-    if not path.is_file():
-        raise InputError(f"{path}: there is no cube yet; `archfrag cube` on the study makes it")
     refuse_foreign_cube(study)
     try:
         return xr.open_dataset(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is damaged; `archfrag cube` makes it again") from error
+        how = "`archfrag cube` on the study file makes it"
+        raise InputError(f"{path}: is missing or damaged; {how}") from error
 
 
 def fit_cube(study: Study) -> Fitted:
@@ -121,10 +120,9 @@ def load_fits(study: Study) -> Fitted:
             {name: Answer.from_dict(answer) for name, answer in stored[of].items()}
             for of in ("arches", "classes")
         )
-    except FileNotFoundError:
-        raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
     except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
-        raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it again") from None
+        how = "`archfrag fit` makes it"
+        raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
     return arches, classes, open_cube(study)
 
 

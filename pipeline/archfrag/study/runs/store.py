@@ -235,16 +235,14 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
-    table, iteration = read_parts(plan.parts), 0
+    table = read_parts(plan.parts)
 
     def known(cases: Cases) -> Verdicts:
-        nonlocal iteration
-        iteration += 1
         at = places(table, plan.keys(cases))
         if missing := np.count_nonzero(at < 0):
-            runs = f"{missing} of {at.size} runs of iteration {iteration}"
+            what = f"{missing} of {at.size} runs are missing or damaged"
             how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
-            raise InputError(f"{plan.parts.parent}: {runs} are missing or damaged; {how}")
+            raise InputError(f"{plan.parts.parent}: {what}; {how}")
         verdicts: Verdicts = table["verdict"][at]
         return verdicts
 
