@@ -79,10 +79,8 @@ def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
     used, turned = set[Any](), set[Any]()
     for source in find_sources(study):
         facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
-        motions = _read(source)
-        every = tuple(motions) if needs_pairs(study) else ()
-        while motions:  # the memory of those that are done is free again
-            motion = motions.pop(0)
+        every = _read(source)
+        for motion in every:
             about = motion.metadata
             code = str(about.get("component", ""))
             shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
@@ -95,9 +93,10 @@ def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
                 continue
             motion = _with_components(study, motion, every, source)
             if "rotate" in steps:
-                same = motion.metadata.get("file_transverse", "") == source.path.name
-                file = source.path if same else source.transverse
-                turned.add((file, motion.metadata.get("component_transverse", "")))
+                about = motion.metadata
+                same = about.get("file_transverse", "") == source.path.name
+                file = source.path if same else source.others.get("transverse")
+                turned.add((file, about.get("component_transverse", "")))
             motion = _processed(study, motion, source)
             yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
     for record, name in left_out.items():
@@ -112,34 +111,31 @@ def _read(source: Source) -> list["Motion"]:
 
     if source.entry is not None:
         return [load_motion(source.entry)]
-    names = ("unit", "inventory", "accept", "columns", "name")
-    return read_motions(source.path, **{name: getattr(source, name) for name in names})
+    return read_motions(source.path, name=source.name, **source.options)
 
 
 def _with_components(
-    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
+    study: Study, alone: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
     """Give a motion the components that the study asks for, and no others."""
     from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
     from archfrag.motions.read import read_vertical
 
-    alone = motion
+    motion = alone
     if not study.motions.vertical and motion.vertical is not None:
         labels = {**motion.metadata, "vertical_component": ""}
         log = (*motion.log, "Vertical component left out.")
         motion = motion._replaced(vertical=None, metadata=labels, log=log)
     elif study.motions.vertical and motion.vertical is None:
-        vertical = None
-        if source.vertical is not None:
-            vertical = read_vertical(
-                source.vertical, source.unit, inventory=source.inventory, accept=source.accept
-            )
+        file = source.others.get("vertical")
+        options = {key: value for key, value in source.options.items() if key != "columns"}
+        vertical = None if file is None else read_vertical(file, **options)
         motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
     if not needs_pairs(study):
         return motion
     other = other_horizontal(alone, every)
-    if other is None and source.transverse is not None:
-        found = _read(replace(source, path=source.transverse, entry=None, name=None))
+    if other is None and "transverse" in source.others:
+        found = _read(replace(source, path=source.others["transverse"], entry=None, name=None))
         other = found[0] if len(found) == 1 else None
     other = _partner(other, motion, source, "other horizontal")
     motion = with_transverse(motion, other)
@@ -166,7 +162,7 @@ def _partner(
 def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
     for number, step in enumerate(study.motions.processing):
         try:
-            motion = apply_step(step, motion, source.path, source.inventory)
+            motion = apply_step(step, motion, source.path, source.options.get("inventory"))
         except InputError as error:
             key = f"motions.processing[{number}] ({step.name})"
             raise RecordError(f"{source.path}: {key}: {error}") from None
@@ -197,10 +193,10 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    inputs = study_inputs(study)
+    inputs, records = study_inputs(study), list[PreparedRecord]()
     folder = make_folder(study.work / FOLDER)
     try:
-        records = [_stored(motion, study) for motion in read_sources(study)]
+        records += [_stored(motion, study) for motion in read_sources(study)]
         if not records:
             raise StudyError("motions: the study has no record; give an index or files")
         if (select := study.motions.select) is not None:
@@ -233,19 +229,11 @@ def _stored(motion: "Motion", study: Study) -> PreparedRecord:
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
     return PreparedRecord(
         motion.id, file, about["file"], about["file_sha256"], prepared, motion.dt,
-        motion.duration, _number(about.get("Mw") or about.get("magnitude")),
-        _number(about.get("distance_km")), factor, measures,
-        event=str(about.get("event") or about.get("event_id") or ""),
+        motion.duration, about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
+        factor, measures, event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
         raw=is_raw(motion), samples=samples.hexdigest(),
     )  # fmt: skip
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return None
 
 
 def read_manifest(study: Study) -> dict[str, Any]:

@@ -6,9 +6,9 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from archfrag.errors import InputError, StudyError
 from archfrag.motions.calibrate import check_file
@@ -25,23 +25,18 @@ from archfrag.study.file.motions import FileSet
 from archfrag.study.file.schema import Study
 from archfrag.study.files import KINDS, Inputs, sha256_if_there
 
-if TYPE_CHECKING:
-    from archfrag.motions.formats.columns import Columns
-
 
 @dataclass(frozen=True)
 class Source:
     """A record file, and how to read it."""
 
     path: Path
-    unit: str | None = None
-    inventory: str | None = None
-    accept: tuple[str, ...] = ()
-    columns: "Columns | None" = None
-    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
     entry: IndexEntry | None = None  # row of the study's index
-    vertical: Path | None = None  # file of that component, if asked for and not in the record's
-    transverse: Path | None = None  # file of the other horizontal component, if it is needed
+    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    # Files of the components "vertical" and "transverse" (the other horizontal) that are asked
+    # for, unless they are in the record's own.
+    others: dict[str, Path] = field(default_factory=dict)
 
 
 def needs_pairs(study: Study) -> bool:
@@ -63,7 +58,8 @@ def find_sources(study: Study) -> list[Source]:
         table = {row.id: row for row in rows}
         check_known(asked.select, table)
         used = [table[name] for name in dict.fromkeys(asked.select)]
-    indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in used]
+    indexed = [Source(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+               for row in used]  # fmt: skip
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
         key = f"motions.files[{number}]"
@@ -74,8 +70,8 @@ def find_sources(study: Study) -> list[Source]:
                 raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
     for source in (*indexed, *given.values()):
         check_file(source.path)
-        if source.inventory is not None:
-            check_file(Path(source.inventory))
+        if inventory := source.options.get("inventory"):
+            check_file(Path(inventory))
     found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
     return _with_partners(found, study, rows)
 
@@ -86,15 +82,13 @@ def study_inputs(study: Study) -> Inputs:
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
     sources, index = find_sources(study), study.motions.index
-    others = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
-    records = [*(source.path for source in sources), *others]
+    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     places = list(dict.fromkeys(path.parent for path in records))
     indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
     if index is not None:
-        given = Path(index)
-        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
+        indices.insert(0, Path(index, INDEX_NAME) if os.path.isdir(index) else Path(index))
     names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
+    inventories = [Path(given) for s in sources if (given := s.options.get("inventory"))]
     for place in places:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         every = sorted(place.glob("*.xml"))
@@ -116,25 +110,24 @@ def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
 
 
 def _from_files(files: FileSet, key: str) -> list[Source]:
-    from archfrag.motions.formats.columns import parse_columns
-
-    pattern = Path(files.path)
-    paths = [pattern]
+    pattern, paths = Path(files.path), [Path(files.path)]
     if glob.has_magic(files.path) and not pattern.is_file():
         # Folders match as they are written, names in any case.
-        place, name = str(pattern.parent), fnmatch.translate(pattern.name)
+        place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
         folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
         every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
-        alike = [path for path in every if re.match(name, path.name, re.IGNORECASE)]
-        paths = sorted(path for path in alike if not goes_with_records(path))
+        paths = sorted(p for p in every if name.match(p.name) and not goes_with_records(p))
         if not paths:
             raise StudyError(f"{key}: no file matches {files.path}")
-    try:
-        columns = None if files.columns is None else parse_columns(files.columns)
-    except InputError as error:
-        raise StudyError(f"{key}: {error}") from None
-    known = files.unit, files.inventory, tuple(files.accept), columns
-    return [Source(path, *known) for path in paths]
+    options = files.model_dump(exclude={"path"})
+    if files.columns is not None:
+        from archfrag.motions.formats.columns import parse_columns
+
+        try:
+            options["columns"] = parse_columns(files.columns)
+        except InputError as error:
+            raise StudyError(f"{key}: {error}") from None
+    return [Source(path, options) for path in paths]
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
@@ -142,12 +135,12 @@ def _with_names(sources: list[Source]) -> list[Source]:
 
     Folders that they have in common do not count, so that a study can be moved.
     """
-    from archfrag.motions.read import record_name
-
     stems = Counter(source.path.stem for source in sources)
     alike: dict[str, list[Path]] = {}
     for source in sources:
         if stems[source.path.stem] > 1 and find_entry(source.path) is None:
+            from archfrag.motions.read import record_name  # imports obspy
+
             alike.setdefault(record_name(source.path), []).append(source.path)
     names: dict[Path, str] = {}
     for name, paths in alike.items():
@@ -162,13 +155,12 @@ def _with_names(sources: list[Source]) -> list[Source]:
 def _without_verticals(sources: Sequence[Source]) -> list[Source]:
     """Sources without those that hold only the vertical component of another one's record."""
     by_name = vertical_files(sorted({source.path for source in sources}))
-    horizontals = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
+    entries = [source.entry for source in sources]
+    horizontal = {_site(entry) for entry in entries if not _is_vertical(entry)} - {None}
     return [
-        source
-        for source in sources
-        if source.path not in by_name
-        and not (_is_vertical(source.entry) and _of_record(source.entry, horizontals))
-    ]
+        source for source in sources if source.path not in by_name
+        and not (_is_vertical(source.entry) and _site(source.entry) in horizontal)
+    ]  # fmt: skip
 
 
 def _with_partners(
@@ -185,15 +177,14 @@ def _with_partners(
     by_name = {place: partners(folder_names(place)) for place in {s.path.parent for s in sources}}
     found = []
     for source in sources:
-        files: dict[str, Path] = {}
-        for (kind, requested), names in zip(asked.items(), by_name[source.path.parent]):
-            of_kind = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
-            alike = _of_record(source.entry, of_kind)
-            if requested and len(alike) == 1:
-                files[kind] = alike[0].path
-            elif requested and source.path.name in names:
-                files[kind] = source.path.with_name(names[source.path.name])
-        found.append(replace(source, **files))  # type: ignore[arg-type]
+        others, site = {}, _site(source.entry)
+        for kind, names in zip(asked, by_name[source.path.parent]):
+            alike = [row.path for row in rows if site is not None and row is not source.entry
+                     and _site(row) == site and _is_vertical(row) == (kind == "vertical")]
+            named = names.get(source.path.name)
+            if asked[kind] and (len(alike) == 1 or named):
+                others[kind] = alike[0] if len(alike) == 1 else source.path.with_name(str(named))
+        found.append(replace(source, others=others))
     return found
 
 
@@ -201,10 +192,7 @@ def _is_vertical(row: IndexEntry | None) -> bool:
     return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
 
 
-def _of_record(row: IndexEntry | None, rows: Sequence[IndexEntry]) -> list[IndexEntry]:
-    """Other rows of the same event and station, if both are known."""
-    if row is None:
-        return []
-    own = {key: row.metadata.get(key) for key in ("event", "station")}
-    alike = [each for each in rows if {key: each.metadata.get(key) for key in own} == own]
-    return [each for each in alike if each is not row] if all(own.values()) else []
+def _site(row: IndexEntry | None) -> tuple[Any, Any] | None:
+    """Event and station of a row of an index, if both are known."""
+    found = (row.metadata.get("event"), row.metadata.get("station")) if row else (None, None)
+    return found if all(found) else None

@@ -126,27 +126,25 @@ class JointScatter(Section):
         """Draw the keys of an arch whose joints differ from each other."""
         from archfrag.arch.uncertain import to_digits
 
-        drawn = {}
+        keys: dict[str, Any] = {}
         # All are drawn, so that one key more leaves the others' numbers as they are.
         for name, distribution in self:
             points = np.clip(generator.random(n_joint), 2.0**-32, 1.0 - 2.0**-32)
-            if distribution is not None:
-                drawn[name] = to_digits(distribution.marginal().quantile(points))
-        keys: dict[str, Any] = {}
-        if "friction" in drawn:
-            friction = np.asarray(given["friction"]) * drawn["friction"]
-            keys["friction"] = to_digits(friction).tolist()
-        for side in ("intrados", "extrados"):
-            if f"recess_{side}" in drawn:
-                own = {side: drawn[f"recess_{side}"].tolist()}
-                keys["recess"] = given.get("recess", {}) | keys.get("recess", {}) | own
-        if "position" in drawn:  # the springings stay where they are
-            end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
-            step = end / count
-            joints = given.get("joints") or [*(step * j for j in range(count)), end]
-            moved = np.asarray(joints[1:-1]) + step * drawn["position"][1:-1]
-            inner = (float(f"{joint:.12g}") for joint in moved)
-            keys["joints"] = [float(joints[0]), *inner, float(joints[-1])]
+            if distribution is None:
+                continue
+            values = to_digits(distribution.marginal().quantile(points))
+            if name == "friction":
+                keys[name] = to_digits(np.asarray(given[name]) * values).tolist()
+            elif name == "position":  # the springings stay where they are
+                end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
+                step = end / count
+                first, *inner, last = given.get("joints") or [*(step * j for j in range(count)), end]
+                moved = np.asarray(inner) + step * values[1:-1]
+                inner = [float(f"{joint:.12g}") for joint in moved]
+                keys["joints"] = [float(first), *inner, float(last)]
+            else:
+                side = {name.removeprefix("recess_"): values.tolist()}
+                keys["recess"] = keys.get("recess", given.get("recess", {})) | side
         return keys
 
 
@@ -172,13 +170,13 @@ class Vary(Section):
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
+        from archfrag.arch.uncertain import correlation_factor
+
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
             raise refuse("must have a key of or joints: nothing varies")
         if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
-        from archfrag.arch.uncertain import correlation_factor
-
         try:
             correlation_factor(list(self.of), self.correlation)
         except InputError as error:
@@ -190,19 +188,18 @@ class Vary(Section):
     ) -> Iterator[tuple[dict[str, Any], dict[str, float]]]:
         """Draw arches: all keys of each, and the values of those that were drawn.
 
-        Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`). What differs from joint to
-        joint is drawn by plain random numbers, which are the same for the n-th sample of a seed
-        whatever the number of samples: no design of a few points is even in as many coordinates
-        as there are joints, and an arch averages over its joints. `plain` has the keys of the arch
-        itself; `stream` distinguishes its numbers from those of other arches.
+        Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from
+        joint to joint by plain random numbers, the same for the n-th sample of a seed whatever
+        the number of samples: no design of a few points is even in as many coordinates as there
+        are joints. `plain` has the keys of the arch itself; `stream` makes its numbers its own.
         """
         from archfrag.arch.uncertain import sample, to_digits
 
         seed = (self.seed, *stream)
-        marginals = {key: distribution.marginal() for key, distribution in self.of.items()}
         values = sample(
-            marginals, count, scheme=self.scheme, seed=seed, correlation=self.correlation
-        )
+            {key: distribution.marginal() for key, distribution in self.of.items()}, count,
+            scheme=self.scheme, seed=seed, correlation=self.correlation,
+        )  # fmt: skip
         for i in range(count):
             given, drawn = {**plain, "id": f"{plain['id']}-{i + 1:04d}"}, {}
             for key, distribution in self.of.items():
@@ -214,8 +211,7 @@ class Vary(Section):
             if "embrace" in self.of and "joints" in plain:
                 # Joints in degrees keep their parts of an angle of embrace that varies.
                 ratio = given["embrace"] / plain["embrace"]
-                inner = (joint * ratio for joint in plain["joints"][:-1])
-                given["joints"] = [*inner, given["embrace"]]
+                given["joints"] = [*(j * ratio for j in plain["joints"][:-1]), given["embrace"]]
             if self.joints is not None:
                 # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
                 generator = np.random.default_rng([*seed, i, 1])
