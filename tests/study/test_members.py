@@ -136,7 +136,7 @@ class TestRefusals:
 
     def test_an_arch_that_cannot_exist_or_has_a_value_that_its_key_does_not_allow(self, tmp_path):
         found = self.refused(tmp_path, {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}})
-        assert " of 8 samples, the first is sample " in found
+        assert found.startswith("arches[0] (ring): sample 4 (thickness = -")
         assert found.count("thickness = -") == 2  # what was drawn, and why it is none
         found = self.refused(tmp_path, {"samples": 2, "of": {"density": normal(2e6, 0.01)}})
         assert found.startswith("arches[0] (ring): sample 1 (density = ")
@@ -151,10 +151,8 @@ class TestRefusals:
         assert max(m.values["thickness"] for m in thin) < 0.75
         with pytest.raises(StabilityError) as refusal:
             check_standing(found)
-        first = f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})"
-        assert str(refusal.value).startswith(
-            f"arches[0] (ring): {len(thin)} of 8 samples, the first is {first}: does not stand"
-        )
+        value = thin[0].values["thickness"]
+        assert f"(thickness = {value:.6g}): does not stand" in str(refusal.value)
 
 
 DEFAULTS = {

@@ -25,9 +25,7 @@ PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
-_RESULT = re.compile(
-    rf"cube\.nc|fits\.json|curve\.csv|report\.html|summary\.json|{FIGURE.pattern}"
-)
+_RESULT = re.compile(rf"cube.nc|fits.json|curve.csv|report.html|summary.json|{FIGURE.pattern}")
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
@@ -83,16 +81,15 @@ def sha256_if_there(path: Path | str) -> str | None:
 def check_own(study: "Study") -> None:
     """See that the hidden folder of a study holds files and folders only, and sweep it.
 
-    OutputError for a link there: it leads to files of somebody else, which would be emptied or
-    removed as our own.
+    OutputError for a link there, which leads to files of somebody else, and for results that are
+    no regular files.
     """
     strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
         raise OutputError(f"{study.work}: {strange}")
-    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-        for name in filter(_RESULT.fullmatch, os.listdir(study.folder)):
-            if (study.folder / name).exists() and not (study.folder / name).is_file():
-                raise OutputError(f"{study.folder / name}: is no regular file; move it")
+    for path in study.folder.glob("*"):
+        if _RESULT.fullmatch(path.name) and path.exists() and not path.is_file():
+            raise OutputError(f"{path}: is no regular file; move it")
     for entry in entries(study.work):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             raise OutputError(f"{entry.path}: {strange}")
@@ -135,9 +132,8 @@ def refuse_foreign_cube(study: "Study") -> None:
         with netCDF4.Dataset(path if path.is_file() else os.devnull) as cube:
             owner = cube.__dict__.get("archfrag_study")
     except OSError:
-        with contextlib.suppress(OSError), opened(path) as file:
-            if digest is not None and file.read(4) in (b"", b"\x89HDF"):
-                return
+        if digest is not None and path.is_file() and path.read_bytes()[:4] in (b"", b"\x89HDF"):
+            return
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"
@@ -150,9 +146,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
         for path in sorted(path for path in old | new if old.get(path) != new.get(path)):
-            what = f"is {'new' if path in new else 'gone'}"
-            if path in old and path in new:
-                what = f"has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
+            what = "is new" if path not in old else "has changed" if path in new else "is gone"
             lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines
 
@@ -204,21 +198,19 @@ def finite(value: Any, none: Any = str) -> Any:
 
 def available_cores() -> int:
     """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def machine() -> dict[str, Any]:
     """Where it runs, for the log."""
-    host, system = socket.gethostname(), platform.platform()
-    return {"host": host, "system": system, "cores": available_cores()}
+    return {"host": socket.gethostname(), "system": platform.platform(),
+            "cores": available_cores()}  # fmt: skip
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
-    path = folder / "run_log.json"
-    entries: list[Any] = []
+    path, before = folder / "run_log.json", list[Any]()
     with contextlib.suppress(OSError, ValueError, TypeError):
-        entries = list(read_json(path))
-    write_text(path, json.dumps([*entries, entry], indent=1) + "\n")
+        before = list(read_json(path))
+    write_text(path, json.dumps([*before, entry], indent=1) + "\n")

@@ -38,6 +38,7 @@ _RULES = {
     "union_tag_not_found": "must be given",
     "model_type": "must be a mapping of keys to values",
     "string_type": "must be text; put it in quotes",
+    "string_unicode": "must be text in UTF-8",
     "string_pattern_mismatch": "must begin with a letter or a digit and hold only letters, digits "
     "and _ . + -",
 }
@@ -48,7 +49,7 @@ class Section(BaseModel):
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False,
-        use_attribute_docstrings=True,
+        use_attribute_docstrings=True, defer_build=True,
     )  # fmt: skip
 
     @classmethod

@@ -86,8 +86,8 @@ class ArchEntry(Section):
     ] | None = None  # fmt: skip
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
-    """Table (CSV), an arch in each row: columns id, keys as here (which hold where a cell is
-    empty), and any attributes, which are text."""
+    """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and
+    attributes, which are text. Keys of this entry hold where a cell is empty."""
     drawing: PathText | None = None
     """DXF file: blocks as closed polylines on one layer, and lines where they stand on ground."""
     layer: str | None = None
@@ -172,7 +172,7 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def read(self) -> "ArchEntry":
-        """The arch with what its drawing holds in place of the file; GeometryError if it cannot."""
+        """The arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
         from archfrag.arch.drawing import read_drawing
@@ -186,7 +186,7 @@ class ArchEntry(Section):
         return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
 
     def build(self) -> "Arch":
-        """The arch, of one that varies that of its own values; GeometryError if it cannot exist."""
+        """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
         from archfrag import arch
 
         entry, makers = self.read(), {"block": arch.Block, "polygons": arch.Arch.from_polygons}

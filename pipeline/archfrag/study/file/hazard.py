@@ -27,9 +27,7 @@ _RULE = (
     "`rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), "
     "further ones as `rate_NAME` or `poe_50_NAME`"
 )
-# Names here, and units in OpenQuake's files, of its measures.
-_OPENQUAKE = {"PGA": ("PGA", "g"), "SA": ("Sa", "g"), "PGV": ("PGV", "cm/s"),
-              "PGD": ("PGD", "cm"), "IA": ("Arias", "m/s")}  # fmt: skip
+_UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}  # of OpenQuake
 # One curve as a file states it: its name, measure and unit, None if not stated; years of the
 # probabilities of exceedance, None for annual rates; intensities (n_level,); values (n_site,
 # n_level); and longitude and latitude (n_site, 2) [degrees], None in a file not of OpenQuake.
@@ -96,7 +94,7 @@ def _curves(
     for name, stated, own, years, im, values, sites in read(text):
         given, note = None, ""
         with contextlib.suppress(InputError):  # a file may hold any other measures too
-            given = parse_measure(stated or measure)
+            given = parse_measure("Arias" if stated == "IA" else stated or measure)
         if stated is None:
             note = f"does not name its measure, which is taken to be {measure}"
         elif sites is not None and given == requested._replace(rotated="") != requested:
@@ -150,9 +148,10 @@ def _csv(text: str) -> Iterator[_Stated]:
             keys = "imt and investigation_time"
             raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
         levels = table.filter(like="poe-").astype(float)
-        yield _openquake(
-            about.get("kind", "one branch"), about["imt"], float(about["investigation_time"]),
-            [float(str(head).removeprefix("poe-")) for head in levels], levels.to_numpy(),
+        im = [float(str(head).removeprefix("poe-")) for head in levels]
+        yield (
+            about.get("kind", "one branch"), about["imt"], _UNITS.get(about["imt"].split("(")[0]),
+            float(about["investigation_time"]), im, levels.to_numpy(),
             table[["lon", "lat"]].astype(float).to_numpy(),
         )  # fmt: skip
         return
@@ -185,13 +184,12 @@ def _nrml(text: str) -> Iterator[_Stated]:
         name = group.get("statistics", "one branch")
         if name == "quantile":
             name = f"quantile-{group.get('quantileValue', '')}"
-        years = float(group.get("investigationTime", ""))
-        imt = group.get("IMT", "not stated")
-        imt += f"({period})" if (period := group.get("saPeriod")) else ""
+        years, imt = float(group.get("investigationTime", "")), group.get("IMT", "not stated")
+        measure = f"{imt}({period})" if (period := group.get("saPeriod")) else imt
         curves = group.findall("{*}hazardCurve")
         sites = [_numbers(curve, "pos")[:2] for curve in curves]
         values = [_numbers(curve, "poEs") for curve in curves]
-        yield _openquake(name, imt, years, _numbers(group, "IMLs"), values, sites)
+        yield name, measure, _UNITS.get(imt), years, _numbers(group, "IMLs"), values, sites
 
 
 def _numbers(element: ElementTree.Element, tag: str) -> list[float]:
@@ -199,9 +197,3 @@ def _numbers(element: ElementTree.Element, tag: str) -> list[float]:
     if text is None:
         raise InputError(f"has an element without {tag}")
     return [float(cell) for cell in text.split()]
-
-
-def _openquake(name: str, imt: str, years: float, im: Any, values: Any, sites: Any) -> _Stated:
-    kind = imt.split("(")[0]
-    measure, unit = _OPENQUAKE.get(kind, (kind, None))
-    return name, imt.replace(kind, measure, 1), unit, years, im, values, sites

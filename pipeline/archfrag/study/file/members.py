@@ -5,8 +5,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
-from archfrag.files import counted, read_text
+from archfrag.files import read_text
 from archfrag.study.file import first_message, meant, parse_value, read_csv
 from archfrag.study.file.arches import COLUMNS, ArchEntry
 from archfrag.study.file.vary import VARIABLE
@@ -88,21 +86,6 @@ class Members(tuple[Member, ...]):
     def checked(self) -> "Members":
         """All arches; if there are very many, some of them at equal distances."""
         return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
-
-    def summaries(self) -> tuple[str, ...]:
-        """Classes whose arches were drawn or come from a table: how many, and how they differ."""
-        found = []
-        for name, alike in groupby(self, attrgetter("arch_class")):
-            own = Members(alike)
-            if own.ids == [name]:
-                continue
-            parts = [f"{name}: {counted(len(own), 'arch')}"]
-            for key, values in own.parameters().items():
-                low, high = np.nanmin(values), np.nanmax(values)
-                parts.append(f"{key} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
-            parts += [f"{len(set(texts))} of {key}" for key, texts in own.attributes().items()]
-            found.append(", ".join(parts))
-        return tuple(found)
 
 
 def shown(theta: Sequence[float]) -> list[int]:
@@ -199,7 +182,13 @@ def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     numeric = [key for key in keys if key in ("voussoirs", *VARIABLE)]
     for row in table.to_dict("records"):
-        own = {key: _value(row[key], f"{place}, column {key}") for key in keys if row[key]}
+        own: dict[str, Any] = {}
+        for key in filter(row.get, keys):
+            try:  # numbers as spreadsheets write them, such as 7.0 for 7
+                number = float(row[key])
+                own[key] = int(number) if number.is_integer() else number
+            except ValueError:
+                own[key] = parse_value(row[key], f"{place}, column {key}")
         place_of_row = f"{place}, arch {row['id']}"
         arch = _entry({**defaults, **own, "id": row["id"]}, place_of_row)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
@@ -207,15 +196,6 @@ def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
         numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
         attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
         yield Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes)
-
-
-def _value(text: str, place: str) -> Any:
-    """Content of a cell: YAML, but for numbers as spreadsheets write them, such as 7.0 for 7."""
-    try:
-        number = float(text)
-    except ValueError:
-        return parse_value(text, place)
-    return int(number) if number.is_integer() else number
 
 
 def check_buildable(given: Members) -> None:

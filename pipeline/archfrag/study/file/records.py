@@ -1,26 +1,18 @@
-"""The records of a study: read, processed, measured and stored once for all workers."""
+"""The motions of a study: measured, and stored once for all workers."""
 
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.errors import InputError, StudyError
 from archfrag.files import cannot_write, make_folder, sha256_of
-from archfrag.study.file.motions import apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import (
-    Source,
-    check_known,
-    find_sources,
-    needs_pairs,
-    study_inputs,
-)
+from archfrag.study.file.sources import read_sources, study_inputs
 from archfrag.study.files import canonical_json, read_json, sha256_if_there, write_text
 
 if TYPE_CHECKING:
@@ -55,122 +47,6 @@ class PreparedRecord:
     vertical: bool = False  # whether the motion has its vertical component
     raw: bool = False  # whether the file states that nothing was corrected
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
-
-
-def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other, processed as it asks."""
-    taken: dict[str, Path] = {}
-    select = study.motions.select
-    for path, motion in _motions(study):
-        if motion.id in taken:
-            whose = f"already belongs to {taken[motion.id]}; each record needs its own"
-            raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
-        taken[motion.id] = path
-        if select is None or motion.id in select:
-            yield motion
-    check_known(select or (), taken)
-
-
-def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
-    """Each motion with its file."""
-    steps = {step.name: step.settings for step in study.motions.processing}
-    chosen = [code.upper() for code in steps.get("choose", {}).get("components", ())]
-    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
-    used, turned = set[Any](), set[Any]()
-    for source in find_sources(study):
-        facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
-        every = _read(source)
-        for motion in every:
-            about = motion.metadata
-            code = str(about.get("component", ""))
-            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
-            record = shared if any(shared) else source.path
-            if chosen and not {code.upper(), code[-1:].upper()} & set(chosen):
-                left_out.setdefault(record, f"{source.path}: record {motion.id} ({code})")
-                continue
-            used.add(record)
-            if (source.path, code) in turned:  # the other component of a motion that was rotated
-                continue
-            motion = _with_components(study, motion, every, source)
-            if "rotate" in steps:
-                about = motion.metadata
-                same = about.get("file_transverse", "") == source.path.name
-                file = source.path if same else source.others.get("transverse")
-                turned.add((file, about.get("component_transverse", "")))
-            motion = _processed(study, motion, source)
-            yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
-    for record, name in left_out.items():
-        if record not in used:
-            codes = ", ".join(steps["choose"]["components"])
-            text = f"has none of the components {codes} that motions.processing chooses"
-            raise RecordError(f"{name}: {text}")
-
-
-def _read(source: Source) -> list["Motion"]:
-    from archfrag.motions.read import load_motion, read_motions
-
-    if source.entry is not None:
-        return [load_motion(source.entry)]
-    return read_motions(source.path, name=source.name, **source.options)
-
-
-def _with_components(
-    study: Study, alone: "Motion", every: Sequence["Motion"], source: Source
-) -> "Motion":
-    """Give a motion the components that the study asks for, and no others."""
-    from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
-    from archfrag.motions.read import read_vertical
-
-    motion = alone
-    if not study.motions.vertical and motion.vertical is not None:
-        labels = {**motion.metadata, "vertical_component": ""}
-        log = (*motion.log, "Vertical component left out.")
-        motion = motion._replaced(vertical=None, metadata=labels, log=log)
-    elif study.motions.vertical and motion.vertical is None:
-        file = source.others.get("vertical")
-        options = {key: value for key, value in source.options.items() if key != "columns"}
-        vertical = None if file is None else read_vertical(file, **options)
-        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
-    if not needs_pairs(study):
-        return motion
-    other = other_horizontal(alone, every)
-    if other is None and "transverse" in source.others:
-        found = _read(replace(source, path=source.others["transverse"], entry=None, name=None))
-        other = found[0] if len(found) == 1 else None
-    other = _partner(other, motion, source, "other horizontal")
-    motion = with_transverse(motion, other)
-    return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
-
-
-def _partner(
-    partner: "Motion | None", motion: "Motion", source: Source, component: str
-) -> "Motion":
-    """Another component, without its header's event and station where an index states them."""
-    if partner is None:
-        raise RecordError(
-            f"{source.path}: record {motion.id} has no {component} component, which the study "
-            "needs. It must be in this file, in one whose name differs in the direction only (N "
-            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
-            "station"
-        )
-    if source.entry is None:
-        return partner
-    unknown = dict.fromkeys(("event", "date", "station"), "")
-    return partner._replaced(metadata={**partner.metadata, **unknown})
-
-
-def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
-    for number, step in enumerate(study.motions.processing):
-        try:
-            motion = apply_step(step, motion, source.path, source.options.get("inventory"))
-        except InputError as error:
-            key = f"motions.processing[{number}] ({step.name})"
-            raise RecordError(f"{source.path}: {key}: {error}") from None
-        if step.name == "rotate":
-            one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
-            common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
-            motion = motion._replaced(id=common or f"{one}+{other}")
-    return motion
 
 
 def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:

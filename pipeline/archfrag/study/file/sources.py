@@ -1,29 +1,27 @@
-"""The record files of a study: found by an index or by patterns, each with how to read it."""
+"""The records of a study: found by an index or by patterns, read and processed."""
 
 import fnmatch
 import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.files import sha256_of
+from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
-from archfrag.motions.index import (
-    INDEX_NAME,
-    IndexEntry,
-    find_entry,
-    goes_with_records,
-    load_index,
-)
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import meant
-from archfrag.study.file.motions import FileSet
+from archfrag.study.file.motions import FileSet, apply_step
 from archfrag.study.file.schema import Study
 from archfrag.study.files import KINDS, Inputs, sha256_if_there
+
+if TYPE_CHECKING:
+    from archfrag.motions.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Source:
 
     path: Path
     options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
-    entry: IndexEntry | None = None  # row of the study's index
+    entry: index.IndexEntry | None = None  # row of the study's index
     name: str | None = None  # what ids begin with, where the file's own name is not enough
     # Files of the components "vertical" and "transverse" (the other horizontal) that are asked
     # for, unless they are in the record's own.
@@ -52,7 +50,7 @@ def find_sources(study: Study) -> list[Source]:
     different settings.
     """
     asked = study.motions
-    rows = [] if asked.index is None else load_index(asked.index)
+    rows = [] if asked.index is None else index.load_index(asked.index)
     used = rows
     if asked.select is not None and not asked.files:
         table = {row.id: row for row in rows}
@@ -81,14 +79,14 @@ def study_inputs(study: Study) -> Inputs:
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
-    sources, index = find_sources(study), study.motions.index
+    sources, given = find_sources(study), study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     places = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
-    if index is not None:
-        indices.insert(0, Path(index, INDEX_NAME) if os.path.isdir(index) else Path(index))
+    indices = [place / index.INDEX_NAME for each in places for place in (each, each.parent)]
+    if given is not None:
+        indices.insert(0, Path(given, index.INDEX_NAME if os.path.isdir(given) else ""))
     names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(given) for s in sources if (given := s.options.get("inventory"))]
+    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for place in places:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         every = sorted(place.glob("*.xml"))
@@ -116,7 +114,7 @@ def _from_files(files: FileSet, key: str) -> list[Source]:
         place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
         folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
         every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
-        paths = sorted(p for p in every if name.match(p.name) and not goes_with_records(p))
+        paths = sorted(p for p in every if name.match(p.name) and not index.goes_with_records(p))
         if not paths:
             raise StudyError(f"{key}: no file matches {files.path}")
     options = files.model_dump(exclude={"path"})
@@ -138,7 +136,7 @@ def _with_names(sources: list[Source]) -> list[Source]:
     stems = Counter(source.path.stem for source in sources)
     alike: dict[str, list[Path]] = {}
     for source in sources:
-        if stems[source.path.stem] > 1 and find_entry(source.path) is None:
+        if stems[source.path.stem] > 1 and index.find_entry(source.path) is None:
             from archfrag.motions.read import record_name  # imports obspy
 
             alike.setdefault(record_name(source.path), []).append(source.path)
@@ -164,7 +162,7 @@ def _without_verticals(sources: Sequence[Source]) -> list[Source]:
 
 
 def _with_partners(
-    sources: list[Source], study: Study, rows: Sequence[IndexEntry]
+    sources: list[Source], study: Study, rows: Sequence[index.IndexEntry]
 ) -> list[Source]:
     """Sources with the files of the other components that are asked for.
 
@@ -178,21 +176,127 @@ def _with_partners(
     found = []
     for source in sources:
         others, site = {}, _site(source.entry)
+        alike = [row for row in rows if site and _site(row) == site and row is not source.entry]
         for kind, names in zip(asked, by_name[source.path.parent]):
-            alike = [row.path for row in rows if site is not None and row is not source.entry
-                     and _site(row) == site and _is_vertical(row) == (kind == "vertical")]
-            named = names.get(source.path.name)
-            if asked[kind] and (len(alike) == 1 or named):
-                others[kind] = alike[0] if len(alike) == 1 else source.path.with_name(str(named))
+            paths = [row.path for row in alike if _is_vertical(row) == (kind == "vertical")]
+            if len(paths) != 1 and (named := names.get(source.path.name)):
+                paths = [source.path.with_name(named)]
+            if asked[kind] and len(paths) == 1:
+                others[kind] = paths[0]
         found.append(replace(source, others=others))
     return found
 
 
-def _is_vertical(row: IndexEntry | None) -> bool:
+def _is_vertical(row: index.IndexEntry | None) -> bool:
     return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
 
 
-def _site(row: IndexEntry | None) -> tuple[Any, Any] | None:
+def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
     """Event and station of a row of an index, if both are known."""
     found = (row.metadata.get("event"), row.metadata.get("station")) if row else (None, None)
     return found if all(found) else None
+
+
+def read_sources(study: Study) -> Iterator["Motion"]:
+    """Read the motions of a study one after the other, processed as it asks."""
+    select, steps = study.motions.select, {s.name: s.settings for s in study.motions.processing}
+    chosen = steps.get("choose", {}).get("components", ())
+    taken: dict[str, Path] = {}
+    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
+    used, turned = set[Any](), set[Any]()
+    for source in find_sources(study):
+        path, every = source.path, _read(source)
+        facts = {"file": path.name, "file_sha256": sha256_of(path)}
+        for motion in every:
+            about, code = motion.metadata, str(motion.metadata.get("component", ""))
+            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
+            record = shared if any(shared) else path
+            if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
+                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+                continue
+            used.add(record)
+            if (path, code) in turned:  # the other component of a motion that was rotated
+                continue
+            motion = _with_components(study, motion, every, source)
+            if "rotate" in steps:
+                same = motion.metadata.get("file_transverse", "") == path.name
+                file = path if same else source.others.get("transverse")
+                turned.add((file, motion.metadata.get("component_transverse", "")))
+            motion = _processed(study, motion, source)
+            if motion.id in taken:
+                whose = f"already belongs to {taken[motion.id]}; each record needs its own"
+                raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
+            taken[motion.id] = path
+            if select is None or motion.id in select:
+                yield motion._replaced(metadata={**motion.metadata, **facts})
+    if lost := [name for record, name in left_out.items() if record not in used]:
+        text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
+        raise RecordError(f"{lost[0]}: {text}")
+    check_known(select or (), taken)
+
+
+def _read(source: Source) -> list["Motion"]:
+    from archfrag.motions.read import load_motion, read_motions
+
+    if source.entry is not None:
+        return [load_motion(source.entry)]
+    return read_motions(source.path, name=source.name, **source.options)
+
+
+def _with_components(
+    study: Study, alone: "Motion", every: Sequence["Motion"], source: Source
+) -> "Motion":
+    """Give a motion the components that the study asks for, and no others."""
+    from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
+    from archfrag.motions.read import read_vertical
+
+    motion = alone
+    if not study.motions.vertical and motion.vertical is not None:
+        labels = {**motion.metadata, "vertical_component": ""}
+        log = (*motion.log, "Vertical component left out.")
+        motion = motion._replaced(vertical=None, metadata=labels, log=log)
+    elif study.motions.vertical and motion.vertical is None:
+        file = source.others.get("vertical")
+        options = {key: value for key, value in source.options.items() if key != "columns"}
+        vertical = None if file is None else read_vertical(file, **options)
+        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
+    if not needs_pairs(study):
+        return motion
+    other = other_horizontal(alone, every)
+    if other is None and "transverse" in source.others:
+        found = _read(replace(source, path=source.others["transverse"], entry=None, name=None))
+        other = found[0] if len(found) == 1 else None
+    other = _partner(other, motion, source, "other horizontal")
+    motion = with_transverse(motion, other)
+    return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
+
+
+def _partner(
+    partner: "Motion | None", motion: "Motion", source: Source, component: str
+) -> "Motion":
+    """Another component, without its header's event and station where an index states them."""
+    if partner is None:
+        raise RecordError(
+            f"{source.path}: record {motion.id} has no {component} component, which the study "
+            "needs. It must be in this file, in one whose name differs in the direction only (N "
+            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
+            "station"
+        )
+    if source.entry is None:
+        return partner
+    unknown = dict.fromkeys(("event", "date", "station"), "")
+    return partner._replaced(metadata={**partner.metadata, **unknown})
+
+
+def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
+    for number, step in enumerate(study.motions.processing):
+        try:
+            motion = apply_step(step, motion, source.path, source.options.get("inventory"))
+        except InputError as error:
+            key = f"motions.processing[{number}] ({step.name})"
+            raise RecordError(f"{source.path}: {key}: {error}") from None
+        if step.name == "rotate":
+            one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
+            common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
+            motion = motion._replaced(id=common or f"{one}+{other}")
+    return motion

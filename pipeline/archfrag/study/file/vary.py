@@ -138,10 +138,10 @@ class JointScatter(Section):
             elif name == "position":  # the springings stay where they are
                 end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
                 step = end / count
-                first, *inner, last = given.get("joints") or [*(step * j for j in range(count)), end]
-                moved = np.asarray(inner) + step * values[1:-1]
-                inner = [float(f"{joint:.12g}") for joint in moved]
-                keys["joints"] = [float(first), *inner, float(last)]
+                joints = given.get("joints") or [*(step * j for j in range(count)), end]
+                moved = np.asarray(joints[1:-1]) + step * values[1:-1]
+                inner = (float(f"{joint:.12g}") for joint in moved)
+                keys["joints"] = [float(joints[0]), *inner, float(joints[-1])]
             else:
                 side = {name.removeprefix("recess_"): values.tolist()}
                 keys["recess"] = keys.get("recess", given.get("recess", {})) | side
