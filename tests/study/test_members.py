@@ -119,7 +119,7 @@ class TestRefusals:
              "sample 1 (frictions = 0.657234): frictions is not a known key; did"),
             ({"of": {"friction": {"distribution": "normal", "cov": 0.1}}}, "n.mean must be given"),
             ({"of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
-             ".of.friction.mean is not a known key; allowed are distribution, start, stop"),
+             ".of.friction.mean is not a known key; allowed are distribution, relative, sta"),
             ({"of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
             ({"of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}}, "is cut too far"),
             ({"of": {"dead_load": normal(1.0, 0.1, relative=True)}},

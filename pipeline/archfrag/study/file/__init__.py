@@ -7,7 +7,7 @@ import os
 import re
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import yaml
 from pydantic import (
@@ -34,7 +34,6 @@ _FORMER = {
 }
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
-    "missing": "must be given",
     "union_tag_not_found": "must be given",
     "model_type": "must be a mapping of keys to values",
     "string_type": "must be text; put it in quotes",
@@ -52,22 +51,31 @@ class Section(BaseModel):
         use_attribute_docstrings=True, defer_build=True,
     )  # fmt: skip
 
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Keys that a block may have; they may depend on what stands in it."""
-        return cls.model_fields
+    # Where keys depend on the value of one, or on whether a key is there: that one, keys that
+    # always may be there, and by the value or the key those that must and may be there too.
+    kind_key: ClassVar[str] = ""
+    common: ClassVar[tuple[str, ...]] = ()
+    kinds: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {}
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_key(cls, given: Any) -> Any:
-        allowed = list(cls.allowed_keys(given)) if isinstance(given, dict) else []
-        for key in given if isinstance(given, dict) else ():
-            if key in allowed:
-                continue
-            if key in _FORMER:
+    def _check_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        by_key = next((key for key in cls.kinds if key in given), None)
+        own = (cls.kind_key,) if cls.kinds and by_key is None else ()
+        kind = by_key or str(given.get(cls.kind_key))
+        needs, may = cls.kinds.get(kind, (own, tuple(cls.model_fields)))
+        allowed = dict.fromkeys((*own, *cls.common, *needs, *may))
+        required = [name for name, about in cls.model_fields.items() if about.is_required()]
+        for key in given:
+            if key in _FORMER and key not in allowed:
                 raise refuse(f"no longer exists; {_FORMER[key]}", key)
-            hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
-            raise refuse(f"is not a known key; {hint}", _shown(str(key)))
+            if key not in allowed:
+                hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
+                raise refuse(f"is not a known key; {hint}", _shown(str(key)))
+        if missing := [k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None]:
+            raise refuse("must be given", *missing)
         return given
 
 
@@ -116,9 +124,7 @@ def first_message(
         return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
     shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
     rule = re.sub("^.*? should ", "must ", _RULES.get(kind, first["msg"]))
-    if kind == "missing":
-        place.append(first["loc"][-1])
-    elif kind.startswith("union_tag"):
+    if kind.startswith("union_tag"):
         place.append(context["discriminator"].strip("'"))
         if "tag" in context:
             shown = f" = {context['tag']}"

@@ -1,8 +1,7 @@
 """Arches as a study file gives them: one block, whose keys follow from its profile."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
@@ -13,24 +12,24 @@ from archfrag.study.file.vary import Vary
 if TYPE_CHECKING:
     from archfrag.arch import Arch
 
-_SPANNED = ("span", "rise", "thickness", "voussoirs")
+_SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
 _DRAWN = ("thickness_factor", "tolerance", "dead_load")
 # Keys that each profile needs, and keys that it may have.
 PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "circular": (("radius", "thickness", "embrace", "voussoirs"),
+    "circular": (("radius", "thickness", "embrace", "voussoirs", "friction"),
                  ("sector", "joints", "dead_load")),
     "segmental": (_SPANNED, ("sector", "joints", "dead_load")),
     **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", "dead_load"))),
-    "from_joints": (("intrados", "extrados"), ("free_end", "dead_load")),
-    "block": (("width", "height"), ()),
-    "polygons": (("outlines",), ("ground", *_DRAWN)),
+    "from_joints": (("intrados", "extrados", "friction"), ("free_end", "dead_load")),
+    "block": (("width", "height", "friction"), ()),
+    "polygons": (("outlines", "friction"), ("ground", *_DRAWN)),
 }  # fmt: skip
 _MATERIAL = ("friction", "density", "depth")
 _COMMON = ("id", *_MATERIAL, "recess", "vary")
 # Columns of a table that are keys of its arches.
-COLUMNS = ("profile", *dict.fromkeys(
-    (*_COMMON, *(key for name, both in PROFILES.items() if name != "polygons"
-                 for key in sum(both, ())))
+COLUMNS = tuple(dict.fromkeys(
+    ("profile", *_COMMON, *(key for name, both in PROFILES.items() if name != "polygons"
+                            for key in sum(both, ())))
 ))  # fmt: skip
 
 
@@ -77,6 +76,13 @@ class Recess(Section):
 
 class ArchEntry(Section):
     """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
+
+    kind_key, common = "profile", _COMMON
+    kinds: ClassVar = {
+        "table": ((), ("table", *COLUMNS)),
+        "drawing": (("friction",), ("drawing", "layer", "unit", *_DRAWN)),
+        **PROFILES,
+    }
 
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
@@ -141,26 +147,9 @@ class ArchEntry(Section):
     vary: Vary | None = None
     """Uncertain keys of the arch: sampled arches replace it."""
 
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Those of the profile; those of a drawing or a table; of an unknown profile all."""
-        if "table" in given:
-            return ("table", *COLUMNS)
-        if "drawing" in given:
-            return (*_COMMON, "drawing", "layer", "unit", *_DRAWN)
-        needs, may = PROFILES.get(str(given.get("profile")), ((), tuple(cls.model_fields)))
-        return dict.fromkeys(("id", "profile", *_COMMON, *needs, *may))
-
     @model_validator(mode="after")
-    def _is_complete(self) -> Self:
-        if self.table is not None:
-            return self
-        needs = ["friction"]
-        if self.drawing is None:
-            needs = ["profile", *PROFILES.get(self.profile or "", ((), ()))[0], *needs]
-        if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse("must be given", *missing)
-        for key, distribution in self.vary.of.items() if self.vary else ():
+    def _have_what_varies(self) -> Self:
+        for key, distribution in self.vary.of.items() if self.vary and not self.table else ():
             if distribution.relative and getattr(self, key, None) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")

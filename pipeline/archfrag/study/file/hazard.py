@@ -147,11 +147,11 @@ def _csv(text: str) -> Iterator[_Stated]:
         if not {"imt", "investigation_time"} <= about.keys():
             keys = "imt and investigation_time"
             raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-        levels = table.filter(like="poe-").astype(float)
-        im = [float(str(head).removeprefix("poe-")) for head in levels]
+        poe = table.filter(like="poe-").astype(float)
+        im = [float(str(head).removeprefix("poe-")) for head in poe]
         yield (
             about.get("kind", "one branch"), about["imt"], _UNITS.get(about["imt"].split("(")[0]),
-            float(about["investigation_time"]), im, levels.to_numpy(),
+            float(about["investigation_time"]), im, poe.to_numpy(),
             table[["lon", "lat"]].astype(float).to_numpy(),
         )  # fmt: skip
         return
@@ -164,9 +164,9 @@ def _csv(text: str) -> Iterator[_Stated]:
         kind = re.fullmatch(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?", head)
         if kind is None:
             raise InputError(f"has a column {head[:60]!r}; {_RULE}")
-        im, values = (table[name].astype(float).to_numpy() for name in (first, head))
+        levels, values = (table[name].astype(float).to_numpy() for name in (first, head))
         years = float(kind[2]) if kind[2] else None
-        yield kind[3] or "mean", measure, stated[2], years, im, [values], None
+        yield kind[3] or "mean", measure, stated[2], years, levels, [values], None
 
 
 def _nrml(text: str) -> Iterator[_Stated]:

@@ -66,12 +66,17 @@ def find_sources(study: Study) -> list[Source]:
             if given.setdefault(source.path, source) != source:
                 other = "another unit, inventory, columns or accept"
                 raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
-    for source in (*indexed, *given.values()):
+    every = [*indexed, *given.values()]
+    for source in every:
         check_file(source.path)
         if inventory := source.options.get("inventory"):
             check_file(Path(inventory))
-    found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
-    return _with_partners(found, study, rows)
+    # Without those that hold only the vertical component of another one's record.
+    verticals = vertical_files(sorted({source.path for source in every}))
+    sites = {_site(source.entry) for source in every if not _is_vertical(source.entry)} - {None}
+    found = [source for source in every if source.path not in verticals
+             and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
+    return _with_partners(_with_names(found), study, rows)
 
 
 def study_inputs(study: Study) -> Inputs:
@@ -133,9 +138,10 @@ def _with_names(sources: list[Source]) -> list[Source]:
 
     Folders that they have in common do not count, so that a study can be moved.
     """
-    stems = Counter(source.path.stem for source in sources)
+    plain = [source for source in sources if source.entry is None]
+    stems = Counter(source.path.stem for source in plain)
     alike: dict[str, list[Path]] = {}
-    for source in sources:
+    for source in plain:
         if stems[source.path.stem] > 1 and index.find_entry(source.path) is None:
             from archfrag.motions.read import record_name  # imports obspy
 
@@ -148,17 +154,6 @@ def _with_names(sources: list[Source]) -> list[Source]:
             last = path.name if parents.count(path.parent) > 1 else name
             names[path] = "+".join((*path.parent.relative_to(common).parts, last))
     return [replace(source, name=names.get(source.path)) for source in sources]
-
-
-def _without_verticals(sources: Sequence[Source]) -> list[Source]:
-    """Sources without those that hold only the vertical component of another one's record."""
-    by_name = vertical_files(sorted({source.path for source in sources}))
-    entries = [source.entry for source in sources]
-    horizontal = {_site(entry) for entry in entries if not _is_vertical(entry)} - {None}
-    return [
-        source for source in sources if source.path not in by_name
-        and not (_is_vertical(source.entry) and _site(source.entry) in horizontal)
-    ]  # fmt: skip
 
 
 def _with_partners(
@@ -244,48 +239,43 @@ def _read(source: Source) -> list["Motion"]:
 
 
 def _with_components(
-    study: Study, alone: "Motion", every: Sequence["Motion"], source: Source
+    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
     """Give a motion the components that the study asks for, and no others."""
     from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
     from archfrag.motions.read import read_vertical
 
-    motion = alone
-    if not study.motions.vertical and motion.vertical is not None:
+    others: dict[str, Motion | None] = {}
+    if study.motions.vertical and motion.vertical is None:
+        file = source.others.get("vertical")
+        others["vertical"] = None if file is None else read_vertical(file, **source.options)
+    if needs_pairs(study):
+        other, file = other_horizontal(motion, every), source.others.get("transverse")
+        if other is None and file is not None:
+            found = _read(replace(source, path=file, entry=None, name=None))
+            other = found[0] if len(found) == 1 else None
+        others["other horizontal"] = other
+    if motion.vertical is not None and not study.motions.vertical:
         labels = {**motion.metadata, "vertical_component": ""}
         log = (*motion.log, "Vertical component left out.")
         motion = motion._replaced(vertical=None, metadata=labels, log=log)
-    elif study.motions.vertical and motion.vertical is None:
-        file = source.others.get("vertical")
-        options = {key: value for key, value in source.options.items() if key != "columns"}
-        vertical = None if file is None else read_vertical(file, **options)
-        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
-    if not needs_pairs(study):
-        return motion
-    other = other_horizontal(alone, every)
-    if other is None and "transverse" in source.others:
-        found = _read(replace(source, path=source.others["transverse"], entry=None, name=None))
-        other = found[0] if len(found) == 1 else None
-    other = _partner(other, motion, source, "other horizontal")
-    motion = with_transverse(motion, other)
-    return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
-
-
-def _partner(
-    partner: "Motion | None", motion: "Motion", source: Source, component: str
-) -> "Motion":
-    """Another component, without its header's event and station where an index states them."""
-    if partner is None:
-        raise RecordError(
-            f"{source.path}: record {motion.id} has no {component} component, which the study "
-            "needs. It must be in this file, in one whose name differs in the direction only (N "
-            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
-            "station"
-        )
-    if source.entry is None:
-        return partner
-    unknown = dict.fromkeys(("event", "date", "station"), "")
-    return partner._replaced(metadata={**partner.metadata, **unknown})
+    for component, other in others.items():
+        if other is None:
+            raise RecordError(
+                f"{source.path}: record {motion.id} has no {component} component, which the study "
+                "needs. It must be in this file, in one whose name differs in the direction only "
+                "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
+                "and station"
+            )
+        if source.entry is not None:  # an index states what the headers may spell differently
+            labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
+            other = other._replaced(metadata=labels)
+        if component == "vertical":
+            motion = with_vertical(motion, other)
+        else:
+            motion = with_transverse(motion, other)
+            motion = motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
+    return motion
 
 
 def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":

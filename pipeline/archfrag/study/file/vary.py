@@ -1,7 +1,7 @@
 """Uncertain keys of an arch: their distributions, correlations and sampling."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -17,13 +17,6 @@ VARIABLE = (
     "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
     "friction", "dead_load", "thickness_factor",
 )  # fmt: skip
-# Keys that each distribution needs, and keys that it may have.
-DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "normal": (("mean",), ("cov", "sd", "lower", "upper")),
-    "lognormal": (("median", "beta"), ("lower", "upper")),
-    "uniform": (("start", "stop"), ()),
-    "triangular": (("start", "mode", "stop"), ()),
-}
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(gt=0.0, le=1e12)]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
@@ -31,6 +24,14 @@ Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 
 class Distribution(Section):
     """Distribution of one key, in the unit of the key."""
+
+    kind_key, common = "distribution", ("relative",)
+    kinds: ClassVar = {
+        "normal": (("mean",), ("cov", "sd", "lower", "upper")),
+        "lognormal": (("median", "beta"), ("lower", "upper")),
+        "uniform": (("start", "stop"), ()),
+        "triangular": (("start", "mode", "stop"), ()),
+    }
 
     distribution: Literal["normal", "lognormal", "uniform", "triangular"]
     mean: Value | None = None
@@ -56,18 +57,8 @@ class Distribution(Section):
     relative: bool = False
     """Whether values are factors on the key of the arch, which may be a list."""
 
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Those of the distribution; of an unknown one all."""
-        name = str(given.get("distribution"))
-        needs, may = DISTRIBUTIONS.get(name, (tuple(cls.model_fields), ()))
-        return dict.fromkeys(("distribution", *needs, *may, "relative"))
-
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        needs = DISTRIBUTIONS[self.distribution][0]
-        if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse("must be given", *missing)
         if self.distribution == "normal" and (self.cov is None) == (self.sd is None):
             raise refuse("must have one of cov and sd")
         if self.cov is not None and self.mean is not None and self.mean <= 0.0:
@@ -75,7 +66,7 @@ class Distribution(Section):
         ends = [value for value in (self.start, self.mode, self.stop) if value is not None]
         if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
             values = ", ".join(f"{end:g}" for end in ends)
-            raise refuse(f"must have {' <= '.join(needs)}, not {values}")
+            raise refuse(f"must increase from start to stop, not {values}")
         try:
             self.marginal().quantile(0.5)
         except InputError as error:
