@@ -40,10 +40,10 @@ def write_starter(folder: Path) -> Path:
     for path in (records, schema, study):
         if os.path.lexists(path):
             raise OutputError(f"{path}: exists already; choose a folder without it")
-    unwanted = shutil.ignore_patterns("*.svg", "*.py")
+    make_folder(folder)
     try:
-        shutil.copytree(shipped_folder() / records.name, make_folder(folder) / "records",
-                        ignore=unwanted)  # fmt: skip
+        unwanted = shutil.ignore_patterns("*.svg", "*.py")
+        shutil.copytree(shipped_folder() / records.name, records, ignore=unwanted)
         schema.write_text(study_schema())
         shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
     except OSError as error:

@@ -1,6 +1,5 @@
 """The motions of a study: measured, and stored once for all workers."""
 
-import contextlib
 import hashlib
 import os
 from dataclasses import asdict, dataclass, field
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError, StudyError
-from archfrag.files import cannot_write, make_folder, sha256_of
+from archfrag.files import make_folder, sha256_of
 from archfrag.study.file.schema import Study
 from archfrag.study.file.sources import read_sources, study_inputs
 from archfrag.study.files import canonical_json, read_json, sha256_if_there, write_text
@@ -69,47 +68,36 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    inputs, records = study_inputs(study), list[PreparedRecord]()
-    folder = make_folder(study.work / FOLDER)
-    try:
-        records += [_stored(motion, study) for motion in read_sources(study)]
-        if not records:
-            raise StudyError("motions: the study has no record; give an index or files")
-        if (select := study.motions.select) is not None:
-            records.sort(key=lambda record: select.index(record.id))
-        manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
-                    "records": [asdict(record) for record in records]}  # fmt: skip
-        write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    finally:  # no stored motions stay that the manifest does not name
-        with contextlib.suppress(InputError, OSError):
-            kept = {study.work / record.file for record in read_manifest(study)["records"]}
-            for path in set(folder.glob("*.npz")) - kept:
-                path.unlink()
-    return records
-
-
-def _stored(motion: "Motion", study: Study) -> PreparedRecord:
-    """Store a motion under the SHA-256 of the file, and describe it."""
     from archfrag.motions.motion import save_motions
 
-    (factor, measures), about = measured(motion, study), motion.metadata
-    new = study.work / FOLDER / "new.npz"
-    save_motions(new, [motion])
-    prepared = sha256_of(new)
-    file = f"{FOLDER}/{prepared[:16]}.npz"
-    os.replace(new, study.work / file)
-    samples = hashlib.sha256(float(motion.dt).hex().encode())
-    for part in (motion.acceleration, motion.vertical):
-        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    return PreparedRecord(
-        motion.id, file, about["file"], about["file_sha256"], prepared, motion.dt,
-        motion.duration, about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
-        factor, measures, event=str(about.get("event") or about.get("event_id") or ""),
-        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        raw=is_raw(motion), samples=samples.hexdigest(),
-    )  # fmt: skip
+    inputs, records = study_inputs(study), list[PreparedRecord]()
+    folder = make_folder(study.work / FOLDER)
+    for motion in read_sources(study):
+        (factor, measures), about = measured(motion, study), motion.metadata
+        save_motions(folder / "new.npz", [motion])
+        prepared = sha256_of(folder / "new.npz")
+        os.replace(folder / "new.npz", folder / f"{prepared[:16]}.npz")
+        samples = hashlib.sha256(float(motion.dt).hex().encode())
+        for part in (motion.acceleration, motion.vertical):
+            samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+        records.append(PreparedRecord(
+            motion.id, f"{FOLDER}/{prepared[:16]}.npz", about["file"], about["file_sha256"],
+            prepared, motion.dt, motion.duration, about.get("Mw") or about.get("magnitude"),
+            about.get("distance_km"), factor, measures,
+            event=str(about.get("event") or about.get("event_id") or ""),
+            accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
+            raw=is_raw(motion), samples=samples.hexdigest(),
+        ))  # fmt: skip
+    if not records:
+        raise StudyError("motions: the study has no record; give an index or files")
+    if (select := study.motions.select) is not None:
+        records.sort(key=lambda record: select.index(record.id))
+    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
+                "records": [asdict(record) for record in records]}  # fmt: skip
+    write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
+    for path in set(folder.glob("*.npz")) - {study.work / record.file for record in records}:
+        path.unlink()
+    return records
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
@@ -126,19 +114,14 @@ def read_manifest(study: Study) -> dict[str, Any]:
 
 
 def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored.
-
-    InputError if there are none yet, they are of other records or another measure, or a stored
-    motion is not the one that was prepared.
-    """
-    manifest, path = read_manifest(study), study.work / MANIFEST
+    """Records that `prepare_motions` stored; InputError if they are not the study's or damaged."""
+    manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
-        raise InputError(f"{path}: was made for {other}; {_AGAIN}")
-    records: list[PreparedRecord] = manifest["records"]
-    for record in records:
+        raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
+    for record in manifest["records"]:
         _check_stored(study.work, record)
-    return records
+    return list(manifest["records"])
 
 
 def load_record(work: Path, record: PreparedRecord) -> "Motion":
