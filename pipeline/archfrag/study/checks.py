@@ -52,10 +52,7 @@ def write_starter(folder: Path) -> Path:
 
 
 def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, ...]:
-    """Message on records that are raw and not corrected by the study either.
-
-    `raw` tells of each record whether it is; if not given, the prepared records do.
-    """
+    """Message on raw records that the study does not correct; `raw` by those prepared if None."""
     if raw is None:
         raw = {}
         with contextlib.suppress(InputError):
@@ -99,10 +96,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 
 def check_start(study: Study) -> None:
-    """Check that the last step will have what it needs: a hazard, and a folder to write to.
-
-    Nothing is created.
-    """
+    """Check a hazard, and that the output folder can be written; nothing is created."""
     if (risk := study.risk) is not None:
         from archfrag.study.file.hazard import load_hazard
 
@@ -130,9 +124,9 @@ def refuse_foreign_results(study: Study) -> None:
 def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
-    Returned is what it amounts to: numbers of ``arches``, ``records``, ``levels`` and ``runs``,
-    which are meant exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches
-    that were drawn or come from a table, and records put together from ``partners``.
+    Returned are numbers of ``arches``, ``records``, ``levels`` and ``runs``, which are meant
+    exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches, and records put
+    together from ``partners``.
     """
     check_start(study)
     # Arches that each record has of its own are known once the records are.

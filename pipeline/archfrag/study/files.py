@@ -25,7 +25,6 @@ PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
-_RESULT = re.compile(rf"cube.nc|fits.json|curve.csv|report.html|summary.json|{FIGURE.pattern}")
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
@@ -79,17 +78,13 @@ def sha256_if_there(path: Path | str) -> str | None:
 
 
 def check_own(study: "Study") -> None:
-    """See that the hidden folder of a study holds files and folders only, and sweep it.
+    """Sweep the hidden folder of a study; OutputError for anything there but files and folders.
 
-    OutputError for a link there, which leads to files of somebody else, and for results that are
-    no regular files.
+    A link leads to files of somebody else, which would be emptied or removed as our own.
     """
     strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
         raise OutputError(f"{study.work}: {strange}")
-    for path in study.folder.glob("*"):
-        if _RESULT.fullmatch(path.name) and path.exists() and not path.is_file():
-            raise OutputError(f"{path}: is no regular file; move it")
     for entry in entries(study.work):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             raise OutputError(f"{entry.path}: {strange}")
@@ -164,8 +159,7 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
-    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
-    environment, which those who install from an archive may set, or else "unknown".
+    Without one that of the wheel, of ARCHFRAG_COMMIT in the environment, or "unknown".
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():

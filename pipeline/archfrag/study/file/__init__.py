@@ -175,10 +175,7 @@ def parse_value(text: str, place: str) -> Any:
 
 
 def read_csv(text: str) -> "pd.DataFrame":
-    """Text in CSV as a table of text; lines that begin with # are comments.
-
-    InputError if it is not CSV.
-    """
+    """CSV as a table of text, lines that begin with # left out; InputError if it is not CSV."""
     import pandas as pd  # takes a third of a second
 
     content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))

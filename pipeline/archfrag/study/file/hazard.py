@@ -57,11 +57,10 @@ def load_hazard(
 ) -> Hazard:  # fmt: skip
     """Read the hazard curves of a site, of the study's intensity measure.
 
-    Three kinds of file are known by what is in them: CSV with a header as `archfrag risk --help`
-    states, the CSV that OpenQuake exports (one file for the mean and each quantile), and NRML's
-    ``hazardCurves``. `unit` is that of the intensities, where the file does not state it; `site`
-    is longitude and latitude [degrees], for files with several sites. InputError names the file,
-    what is wrong there, and what is allowed.
+    Files are CSV as `archfrag risk --help` states, OpenQuake's CSV (one file for the mean and each
+    quantile), or NRML's ``hazardCurves``. `unit` is that of the intensities, where the file does
+    not state it; `site` is longitude and latitude [degrees], for files with several sites.
+    InputError names the file, what is wrong there, and what is allowed.
     """
     found: dict[str, HazardCurve] = {}
     notes: dict[str, None] = {}
@@ -84,10 +83,7 @@ def load_hazard(
 def _curves(
     text: str, measure: str, unit: str | None, site: Sequence[float] | None
 ) -> Iterator[tuple[str, HazardCurve, str]]:
-    """Curves of a file that may be of the measure, by name, each with a note on what is assumed.
-
-    Their intensities are in the SI unit of the measure.
-    """
+    """Name, curve in SI units and note on what is assumed, of all that may be of the measure."""
     requested, allowed = parse_measure(measure), LEVEL_UNITS.get(measure_unit(measure), {})
     read = _nrml if text.lstrip().startswith("<") else _csv
     other, any_found = "", False
@@ -137,10 +133,7 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
 
 
 def _csv(text: str) -> Iterator[_Stated]:
-    """Columns intensity and rates or probabilities; or OpenQuake's, a site in each row.
-
-    OpenQuake has one statistic or branch in a file such as ``hazard_curve-mean-PGA_1.csv``.
-    """
+    """Columns intensity and rates or probabilities; or one of OpenQuake's, a site in each row."""
     table = read_csv(text)
     if {"lon", "lat"} <= set(table):
         about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0]))

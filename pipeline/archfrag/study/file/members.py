@@ -91,8 +91,7 @@ class Members(tuple[Member, ...]):
 def shown(theta: Sequence[float]) -> list[int]:
     """Places of the arches that a report shows one by one, by their median capacities.
 
-    All of up to `SHOWN`; of many the weakest, the middle and the strongest. A capacity is nan
-    where there is no curve.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest. nan: no curve.
     """
     if len(theta) <= SHOWN:
         return list(range(len(theta)))

@@ -140,10 +140,7 @@ class Method(Section):
 
 
 class LimitStates(Section):
-    """Damage before collapse, from the same runs.
-
-    Motion, the first impact, loss of contact at a joint and collapse need no number.
-    """
+    """Damage before collapse; motion, first impact, lost contact and collapse need no number."""
 
     rotation: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
     """Peak rotation over that at which the mechanism of onset is in unstable equilibrium."""
@@ -232,9 +229,8 @@ class Study(Section):
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
-    `overrides` are texts ``key.key=value``, the value in YAML, over the file's; paths in them are
-    relative to the current folder. StudyError is one message with the file, the key, its value
-    and what is allowed.
+    `overrides` are texts ``key.key=value``, the value in YAML; paths in them are relative to the
+    current folder. StudyError is one message with file, key, value and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent

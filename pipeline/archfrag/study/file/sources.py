@@ -46,8 +46,7 @@ def needs_pairs(study: Study) -> bool:
 def find_sources(study: Study) -> list[Source]:
     """Find the record files of a study, in the order of its results.
 
-    StudyError or RecordError if a file or an id is missing, or a file is found twice with
-    different settings.
+    StudyError or RecordError for a file or id that is missing, or is there with two settings.
     """
     asked = study.motions
     rows = [] if asked.index is None else index.load_index(asked.index)
@@ -134,10 +133,7 @@ def _from_files(files: FileSet, key: str) -> list[Source]:
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
-    """Give sources whose ids would be equal the names of their folders too.
-
-    Folders that they have in common do not count, so that a study can be moved.
-    """
+    """Give sources whose ids would be equal the names of their folders too, but common ones."""
     plain = [source for source in sources if source.entry is None]
     stems = Counter(source.path.stem for source in plain)
     alike: dict[str, list[Path]] = {}
@@ -161,8 +157,7 @@ def _with_partners(
 ) -> list[Source]:
     """Sources with the files of the other components that are asked for.
 
-    A row of the index with the same event and station comes before a file of nearly the same
-    name; what is in the record's own file comes before both when it is read.
+    A row of the index with the same event and station comes before a file of nearly the same name.
     """
     asked = {"transverse": needs_pairs(study), "vertical": study.motions.vertical}
     if not any(asked.values()):
