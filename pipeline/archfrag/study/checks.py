@@ -14,10 +14,9 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
 from archfrag.files import cannot_write, counted, make_folder
-from archfrag.study.file.members import Members, check_standing, needs_records
+from archfrag.study.file.members import Members, check_standing
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
 from archfrag.study.file.schema import Study, study_schema
-from archfrag.study.file.sources import study_inputs
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
@@ -129,10 +128,6 @@ def check_study(study: Study) -> dict[str, Any]:
     together from ``partners``.
     """
     check_start(study)
-    # Arches that each record has of its own are known once the records are.
-    if not needs_records(study.arches):
-        check_standing(study.members().checked())
-    study_inputs(study)
     raw, partners = {}, []
     for motion in read_sources(study):
         measured(motion, study)
@@ -143,20 +138,20 @@ def check_study(study: Study) -> dict[str, Any]:
     if not raw:
         raise StudyError("motions: the study has no record; give an index or files")
     found = study.members(len(raw))
-    if needs_records(study.arches):
-        check_standing(found.checked())
+    checked = found.checked()
+    check_standing(checked)
     levels = len(study.intensity.si)
     sizes = [study.design.size(len(raw) if member.record is None else 1, levels)
              for member in found]  # fmt: skip
-    classes = tuple(f"{name}: {counted(count, 'arch')}" for name, count in
-                    Counter(found.classes).items() if name not in found.ids)  # fmt: skip
+    sizes_of, ids = Counter(found.classes), set(found.ids)
+    classes = [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items() if name not in ids]
     cautions = unit_warnings(study, found) + uncorrected(study, raw)
-    if unchecked := len(found) - len(found.checked()):
+    if unchecked := len(found) - len(checked):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
         "study": study.id, "arches": len(found), "records": len(raw), "levels": levels,
         "design": study.design.kind, "runs": sum(size for size, _ in sizes),
-        "extent": sizes[0][1], "classes": classes, "cautions": cautions,
+        "extent": sizes[0][1], "classes": tuple(classes), "cautions": cautions,
         "partners": tuple(partners),
     }  # fmt: skip

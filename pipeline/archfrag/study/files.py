@@ -127,8 +127,9 @@ def refuse_foreign_cube(study: "Study") -> None:
         with netCDF4.Dataset(path if path.is_file() else os.devnull) as cube:
             owner = cube.__dict__.get("archfrag_study")
     except OSError:
-        if digest is not None and path.is_file() and path.read_bytes()[:4] in (b"", b"\x89HDF"):
-            return
+        with contextlib.suppress(OSError), opened(path) as file:
+            if digest is not None and file.read(4) in (b"", b"\x89HDF"):
+                return
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"

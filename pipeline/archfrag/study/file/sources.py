@@ -44,19 +44,16 @@ def needs_pairs(study: Study) -> bool:
 
 
 def find_sources(study: Study) -> list[Source]:
-    """Find the record files of a study, in the order of its results.
+    """Find the record files of a study.
 
     StudyError or RecordError for a file or id that is missing, or is there with two settings.
     """
     asked = study.motions
     rows = [] if asked.index is None else index.load_index(asked.index)
-    used = rows
-    if asked.select is not None and not asked.files:
-        table = {row.id: row for row in rows}
-        check_known(asked.select, table)
-        used = [table[name] for name in dict.fromkeys(asked.select)]
+    select = None if asked.files else asked.select  # of files the ids are known when read
+    check_known(select or (), [row.id for row in rows])
     indexed = [Source(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
-               for row in used]  # fmt: skip
+               for row in rows if select is None or row.id in select]  # fmt: skip
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
         key = f"motions.files[{number}]"
