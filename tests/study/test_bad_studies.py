@@ -48,7 +48,7 @@ BAD += [
     ("profile: block", "profile: blok", "arches[1].profile = blok must be 'circular', 'segm"),
     ("profile: block, ", "", "arches[1].profile must be given"),
     (f"{RING}, thickness: 1.5, ", "", "arches[0].radius, arches[0].thickness must be given"),
-    (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are id, profile"),
+    (BLOCK, f"{BLOCK}, span: 3", "arches[1].span is not a known key; allowed are profile, id"),
     ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be a valid integer"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
     ("friction: 0.7", f"friction: [{', '.join(['1'] * 3000)}]", "at most 2001"),

@@ -116,7 +116,7 @@ SITE = {"site": (13.4, 42.3)}
         (openquake(), {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
         (openquake(), {"site": (12.0, 42.3)}, "no site within 10 km of longitude 12, latitude 42"),
         (openquake(), {"unit": "m/s2", **SITE}, "gives PGA in g, not in m/s2"),
-        (openquake(imt="SA(0.3)"), SITE, "hazard of Sa(0.3), but the study's"),
+        (openquake(imt="SA(0.3)"), SITE, "hazard of SA(0.3), but the study's"),
         (openquake(p="1.5"), SITE, "the hazard curve's probability holds 1.5"),
         (openquake().replace("imt=", "im="), SITE, "does not state imt and investigation_time"),
         ("<nrml><hazardCurves", {}, "is not XML"),

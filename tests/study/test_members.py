@@ -119,7 +119,7 @@ class TestRefusals:
              "sample 1 (frictions = 0.657234): frictions is not a known key; did"),
             ({"of": {"friction": {"distribution": "normal", "cov": 0.1}}}, "n.mean must be given"),
             ({"of": {"friction": {**FRICTION["friction"], "mean": 1.0}}},
-             ".of.friction.mean is not a known key; allowed are distribution, start, stop"),
+             ".of.friction.mean is not a known key; allowed are distribution, relative, sta"),
             ({"of": {"friction": normal(0.7, 0.1, sd=0.1)}}, "one of cov and sd"),
             ({"of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}}, "is cut too far"),
             ({"of": {"dead_load": normal(1.0, 0.1, relative=True)}},
@@ -136,7 +136,7 @@ class TestRefusals:
 
     def test_an_arch_that_cannot_exist_or_has_a_value_that_its_key_does_not_allow(self, tmp_path):
         found = self.refused(tmp_path, {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}})
-        assert " of 8 samples, the first is sample " in found
+        assert found.startswith("arches[0] (ring): sample 4 (thickness = -")
         assert found.count("thickness = -") == 2  # what was drawn, and why it is none
         found = self.refused(tmp_path, {"samples": 2, "of": {"density": normal(2e6, 0.01)}})
         assert found.startswith("arches[0] (ring): sample 1 (density = ")
@@ -151,10 +151,8 @@ class TestRefusals:
         assert max(m.values["thickness"] for m in thin) < 0.75
         with pytest.raises(StabilityError) as refusal:
             check_standing(found)
-        first = f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})"
-        assert str(refusal.value).startswith(
-            f"arches[0] (ring): {len(thin)} of 8 samples, the first is {first}: does not stand"
-        )
+        value = thin[0].values["thickness"]
+        assert f"(thickness = {value:.6g}): does not stand" in str(refusal.value)
 
 
 DEFAULTS = {
