@@ -15,7 +15,7 @@ from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
-from archfrag.study.checks import check_start, refuse_foreign_results
+from archfrag.study.checks import check_start
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest
 from archfrag.study.file.schema import Study
@@ -228,7 +228,7 @@ def run_study(
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
     """
     files.check_own(study)
-    refuse_foreign_results(study)
+    check_start(study)
     owner = _owner(study, study_file)
     if not stale_steps(study)[0]:
         return False
@@ -237,7 +237,6 @@ def run_study(
         if not quiet:
             print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
 
-    check_start(study)
     make_folder(study.work)
     with only_run(study):
         files.write_text(study.work / files.OWNER, files.canonical_json(owner) + "\n")

@@ -19,7 +19,7 @@ from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.file.vary import VARIABLE
 from archfrag.study.files import strict_json
-from archfrag.study.runs.design import CASE, Cases
+from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
 
 if TYPE_CHECKING:
@@ -83,9 +83,7 @@ def build_cube(
         units=_UDUNITS[measure_unit(measure)], long_name=f"{measure} of the scaled record"
     )}  # fmt: skip
     if regular:
-        grid = np.zeros(shape[1:], CASE)
-        grid["record"], grid["level"] = np.arange(shape[1])[:, None], plan.levels
-        scales = plan.factors(grid.ravel()).reshape(grid.shape)
+        scales = plan.unscaled[:, None] * plan.levels**plan.power
         values |= {"intensity": plan.levels, "scale_factor": scales}
     else:
         for name, each in (("intensity", cases["level"]), ("scale_factor", plan.factors(cases))):

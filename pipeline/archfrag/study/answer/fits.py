@@ -45,10 +45,9 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> Fitted:
-    """Find the curve of each arch and class of the cube; store all in ``fits.json``.
+    """Find the curve of each arch and class of the cube; store all in ``fits.json``, in SI.
 
-    All numbers are in SI; the text of an error names levels in the unit of the study. The table
-    ``curve.csv`` is in the unit of the study.
+    The table ``curve.csv`` and levels in messages are in the unit of the study.
     """
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
@@ -70,8 +69,7 @@ def fit_cube(study: Study) -> Fitted:
         if not each.design.on_levels:
             more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
-        found = part(curves.without_verdict, each, confidence)
-        answers[each.name].more["without_verdict"] = found
+        answers[each.name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
     classes = {}
     for name, (group, alone) in curves.classes_of_cube(cube, runs).items():
         members = [answers[each.name] for each in alone]

@@ -105,8 +105,7 @@ def risk_of(
     """Rates of collapse of arches and classes of a study at a site.
 
     `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
-    the rates of its arches. `hazard` is for the study's measure, `years` the time for
-    probabilities of collapse, `confidence` that of all bands.
+    the rates of its arches. `years` is the time for probabilities of collapse.
     """
     names, classes = np.array(list(arch_classes(cube).items())).T
     places = {name: np.flatnonzero((names == name) | (classes == name)) for name in fits}

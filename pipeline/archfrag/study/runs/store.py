@@ -123,12 +123,13 @@ class Plan:
         return {name: digest_of(part) for name, part in parts.items()}
 
     @cached_property
-    def _unscaled(self) -> NDArray[np.float64]:
+    def unscaled(self) -> NDArray[np.float64]:
+        """Factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
         """Factors that bring the records of runs to their levels, (n,)."""
-        return self._unscaled[cases["record"]] * cases["level"] ** self.power
+        return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
     def keys(self, cases: Cases) -> NDArray[np.bytes_]:
         """Identity of each run: of kernels, method, arch, motion and factor, (n,) of 16 bytes."""
@@ -157,7 +158,7 @@ class Plan:
         values = np.array([[r.measures[name] for name in names] for r in self.records])
         exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
         with np.errstate(divide="ignore"):
-            logs = np.log(values) + exponents * np.log(self._unscaled)[:, None]
+            logs = np.log(values) + exponents * np.log(self.unscaled)[:, None]
         measures, requests = logs[:, np.isfinite(logs).all(axis=0)], {}
         for arch, member in enumerate(self.arches):
             every = member.record is None
@@ -167,7 +168,7 @@ class Plan:
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
                 requests[arch] = design.requests(Grid(
-                    arch, records, self.levels, self._unscaled[records], self.power,
+                    arch, records, self.levels, self.unscaled[records], self.power,
                     measures[records], shared_events(events[records]),
                 ))  # fmt: skip
         return requests
