@@ -24,10 +24,10 @@ MOTIONS = """--events 20 --records-per-event 2 --magnitude 6.5:7.5 --distance-km
 CORES = 2
 
 
-def archfrag(*words: str | Path) -> None:
-    """One command as a person types it."""
-    program = Path(sys.executable).with_name("archfrag")
-    subprocess.run([program, *map(str, words)], cwd=HERE, check=True)
+def archfrag(*words: str | Path) -> str:
+    """What one command prints, as a person types it."""
+    program = [Path(sys.executable).with_name("archfrag"), *map(str, words)]
+    return subprocess.run(program, cwd=HERE, check=True, text=True, stdout=subprocess.PIPE).stdout
 
 
 def main() -> None:
@@ -43,7 +43,8 @@ def main() -> None:
     archfrag("export", STUDY, *(f"--format={name}" for name in FORMATS))
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir()
-    archfrag("risk", STUDY, "--hazard", HAZARD.name, "--members", "--out", RESULTS / "risk.json")
+    asked = "risk", STUDY, "--hazard", HAZARD.name, "--members", "--json"
+    (RESULTS / "risk.json").write_text(archfrag(*asked))
     for pattern in KEPT:
         for path in (out / "export").glob(pattern):
             shutil.copy(path, RESULTS)

@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 
-from archfrag.export import CurveSet, Made
+from archfrag.export.formats import CurveSet
 from archfrag.fragility.fit import Fragility
 
-MADE = Made("my.study", 'A "title" <with> & -- signs\x0b', "0.1.0", "abc", "def", "0" * 64)
+MADE = {
+    "study": "my.study", "title": 'A "title" <with> & -- signs\x0b', "archfrag": "0.1.0",
+    "archfrag_commit": "abc", "cube_archfrag_commit": "def", "cube_sha256": "0" * 64,
+}  # fmt: skip
 STATES = ("rocking", "damage", "collapse")
 
 

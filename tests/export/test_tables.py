@@ -41,7 +41,7 @@ def cube(cube_file):
 
 
 def full(table):
-    return pd.concat(table.pieces, ignore_index=True)
+    return pd.concat(table[1], ignore_index=True)
 
 
 class TestRuns:

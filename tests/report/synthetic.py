@@ -8,7 +8,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report.inputs import ReportInputs
+from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.simulate import onset
 from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
@@ -104,7 +104,7 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
     data = cube(names, items, n_level, arch.n_joint)
     values = {
         "cube": data,
-        "measure": "PGA",
+        "scale": SCALE,
         "motions": items,
         "arches": [(name, arch, start) for name in names],
         "answers": answers_of(changes.get("cube", data)),

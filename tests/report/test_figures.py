@@ -14,7 +14,7 @@ from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
 from archfrag.report import curves, motions, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
-from archfrag.report.inputs import arch_results, reading_scale
+from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
@@ -24,8 +24,7 @@ TEXT = r'<text x="([^"]+)" y="([^"]+)"(?: class="([^"]+)")?( transform)?[^>]*>([
 
 
 def results(**options):
-    data = synthetic.cube(**options)
-    return arch_results(data, "ring", reading_scale(data, "PGA"))
+    return arch_results(synthetic.cube(**options), "ring", synthetic.SCALE)
 
 
 def texts(sheet):
@@ -88,12 +87,12 @@ class TestLabelsKeepClear:
         shown = runs.verdict_map(replace(results(items=items), records=names))
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
-        assert motions.thumbnails(items).svg.count("<svg") == n_record
+        assert page.thumbnails(items).svg.count("<svg") == n_record
 
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
         answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
-        shown = curves.all_curves(answers, {}, {}, results().scale, 0.8, 0.3)
+        shown = curves.all_curves(synthetic.inputs(at=0.3), answers, {})
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert shown.svg.count("stroke-linejoin") >= count
 
@@ -221,7 +220,7 @@ class TestRepeated:
             data["scale_factor"][0, level] = factor
 
         def again():
-            found = arch_results(data, "ring", reading_scale(data, "PGA"))
+            found = arch_results(data, "ring", synthetic.SCALE)
             given = synthetic.inputs(cube=data, answers={}, motions=[motion])
             return arches.repeat(given, found, ARCH, arches.choose(found, None))
 

@@ -13,7 +13,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.report.html import digits
-from archfrag.report.inputs import arch_results, reading_scale
+from archfrag.report.inputs import Scale, arch_results
 from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.risk import risk_of
@@ -200,21 +200,12 @@ def test_cautions_stand_where_they_belong(study):
 
 
 @pytest.mark.parametrize(
-    ("measure", "units", "unit", "shown"),
-    [
-        ("PGV", "m s-1", "cm/s", "800 cm/s"),
-        ("PGV", "m s-1", "m/s", "8.00 m/s"),
-        ("PGA", "m s-2", "gal", "800 gal"),
-        ("PGA", "m s-2", None, "0.816 g"),
-    ],
+    ("measure", "unit", "factor", "shown"),
+    [("PGV", "cm/s", 100.0, "800 cm/s"), ("PGA", "g", 1.0 / GRAVITY, "0.816 g")],
 )
-def test_levels_are_in_the_unit_of_the_study(measure, units, unit, shown):
-    data = synthetic.cube()
-    data["intensity"].attrs["units"] = units
-    intensity = {"measure": measure, "unit": unit}
-    data.attrs["archfrag_config"] = json.dumps({"intensity": intensity} if unit else {})
-    scale = reading_scale(data, measure)
-    highest = arch_results(data, "ring", scale).levels[-1]
+def test_levels_are_in_the_unit_of_the_study(measure, unit, factor, shown):
+    scale = Scale(measure, unit, factor)
+    highest = arch_results(synthetic.cube(), "ring", scale).levels[-1]
     assert f"{digits(highest)} {scale.unit}" == scale.text(8.0) == shown
 
 
@@ -318,7 +309,7 @@ class TestDesigns:
         assert [row[6] for row in rows] == [f"{fraction:.3f}" for fraction in below]
         assert "nan" not in text(section(page, "arch0"))
         assert "-" not in dict(table(page, "Models, time and accuracy of ring")[1])["impacts"]
-        found = arch_results(study.cube, "ring", reading_scale(study.cube, "PGA"))
+        found = arch_results(study.cube, "ring", synthetic.SCALE)
         levels = np.concatenate([found.levels[:1] ** 2 / found.levels[0], found.levels, [np.inf]])
         middle = np.sqrt(levels[first] * levels[first + 1])
         assert found.capacities == pytest.approx(middle)

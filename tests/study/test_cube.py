@@ -101,7 +101,9 @@ def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
         assert finite(answers[name].to_dict()) == finite(fit.to_dict())
     for content in ('{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"):
         (copied.study.folder / "fits.json").write_text(content)
-        with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
+        with pytest.raises(
+            InputError, match=r"fits.json: is missing or damaged .*`archfrag fit` makes it"
+        ):
             load_fits(copied.study)
 
 

@@ -16,10 +16,11 @@ from archfrag.study.runs.store import (
     DECIDING,
     KEY,
     ROW,
-    Store,
     gather,
     make_plan,
+    places,
     read_part,
+    read_parts,
     write_part,
 )
 from tests.study.small import command, dumped, files_below, make_runs
@@ -73,7 +74,7 @@ class TestParts:
                        parts[1].read_bytes()):  # fmt: skip
             parts[0].write_bytes(spoilt)
             assert read_part(parts[0]) is None
-            with pytest.raises(InputError, match="runs of iteration 1 are missing or damaged"):
+            with pytest.raises(InputError, match="runs are missing or damaged"):
                 gather(plan)
         make_runs(copied.study)
         _, after, _ = gather(plan)
@@ -99,7 +100,7 @@ class TestStore:
         generator = np.random.default_rng(1)
         text = generator.integers(0, 256, (6000, KEY)).astype(np.uint8)
         text[:, alike] %= 2
-        keys = generator.permutation(np.unique(np.frombuffer(text.tobytes(), f"V{KEY}")))
+        keys = generator.permutation(np.unique(np.frombuffer(text.tobytes(), f"S{KEY}")))
         stored, other = keys[: len(keys) // 2], keys[len(keys) // 2 :]
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):

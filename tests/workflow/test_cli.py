@@ -101,7 +101,7 @@ class TestValidate:
         path = small_study(tmp_path, TEXT.replace("output: out", "output: deep/out"))
         before = sorted(tmp_path.rglob("*"))
         assert command("validate", path).output == (
-            f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs\n"
+            f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs by design stripes\n"
         )
         assert json.loads(command("validate", path, "--json").output)["runs"] == 12
         assert sorted(tmp_path.rglob("*")) == before

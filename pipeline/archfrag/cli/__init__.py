@@ -14,11 +14,7 @@ from archfrag.cli.options import PATH, echo, warn
 
 
 class _Group(click.Group):
-    """Commands whose errors are one message and an exit code.
-
-    Errors of archfrag, of files and of memory are the user's to correct. Other errors are ours and
-    keep their traceback.
-    """
+    """Commands whose errors are one message and an exit code; errors of ours keep a traceback."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         # Processes that this one starts load no modules from the current folder.
@@ -31,19 +27,18 @@ class _Group(click.Group):
         except MemoryError:
             click.echo("archfrag: error: the memory of this machine does not suffice", err=True)
             ctx.exit(1)
-        except OSError as error:
-            if error.errno == errno.EPIPE or error.strerror is None:
-                raise
-            place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            warn(f"error: {place}{error.strerror}")
-            ctx.exit(1)
         except Exception as error:
             # Not imported yet means not raised: the import is too slow for --help.
             errors = sys.modules.get("archfrag.errors")
-            if errors is None or not isinstance(error, errors.ArchfragError):
+            if errors is not None and isinstance(error, errors.ArchfragError):
+                text, code = str(error), error.exit_code
+            elif isinstance(error, OSError) and error.strerror and error.errno != errno.EPIPE:
+                place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+                text, code = f"{place}{error.strerror}", 1
+            else:
                 raise
-            warn(f"error: {error}")
-            ctx.exit(error.exit_code)
+            warn(f"error: {text}")
+            ctx.exit(code)
 
 
 def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
@@ -85,14 +80,9 @@ def warmup(method: str | None) -> None:
     from archfrag.warmup import warmup as compile_kernels
 
     def show(message: str) -> None:
-        if sys.stderr.isatty():
-            click.echo(f"\r{message}\033[K", err=True, nl=False)
-        elif not messages:
-            echo(message, err=True)
-        messages.append(message)
+        click.echo(f"\r{message}\033[K", err=True, nl=False)
 
-    messages: list[str] = []
-    seconds = compile_kernels(method, show)
+    seconds = compile_kernels(method, show if sys.stderr.isatty() else None)
     click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
     echo(f"kernels ready after {seconds:.1f} s")
 

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +13,11 @@ from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_rec
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.simulate import Onset, Response
+    from archfrag.simulate import Response
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
+_UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}  # by a last word
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 _NUMBERS = {
     "radius": "Mid-thickness radius of a circular arch [m].",
@@ -77,9 +78,8 @@ def _of_study(path: Path, name: str | None) -> "Arch":
         name = next(iter(entries))
     if name not in entries:
         wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
-        some, left = ", ".join(list(entries)[:_NAMES]), len(entries) - _NAMES
-        more = f" and {left} more" if left > 0 else ""
-        raise StudyError(f"{path}: {wrong}; the study has {some}{more}")
+        some = ", ".join(list(entries)[:_NAMES]) + ", ..." * (len(entries) > _NAMES)
+        raise StudyError(f"{path}: {wrong}; the study has {some}")
     return entries[name].build()
 
 
@@ -92,14 +92,15 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     from archfrag.study.file.arches import ArchEntry
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
-    what = "--drawing" if "drawing" in given else f"--profile {given['profile']}"
+    what = f"--profile {given['profile']}"
     if "drawing" in given:
+        what = "--drawing"
         del given["profile"]
     try:
         return ArchEntry.model_validate(given).build()
     except ValidationError as error:
-        how = "or take an arch of a study by --study STUDY --arch ID"
         message = first_message(error, given, lambda parts: _option(str(parts[0])))
+        how = "or take an arch of a study by --study STUDY --arch ID"
         raise InputError(f"{what}: {message}; {how}") from error
 
 
@@ -107,16 +108,24 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
 @_takes_arch
 @json_option
 def onset(arch: Any, as_json: bool) -> None:
-    """Find the ground acceleration that starts to move an arch.
-
-    The acceleration is steady. The mechanism in which the arch begins to move is shown too.
-    """
+    """Find the steady ground acceleration that starts to move an arch."""
     from archfrag.simulate import onset as find_onset
     from archfrag.study.files import finite
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
-    show(finite({name: getattr(start, name) for name in names}), onset_text(start), as_json)
+    lines = []
+    for sense, value, hinges, sliding in (
+        ("+x", start.plus, start.hinges, start.sliding),
+        ("-x", start.minus, start.hinges_minus, start.sliding_minus),
+    ):
+        parts = [f"joint {joint} {side}" for joint, side in hinges]
+        parts += [f"joint {joint} slides" for joint in sliding]
+        how = f": {', '.join(parts)}" if parts else ""
+        moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
+        lines.append(f"ground towards {sense}: {moves}{how}")
+    text = "\n".join(lines) if start.stands else "does not stand under its own weight"
+    show(finite({name: getattr(start, name) for name in names}), text, as_json)
 
 
 @click.command()
@@ -124,10 +133,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @click.option("--output", type=PATH, required=True, metavar="FILE", help="DXF file to write.")
 @click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft.")
 def draw(arch: Any, output: Path, output_unit: str) -> None:
-    """Draw an arch as DXF.
-
-    Blocks are closed polylines; the ground is drawn as lines.
-    """
+    """Draw an arch as DXF, the ground as lines."""
     arch.to_dxf(output, output_unit)
     echo(f"drawing: {output}")
 
@@ -157,71 +163,41 @@ def simulate(
     from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
     from archfrag.simulate import simulate as run_simulation
+    from archfrag.study.files import finite
 
     keys = ("unit", "component", "inventory", "accept", "columns")
     motion = read_motion(record, **{key: options.pop(key) for key in keys})
     if pga is not None:
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
-    show(response_facts(response, scale), response_text(response, scale), as_json)
-
-
-def onset_text(start: "Onset") -> str:
-    """Rest range and mechanisms in short lines."""
-    if not start.stands:
-        return "does not stand under its own weight"
-    lines = []
-    for sense, value, hinges, sliding in (
-        ("+x", start.plus, start.hinges, start.sliding),
-        ("-x", start.minus, start.hinges_minus, start.sliding_minus),
-    ):
-        parts = [f"joint {joint} {side}" for joint, side in hinges]
-        parts += [f"joint {joint} slides" for joint in sliding]
-        how = f": {', '.join(parts)}" if parts else ""
-        moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
-        lines.append(f"ground towards {sense}: {moves}{how}")
-    return "\n".join(lines)
-
-
-def response_facts(response: "Response", scale: float) -> dict[str, Any]:
-    """Results of one run, ready for JSON."""
-    from archfrag.study.files import finite
-
     facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}
-    mechanism, _ = facts.pop("mechanism"), facts.pop("history")
-    if mechanism is not None:
-        facts["mechanism"] = [asdict(change) for change in mechanism]
-    return finite(facts | {"status": response.status.name.lower(), "scale": scale}, None)
+    del facts["history"]
+    if response.mechanism is not None:
+        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+    facts = finite(facts | {"status": response.status.name.lower(), "scale": scale}, None)
+    show(facts, _text(response, facts), as_json)
 
 
-def response_text(response: "Response", scale: float) -> str:
+def _text(response: "Response", facts: dict[str, Any]) -> str:
     """Results of one run in short lines."""
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import summary
 
-    def listed(values: Mapping[str, float], form: str = "{}") -> str:
-        known = {name.replace("_", " "): value for name, value in values.items() if value}
-        return ", ".join(f"{name} {form.format(each)}" for name, each in known.items()) or "none"
+    def listed(values: dict[str, Any], unit: str) -> str:
+        known = (f"{name.replace('_', ' ')} {each:.4g}" for name, each in values.items() if each)
+        return ", ".join(f"{each} {unit}".rstrip() for each in known) or "none"
 
-    lines = [f"{response.status.name.lower()}: {STATUS_MESSAGE[response.status]}"]
-    if response.collapsed:
-        lines.append(
-            f"collapse at {response.collapse_time:.3f} s by {response.collapse_mode} at joint "
-            f"{response.collapse_joint}"
-        )
-    lines += [
-        f"scale {scale:.6g}, end at {response.end_time:.3f} s",
-        f"peak rotation {response.peak_rotation:.4g} rad, peak displacement "
-        f"{response.peak_displacement:.4g} m",
-        f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
-        f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
-        f"simulated time: {listed(response.model_time, '{:.3f} s')}",
-        f"events: {listed(response.events)}",
-        f"work: {listed(response.work)}",
-    ]
+    lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
+    for key, value in facts.items():
+        unit = _UNITS.get(key.split("_")[-1], "")
+        if isinstance(value, dict):
+            value = listed(value, unit)
+        elif isinstance(value, float):
+            value = f"{value:.4g} {unit}"
+        if key not in ("status", "collapsed", "mechanism") and value not in (None, -1, "none"):
+            lines.append(f"{key.replace('_', ' ')}: {value}".rstrip())
     if response.mechanism is not None:
-        left = len(response.mechanism) - _SHOWN
-        lines += [summary(response.mechanism)]
+        lines.append(summary(response.mechanism))
         lines += [f"  {change}" for change in response.mechanism[:_SHOWN]]
-        lines += [f"  ... and {left} more entries"] if left > 0 else []
+        lines += ["  ..."] * (len(response.mechanism) > _SHOWN)
     return "\n".join(lines)

@@ -1,8 +1,9 @@
 """The commands for a study: `validate`, `run` and its steps, `clean`, `export` and `risk`."""
 
 import contextlib
-import json
+import functools
 import shlex
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,21 @@ members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
 cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
                             help="Number of cores to use; all by default.")  # fmt: skip
+
+
+def _with_study(*options: Callable) -> Callable:
+    """Give a command a study, from its file, and options."""
+
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
+            from archfrag.study.file.schema import load_study
+
+            command(load_study(study_file, overrides), **given)
+
+        return takes(takes_study, *options)(wrapped)
+
+    return decorate
 
 
 @click.command()
@@ -35,13 +51,10 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
-    design = "" if found["design"] == "stripes" else f" by design {found['design']}"
-    show(found, f"{study_file}: in order; {parts}, {runs}{design}", as_json)
-    if not as_json:
-        for listed in (*found["classes"], *found["partners"]):
-            echo(f"  {listed}")
-        for caution in found["cautions"]:
-            warn(f"caution: {caution}")
+    text = f"{study_file}: in order; {parts}, {runs} by design {found['design']}"
+    show(found, "\n  ".join([text, *found["classes"], *found["partners"]]), as_json)
+    for caution in () if as_json else found["cautions"]:
+        warn(f"caution: {caution}")
 
 
 @click.command()
@@ -60,31 +73,24 @@ def run(
     The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
     disk the same command continues.
     """
-    from archfrag.files import counted
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import Stopped, stoppable, without_dask
+    from archfrag.study.running import stoppable
     from archfrag.study.steps import run_study
 
-    typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
-        with stoppable() as check, contextlib.ExitStack() as stack:
+        with stoppable() as check:
             study = load_study(study_file, overrides)
-            if study.execution.scheduler is None:
-                stack.enter_context(without_dask())
             anything = run_study(study, study_file, check, _report, cores, quiet)
-    except Stopped as stopped:
-        warn(f"{stopped}; what is finished is kept; continue with `{typed} --resume`")
-        click.get_current_context().exit(128 + stopped.number)
-    if quiet:
-        return
-    if not anything:
-        warn("nothing to do: all results are up to date")
-    echo(f"report: {study.folder / 'report.html'}")
-    exported = [path for path in (study.folder / "export").glob("*") if path.is_file()]
-    made = max((study.folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
-    if old := [path for path in exported if path.stat().st_mtime < made]:
-        what = f"{counted(len(old), 'file')} older than the results"
-        warn(f"{study.folder / 'export'}: {what}; run archfrag export again")
+    except SystemExit as stopped:
+        by = signal.Signals(int(stopped.code or 0) - 128).name
+        words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
+        again = f"continue with `{shlex.join(words)} --resume`"
+        warn(f"stopped by {by}; what is finished is kept; {again}")
+        raise
+    if not quiet:
+        if not anything:
+            warn("nothing to do: all results are up to date")
+        echo(f"report: {study.folder / 'report.html'}")
 
 
 def _report(study: Any, compared: Path | None) -> Path:
@@ -95,17 +101,14 @@ def _report(study: Any, compared: Path | None) -> Path:
 
 
 @click.command()
-@takes_study
-@click.option("--yes", is_flag=True, help="Remove without asking.")
-def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
+@_with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
+def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
     from archfrag.files import counted
-    from archfrag.study.file.schema import load_study
     from archfrag.study.files import check_own
     from archfrag.study.running import only_run
     from archfrag.study.runs.store import make_plan, superfluous
 
-    study = load_study(study_file, overrides)
     check_own(study)
     plan = make_plan(study)
     with only_run(study):
@@ -128,15 +131,10 @@ STEPS: list[click.Command] = []
 def _step(name: str, help_: str, *options: Callable) -> None:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
-    def command(
-        study_file: Path, overrides: tuple[str, ...], batch: int = 0, as_json: bool = False,
-        **given: Any,
-    ) -> None:  # fmt: skip
-        from archfrag.study.file.schema import load_study
+    def command(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
         from archfrag.study.files import check_own
         from archfrag.study.steps import batch_step, make_step, products
 
-        study = load_study(study_file, overrides)
         check_own(study)
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
         make_step(study, step, warn, report=_report, **given)
@@ -145,7 +143,7 @@ def _step(name: str, help_: str, *options: Callable) -> None:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    STEPS.append(click.command(name, help=help_)(takes_study(takes(*options)(command))))
+    STEPS.append(click.command(name, help=help_)(_with_study(*options)(command)))
 
 
 _step("motions", "Read the study's records and store them for the workers.")
@@ -156,13 +154,12 @@ _step("batch", "Run the simulations of a batch that are missing.",
 _step("cube", "Gather the results into one CF netCDF cube.")
 _step("fit", "Fit a fragility curve to each arch and each class.", json_option)
 _step("report", "Write the report: one HTML file that needs no network.",
-      click.option("--compare", "--beside", "compared", type=PATH, metavar="OTHER_STUDY",
+      click.option("--compare", "compared", type=PATH, metavar="OTHER_STUDY",
                    help="Compare the arches with those of another, finished study."))  # fmt: skip
 
 
 @click.command()
-@takes_study
-@takes(
+@_with_study(
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
                  help="Format to write. Repeatable."),
     click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
@@ -170,9 +167,8 @@ _step("report", "Write the report: one HTML file that needs no network.",
     members_option, json_option,
 )  # fmt: skip
 def export(
-    study_file: Path, overrides: tuple[str, ...], formats: tuple[str, ...], out: Path | None,
-    members: bool, as_json: bool,
-) -> None:  # fmt: skip
+    study: Any, formats: tuple[str, ...], out: Path | None, members: bool, as_json: bool
+) -> None:
     """Export a finished study in the formats of other programs.
 
     \b
@@ -188,9 +184,8 @@ def export(
     runs, records and arches only, and a message states why.
     """
     from archfrag.export.command import export_study
-    from archfrag.study.file.schema import load_study
 
-    made = export_study(load_study(study_file, overrides), formats, out, members)
+    made = export_study(study, formats, out, members)
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for note in made["notes"]:
@@ -199,19 +194,16 @@ def export(
 
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
-    if text is None:
-        return None
     try:
-        lon, lat = map(float, text.split(","))
+        lon, lat = map(float, text.split(",")) if text else (None, None)
     except ValueError:
         rule = "must be longitude and latitude, such as 13.35,42.35"
         raise click.BadParameter(f"{text!r} {rule}") from None
-    return lon, lat
+    return (lon, lat) if text else None
 
 
 @click.command()
-@takes_study
-@takes(
+@_with_study(
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
     click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
@@ -220,13 +212,12 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
     click.option("--site", callback=_site, metavar="LON,LAT",
                  help="Place: the nearest site of OpenQuake's file within 10 km."),
     click.option("--confidence", type=float, default=0.9, show_default=True, help="Of all bands."),
-    members_option,
-    click.option("--out", type=PATH, metavar="FILE", help="Write the result as JSON."),
-    json_option,
+    members_option, json_option,
 )  # fmt: skip
 def risk(
-    study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
-) -> None:
+    study: Any, hazards: tuple[Path, ...], unit: str | None, site: Any, years: float,
+    confidence: float, members: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Find the rate of collapse of a finished STUDY at a site.
 
     A class of arches has one rate, the mean of those of its arches.
@@ -241,22 +232,17 @@ def risk(
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
     from archfrag.errors import FitError
+    from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
     from archfrag.study.file.hazard import load_hazard
-    from archfrag.study.file.schema import load_study
-    from archfrag.study.files import write_text
     from archfrag.study.steps import finished
 
-    study = load_study(study_file, overrides)
-    measure = study.intensity.measure
-    hazard = load_hazard(options["hazards"], measure, options["unit"], options["site"])
-    fitted = finished(study)
-    with fitted.cube as cube:
-        fits = {name: each.curve for name, each in fitted.quoted(options["members"]).items()}
-        found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
-    facts = risk_facts(found, study)
-    if out is not None:
-        write_text(out, json.dumps(facts, allow_nan=False) + "\n")
+    hazard = load_hazard(hazards, study.intensity.measure, unit, site)
+    arches, classes, cube = finished(study)
+    with cube:
+        answers = quoted(cube, arches, classes, members)
+        fits = {name: each.curve for name, each in answers.items()}
+        facts = risk_facts(risk_of(cube, fits, hazard, years, confidence), study)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
         raise FitError("no arch has a curve, so there is no rate")

@@ -3,7 +3,6 @@
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 import xarray as xr
 
 import archfrag
-from archfrag.errors import from_extra
-from archfrag.export import CurveSet, Made, tables
-from archfrag.export.formats import FORMATS, named_measure
+from archfrag.errors import FitError, from_extra
+from archfrag.export import tables
+from archfrag.export.formats import FORMATS, CurveSet, named_measure
 from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
+from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict, quoted
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
@@ -38,20 +37,33 @@ def export_study(
     InputError (a receiver has no name for the measure, pyarrow is not installed) or a FitError (no
     arch has a curve, for a format that holds nothing else).
     """
-    fitted = finished(study)
-    answers = fitted.quoted(members)
-    with fitted.cube as cube:
-        curves, notes = study_curves(study, cube, answers)
-        texts, about = dict[tuple[str, str], str](), set[str]()
-        for name in formats:
-            if name in FORMATS:
-                receiver, writers = FORMATS[name]
-                note = named_measure(receiver, curves.measure).note
-                about |= {f"{name}: {note}"} if note else set()
-                for ending, write in writers.items():
-                    made = write(curves)
-                    parts = {"": made} if isinstance(made, str) else made
-                    texts |= {(name, ending.format(arch=a)): text for a, text in parts.items()}
+    of_arches, of_classes, cube = finished(study)
+    answers = quoted(cube, of_arches, of_classes, members)
+    with cube:
+        levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
+        made = {
+            "study": study.id, "title": study.title,
+            "archfrag": archfrag.__version__, "archfrag_commit": commit(),
+            "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
+            "cube_sha256": sha256_of(study.folder / CUBE),
+        }  # fmt: skip
+        ends = float(np.nanmin(levels)), float(np.nanmax(levels))
+        classes = {name: number[name] for name in answers if number[name] > 1}
+        states, notes = _limit_states(answers)
+        curves = CurveSet(states, study.intensity.measure, ends, made, classes)
+        texts = dict[tuple[str, str], str]()
+        for name in [name for name in formats if name in FORMATS]:
+            receiver, writers = FORMATS[name]
+            note = named_measure(receiver, curves.measure).note
+            if note and f"{name}: {note}" not in notes:
+                notes.append(f"{name}: {note}")
+            if not curves.complete:
+                reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
+                raise FitError(f"there is no curve to export for {receiver}: {reasons}")
+            for ending, write in writers.items():
+                found = write(curves)
+                parts = {"": found} if isinstance(found, str) else found
+                texts |= {(name, ending.format(arch=a)): text for a, text in parts.items()}
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")
@@ -65,36 +77,14 @@ def export_study(
     return {
         "folder": str(folder),
         "files": [{"format": name, "file": str(path)} for name, path in files],
-        "left_out": curves.left_out, "notes": notes + sorted(about),
+        "left_out": curves.left_out, "notes": notes,
     }  # fmt: skip
-
-
-def study_curves(
-    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
-) -> tuple[CurveSet, list[str]]:
-    """Curves of a finished study, and messages on limit states that were left out."""
-    levels = cube["intensity"].values
-    made = Made(
-        study.id, study.title, archfrag.__version__, commit(),
-        str(cube.attrs.get("archfrag_commit", "unknown")), sha256_of(study.folder / CUBE),
-    )  # fmt: skip
-    states, notes = _limit_states(answers)
-    number = Counter(arch_classes(cube).values())
-    classes = {name: number[name] for name in answers if number[name] > 1}
-    if len(answers) < cube.sizes["arch"] + len(classes):
-        notes += [
-            f"class {name!r} has one curve for its {count} arches; --members adds one for each"
-            for name, count in classes.items()
-        ]
-    found = {arch: states[arch] | {"collapse": a.curve} for arch, a in answers.items()}
-    ends = float(np.nanmin(levels)), float(np.nanmax(levels))
-    return CurveSet(found, study.intensity.measure, ends, made, classes), notes
 
 
 def _limit_states(
     answers: Mapping[str, Answer],
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
-    """Curves of the limit states short of collapse, mildest first, and why not of others.
+    """Curves of the limit states, mildest first and collapse last, and why not of others.
 
     Kept are those of which every arch with a curve of collapse has one that does not cross that of
     a severer state: receivers take differences of states, and want the same ones of all arches.
@@ -110,26 +100,30 @@ def _limit_states(
     after = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept: list[str] = []
     notes = []
-    for name in reversed(list(dict.fromkeys(state for each in own.values() for state in each))):
-        if name == "collapse":
-            continue
+    names = dict.fromkeys(state for each in own.values() for state in each if state != "collapse")
+    for name in reversed(names):
+        start = f"limit state {name!r} is left out"
         found = {arch: own[arch].get(name) for arch in after}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
         if len(curves) < len(after):
-            notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")
+            notes.append(f"{start}: not every arch has a curve of it")
             continue
-        worst = max(after, key=lambda arch: crossing(curves[arch], after[arch]), default="")
-        if after and crossing(curves[worst], after[worst]) > MOST_CROSSING:
+        above = {arch: crossing(curves[arch], after[arch]) for arch in after}
+        worst = max(above, key=above.__getitem__, default="")
+        if above and above[worst] > MOST_CROSSING:
             notes.append(
-                f"limit state {name!r} is left out: its curve lies below that of a severer state "
-                f"by up to {crossing(curves[worst], after[worst]):.2g} (arch {worst!r}); more "
-                "levels where it begins, or the design stripes, would distinguish them"
+                f"{start}: its curve lies below that of a severer state by up to "
+                f"{above[worst]:.2g} (arch {worst!r}); more levels where it begins, or every "
+                "record at every level, would distinguish them"
             )
             continue
         kept.insert(0, name)
         after = curves
     none = "there is no curve of this limit state"
-    return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
+    return {
+        arch: {k: own[arch].get(k, none) for k in kept} | {"collapse": answer.curve}
+        for arch, answer in answers.items()
+    }, notes
 
 
 def crossing(mild: Fragility, severe: Fragility) -> float:
@@ -148,7 +142,7 @@ def _write_tables(
 ) -> list[Path]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     about = {name: curves.described(name) for name in curves.classes}
-    facts = {"made": asdict(curves.made), "classes": about, "left_out": curves.left_out}
+    facts = {"made": curves.made, "classes": about, "left_out": curves.left_out}
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **tables.curve_tables(curves, answers, *units, study.intensity.factor),
@@ -156,13 +150,13 @@ def _write_tables(
         "records": tables.facts_table(cube, "record"), "arches": tables.facts_table(cube, "arch"),
     }  # fmt: skip
     paths = [folder / f"{study.id}-{name}.{ending}" for name in every]
-    for table, path in zip(every.values(), paths):
+    for (columns, pieces), path in zip(every.values(), paths):
         if ending == "csv":
-            write_csv(path, table.pieces)
+            write_csv(path, pieces)
         else:
-            tables.write_parquet(table, path, facts)
+            tables.write_parquet(path, pieces, facts | {"columns": columns})
     if ending == "csv":
         paths.append(folder / f"{study.id}-tables.json")
-        content = facts | {"tables": {name: table.columns for name, table in every.items()}}
+        content = facts | {"tables": {name: columns for name, (columns, _) in every.items()}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths

@@ -1,12 +1,14 @@
-"""Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3."""
+"""Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3.
 
-import csv
+Units are those that the receiver expects and are named in each file.
+"""
+
 import io
 import json
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
-from archfrag.export import CurveSet
 from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.motions.measures import parse_measure
@@ -32,8 +33,64 @@ _FACTORS = {
     "g": _PER_G, "g s": _PER_G, "cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0,
 }  # fmt: skip
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
-with open(Path(__file__).with_name("receivers.csv"), newline="", encoding="utf-8") as _file:
-    _KNOWN = list(csv.DictReader(_file))
+_KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
+Element = ElementTree.Element
+
+
+@dataclass(frozen=True)
+class CurveSet:
+    """Lognormal curves of several arches, each at the same ordered limit states."""
+
+    # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
+    # measure; a message where there is no curve.
+    curves: Mapping[str, Mapping[str, Fragility | str]]
+    measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
+    levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
+    made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
+    classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
+
+    def described(self, name: str) -> str:
+        """What a curve is of."""
+        if name not in self.classes:
+            return f"Masonry arch {name}"
+        return (
+            f"Class {name} of {self.classes[name]} masonry arches, each as likely as another; "
+            "median and dispersion are those of ln capacity over the class"
+        )
+
+    def origin(self, note: str) -> str:
+        """How the curves were made, and a note; without characters that XML forbids."""
+        title = "".join(c if c.isprintable() else " " for c in self.made["title"]).rstrip(".")
+        text = (
+            "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
+            "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
+        )
+        return text.format(**{**self.made, "title": title}) + (f" Note: {note}." if note else "")
+
+    @property
+    def limit_states(self) -> tuple[str, ...]:
+        """Names from the mildest to the severest."""
+        return tuple(next(iter(self.curves.values())))
+
+    @property
+    def complete(self) -> dict[str, dict[str, Fragility]]:
+        """Arches that have a curve at every limit state."""
+        known = {
+            arch: {state: fit for state, fit in states.items() if isinstance(fit, Fragility)}
+            for arch, states in self.curves.items()
+        }
+        return {arch: fits for arch, fits in known.items() if len(fits) == len(self.limit_states)}
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """By arch, why it lacks a curve of collapse, or else of other limit states."""
+        why: dict[str, str] = {}
+        for arch, states in self.curves.items():
+            reasons = [f"{state}: {fit}" for state, fit in states.items() if isinstance(fit, str)]
+            if reasons:
+                last = states[self.limit_states[-1]]
+                why[arch] = last if isinstance(last, str) else "; ".join(reasons)
+        return why
 
 
 class Named(NamedTuple):
@@ -44,27 +101,18 @@ class Named(NamedTuple):
     factor: float  # times a value in SI gives one in `unit`
     note: str  # what the receiver's measure must be for the curve to hold, or empty
 
-    @property
-    def remark(self) -> str:
-        """The note as the end of a description."""
-        return f" Note: {self.note}." if self.note else ""
-
 
 def named_measure(receiver: str, measure: str) -> Named:
     """Name and unit of a measure in ``"OpenQuake"``, ``"pelicun"`` or ``"IN-CORE"``."""
-    parsed = parse_measure(measure)
-    known = {row["kind"]: row for row in _KNOWN if row["receiver"] == receiver}
-    if (receiver, parsed.kind) == ("pelicun", "PGD"):
-        raise InputError(
-            "pelicun has no demand type for PGD, the peak displacement of the ground: its PGD is "
-            "permanent ground deformation"
-        )
+    parsed, rows = parse_measure(measure), _KNOWN[_KNOWN["receiver"] == receiver]
+    known = {kind: (name, unit) for _, kind, name, unit in rows.itertuples(index=False)}
     if parsed.kind not in known:
+        permanent = " (its PGD is permanent ground deformation)" if receiver == "pelicun" else ""
         raise InputError(
             f"{receiver} has no name for the intensity measure {measure}; it knows "
-            f"{', '.join(known)}; csv and parquet take any"
+            f"{', '.join(known)}{permanent}; csv and parquet take any"
         )
-    name, unit = known[parsed.kind]["name"], known[parsed.kind]["unit"]
+    name, unit = known[parsed.kind]
     notes = []
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
@@ -80,14 +128,13 @@ def named_measure(receiver: str, measure: str) -> Named:
 
 
 def nrml_continuous(curves: CurveSet) -> str:
-    """Lognormal curves by mean and standard deviation of the intensity.
+    """Lognormal curves by mean and standard deviation of the capacity, not of its logarithm:
+    mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1).
 
-    OpenQuake wants those of the capacity itself, not of its logarithm: with median theta and
-    dispersion beta, mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1).
     ``minIML`` is 0, since below it OpenQuake would hold the curve constant; above ``maxIML``,
     4 dispersions above the highest median, it does so at 0.99997.
     """
-    imt, root, functions = _nrml(curves, {"format": "continuous", "shape": "logncdf"}, "")
+    imt, root, functions = _nrml(curves, "", format="continuous", shape="logncdf")
     for function, states in functions:
         top = imt.factor * max(fit.theta * np.exp(_REACH * fit.beta) for fit in states.values())
         _add(function, "imls", imt=imt.name, noDamageLimit="0.0", minIML="0.0", maxIML=_row([top]))
@@ -99,14 +146,14 @@ def nrml_continuous(curves: CurveSet) -> str:
 
 
 def nrml_discrete(curves: CurveSet) -> str:
-    """Curves by their probabilities at 201 levels for each limit state.
+    """Curves by their probabilities at levels 0.04 dispersions apart, over 4 dispersions to both
+    sides of each median and over the study's range.
 
-    They are 0.04 dispersions apart and reach 4 dispersions to both sides of the median and over
-    the study's range. OpenQuake interpolates linearly between them, within 1e-4 for dispersions
-    up to 1, and holds the curve constant above the highest, here at 0.99997 or more.
+    OpenQuake interpolates linearly between them, within 1e-4 for dispersions up to 1, and holds
+    the curve constant above the highest, here at 0.99997 or more.
     """
     more = "Probabilities hold at the levels and are to be interpolated linearly. "
-    imt, root, functions = _nrml(curves, {"format": "discrete"}, more)
+    imt, root, functions = _nrml(curves, more, format="discrete")
     for function, states in functions:
         parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
         levels = np.unique(imt.factor * np.concatenate([*parts, curves.levels]))
@@ -116,28 +163,22 @@ def nrml_discrete(curves: CurveSet) -> str:
     return _xml(root)
 
 
-Element = ElementTree.Element
-
-
 def _nrml(
-    curves: CurveSet, kind: dict[str, str], more: str
+    curves: CurveSet, more: str, **kind: str
 ) -> tuple[Named, Element, list[tuple[Element, dict[str, Fragility]]]]:
     """The measure, the root of a file, and the function of each arch with its curves."""
-    imt, complete = named_measure("OpenQuake", curves.measure), curves.require_curves("OpenQuake")
-    namespaces = {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
-    root = Element("nrml", namespaces)
-    name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made.study)[:75]
+    imt = named_measure("OpenQuake", curves.measure)
+    root = Element("nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"})
+    name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made["study"])[:75]
     about = {"id": name, "assetCategory": "masonry arches", "lossCategory": "structural"}
     model = _add(root, "fragilityModel", **about)
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
-    _add(model, "description", f"{text}{more}{curves.made.text}{imt.remark}{of}{left}")
+    _add(model, "description", f"{text}{more}{curves.origin(imt.note)}{of}{left}")
     _add(model, "limitStates", " ".join(curves.limit_states))
-    functions = [
-        (_add(model, "fragilityFunction", id=arch, **kind), states)
-        for arch, states in complete.items()
-    ]
+    known = curves.complete.items()
+    functions = [(_add(model, "fragilityFunction", id=a, **kind), states) for a, states in known]
     return imt, root, functions
 
 
@@ -167,31 +208,28 @@ def pelicun_table(curves: CurveSet) -> str:
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
     """
-    demand, complete = named_measure("pelicun", curves.measure), curves.require_curves("pelicun")
-    rows = []
-    for arch, name in _ids(complete).items():
-        row = {
+    demand, rows, text = named_measure("pelicun", curves.measure), [], io.StringIO()
+    for name, states in zip(_ids(curves), curves.complete.values(), strict=True):
+        rows.append({
             "ID": name, "Incomplete": 0, "Demand-Type": demand.name, "Demand-Unit": demand.unit,
             "Demand-Offset": 0, "Demand-Directional": 1,
-        }  # fmt: skip
-        for n, fit in enumerate(complete[arch].values(), start=1):
-            row |= {
+        })  # fmt: skip
+        for n, fit in enumerate(states.values(), start=1):
+            rows[-1] |= {
                 f"LS{n}-Family": "lognormal", f"LS{n}-Theta_0": float(demand.factor * fit.theta),
                 f"LS{n}-Theta_1": float(fit.beta),
             }  # fmt: skip
-        rows.append(row)
-    text = io.StringIO()
     write_csv(text, [pd.DataFrame(rows)])
     return text.getvalue()
 
 
 def pelicun_description(curves: CurveSet) -> str:
     """What stands beside the table, as JSON in the layout of pelicun's own databases."""
-    remark = named_measure("pelicun", curves.measure).remark
+    made, note = curves.made, named_measure("pelicun", curves.measure).note
     general = {
-        "ShortName": curves.made.study, "Description": curves.made.text + remark,
-        "Version": curves.made.archfrag, "ComponentGroups": ["Masonry arches"],
-        "archfrag": asdict(curves.made), "LeftOut": curves.left_out,
+        "ShortName": made["study"], "Description": curves.origin(note),
+        "Version": made["archfrag"], "ComponentGroups": ["Masonry arches"],
+        "archfrag": made, "LeftOut": curves.left_out,
     }  # fmt: skip
     states = {
         f"LS{n}": {f"DS{n}": {"Description": state}}
@@ -202,22 +240,20 @@ def pelicun_description(curves: CurveSet) -> str:
             "Description": curves.described(arch), "SuggestedComponentBlockSize": "1 EA",
             "RoundUpToIntegerQuantity": "True", "LimitStates": states,
         }
-        for arch, name in _ids(curves.require_curves("pelicun")).items()
+        for arch, name in zip(curves.complete, _ids(curves), strict=True)
     }  # fmt: skip
     return _text({"_GeneralInformation": general, **components})
 
 
-def _ids(arches: Iterable[str]) -> dict[str, str]:
-    """pelicun's id of each arch."""
-    names: dict[str, str] = {}
-    for arch in arches:
-        name = re.sub(r"[^A-Za-z0-9_.]", "_", arch)
-        if name in names.values():
+def _ids(curves: CurveSet) -> list[str]:
+    """pelicun's ids of the arches."""
+    names = [re.sub(r"[^A-Za-z0-9_.]", "_", arch) for arch in curves.complete]
+    for place, (arch, name) in enumerate(zip(curves.complete, names)):
+        if name in names[:place]:
             raise InputError(
                 f"arch {arch!r} would have the id {name!r} in pelicun, as another arch has; "
                 "pelicun's ids hold letters, digits, _ and . only"
             )
-        names[arch] = name
     return names
 
 
@@ -228,15 +264,14 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     four. Where there are fewer limit states, the severest is repeated: the damage states between
     then have probability 0, and the last has that of the severest.
     """
-    demand, complete = named_measure("IN-CORE", curves.measure), curves.require_curves("IN-CORE")
+    demand = named_measure("IN-CORE", curves.measure)
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
     lognormal = "scipy.stats.norm.cdf((math.log({}) - math.log({!r})) / {!r})"
     sets = {}
-    for arch, states in complete.items():
-        kept = list(states.items())[-_MOST:]
+    for arch, states in curves.complete.items():
+        kept, rules = list(states.items())[-_MOST:], []
         last, severest = kept[-1]
         repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
-        rules = []
         for n, (state, fit) in enumerate(kept + [(repeated, severest)] * (_MOST - len(kept))):
             theta, beta = float(demand.factor * fit.theta), float(fit.beta)
             expression = lognormal.format(variable, theta, beta)
@@ -247,8 +282,8 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
                 "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
             })  # fmt: skip
         sets[arch] = _text({
-            "description": f"{curves.described(arch)}. {curves.made.text}{demand.remark}",
-            "creator": f"archfrag {curves.made.archfrag}",
+            "description": f"{curves.described(arch)}. {curves.origin(demand.note)}",
+            "creator": f"archfrag {curves.made['archfrag']}",
             "demandTypes": [demand.name], "demandUnits": [demand.unit],
             "resultType": "Limit State", "resultUnit": "",
             "hazardType": "earthquake", "inventoryType": "bridge",

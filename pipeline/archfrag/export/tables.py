@@ -1,17 +1,17 @@
 """Tables of curves, runs, records and arches, written as CSV or Parquet."""
 
-import csv
+import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from archfrag.errors import from_extra
-from archfrag.export import CurveSet
+from archfrag.export.formats import CurveSet
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.study.answer.curves import Answer
@@ -23,32 +23,22 @@ _RUN = ("arch", "record", "level")
 _GROUPS = ("arch", "record", "event", "arch_class")
 # What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
 Columns = dict[str, dict[str, Any]]
-
-
-class Table(NamedTuple):
-    """A table in pieces of the same columns; at least one piece, which may have no row."""
-
-    columns: Columns
-    pieces: Iterable[pd.DataFrame]
-
-
-def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
-    """Write a table as Parquet, a row group for each piece; completely or not at all."""
-    arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
-    about = json.dumps(facts | {"columns": table.columns}, ensure_ascii=False)
-    pieces = (arrow.Table.from_pandas(each, preserve_index=False) for each in table.pieces)
-    first = next(pieces)
-    schema = first.schema.with_metadata({"archfrag": about})
-    with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
-        writer.write_table(first.cast(schema))
-        for piece in pieces:
-            writer.write_table(piece.cast(schema))
-
-
+# A table in pieces of the same columns; at least one piece, which may have no row.
+Table = tuple[Columns, Iterable[pd.DataFrame]]
 # Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
 # text is the confidence.
-with open(Path(__file__).with_name("columns.csv"), newline="", encoding="utf-8") as _file:
-    _COLUMNS = list(csv.DictReader(_file))
+_COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
+
+
+def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]) -> None:
+    """Write a table as Parquet, a row group for each piece; completely or not at all."""
+    arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    tables = (arrow.Table.from_pandas(each, preserve_index=False) for each in pieces)
+    first, about = next(tables), json.dumps(facts, ensure_ascii=False)
+    schema = first.schema.with_metadata({"archfrag": about})
+    with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+        for table in itertools.chain([first], tables):
+            writer.write_table(table.cast(schema))
 
 
 def curve_tables(
@@ -61,51 +51,47 @@ def curve_tables(
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
-    units, percent = {"given": unit, "si": si}, f"{100 * confidence:g} %"
-    about: dict[str, Columns] = {
-        table: {
-            each["name"]: _about(
-                each["about"].format(percent=percent), units.get(each["unit"], each["unit"])
+    units, points, parameters = {"given": unit, "si": si}, [], []
+    for arch, states in curves.curves.items():
+        for state, fit in states.items():
+            if isinstance(fit, str):
+                continue
+            labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
+            found = answers[arch]
+            lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
+            if state != "collapse":
+                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
+                found = Answer(fit, fit, *ends, method="covariance of the fit")
+                lower, upper = fit.band(levels, confidence)
+            points.append(pd.DataFrame(labels | {
+                "im": levels / factor, "intensity": levels, "lower": lower, "upper": upper,
+                "probability": fit.probability(levels),
+            }))  # fmt: skip
+            likelihood = found.likelihood
+            parameters.append(labels | {
+                "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
+                "theta_lower": found.theta[0] / factor, "theta_upper": found.theta[1] / factor,
+                "beta_lower": found.beta[0], "beta_upper": found.beta[1],
+                "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
+                "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
+                "standard_error_ln_theta": fit.standard_errors[0],
+                "standard_error_beta": fit.standard_errors[1],
+                "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
+                "kind": fit.kind, "band": found.method,
+            })  # fmt: skip
+    tables: dict[str, Table] = {}
+    for name, frames in (("curves", points), ("parameters", [pd.DataFrame(parameters)])):
+        own = _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records")
+        about = {
+            row["name"]: _about(
+                row["about"].format(percent=f"{100 * confidence:g} %"),
+                units.get(row["unit"], row["unit"]),
             )
-            for each in _COLUMNS if each["table"] in ("", table)
+            for row in own
         }
-        for table in ("curves", "parameters")
-    }  # fmt: skip
-    points, parameters = [pd.DataFrame(columns=list(about["curves"]))], []
-    known = [(arch, *each) for arch, states in curves.curves.items() for each in states.items()]
-    for arch, state, fit in known:
-        if isinstance(fit, str):
-            continue
-        labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
-        found = answers[arch]
-        lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
-        if state != "collapse":
-            ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-            found = Answer(fit, fit, *ends, method="covariance of the fit")
-            lower, upper = fit.band(levels, confidence)
-        points.append(pd.DataFrame(labels | {
-            "im": levels / factor, "intensity": levels, "probability": fit.probability(levels),
-            "lower": lower, "upper": upper,
-        }))  # fmt: skip
-        likelihood = found.likelihood
-        parameters.append(labels | {
-            "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
-            "theta_lower": found.theta[0] / factor, "theta_upper": found.theta[1] / factor,
-            "beta_lower": found.beta[0], "beta_upper": found.beta[1],
-            "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
-            "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
-            "standard_error_ln_theta": fit.standard_errors[0],
-            "standard_error_beta": fit.standard_errors[1],
-            "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
-            "kind": fit.kind, "band": found.method,
-        })  # fmt: skip
-    frames = points[1:] or points
-    return {
-        "curves": Table(about["curves"], [frame[list(about["curves"])] for frame in frames]),
-        "parameters": Table(
-            about["parameters"], [pd.DataFrame(parameters, columns=list(about["parameters"]))]
-        ),
-    }
+        pieces = [frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]]
+        tables[name] = about, pieces
+    return tables
 
 
 def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
@@ -114,13 +100,14 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
     Values of a record, an arch or a level stand in each of their runs; text about a record but
     its event is in the table of records. Values by model or measure have a column for each.
     """
-    columns, values = Columns(), dict[str, xr.Variable]()
+    names = []
     for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
         variable = cube.variables[name]
         own = [d for d in variable.dims if d in _RUN]
         text = variable.dtype.kind in "OSU" and name not in _GROUPS
         if own and own != ["arch", "level"] and not text:  # of arch and level: counts of records
-            _add_columns(cube, name, columns, values)
+            names.append(name)
+    columns, values = _columns(cube, names)
 
     def pieces() -> Iterator[pd.DataFrame]:
         n_arch, n_record, n_level = (cube.sizes[name] for name in _RUN)
@@ -132,38 +119,39 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
             frame = some.to_dataframe(dim_order=list(_RUN)).reset_index()[list(columns)]
             yield frame[frame["verdict"] != Verdict.NOT_SIMULATED].reset_index(drop=True)
 
-    return Table(columns, pieces())
+    return columns, pieces()
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
     """What the cube holds of each record, or of each arch."""
+    columns, values = _columns(cube, [
+        name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
+        if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
+    ])  # fmt: skip
+    return columns, [pd.DataFrame({name: each.values for name, each in values.items()})]
+
+
+def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str, xr.Variable]]:
+    """Variables of a cube as columns, one for each label of a dimension that no run has."""
     columns, values = Columns(), dict[str, xr.Variable]()
-    for name in sorted(map(str, cube.variables), key=dimension.__ne__):
-        if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]:
-            _add_columns(cube, name, columns, values)
-    frame = pd.DataFrame({name: variable.values for name, variable in values.items()})
-    return Table(columns, [frame])
-
-
-def _add_columns(
-    cube: xr.Dataset, name: str, columns: Columns, values: dict[str, xr.Variable]
-) -> None:
-    """Add a variable as one column, or as one for each label of its other dimension."""
-    variable = cube.variables[name]
-    attrs, codes = variable.attrs, {}
-    if "flag_meanings" in attrs:
-        codes = dict(zip(attrs["flag_meanings"].split(), np.ravel(attrs["flag_values"]).tolist()))
-    text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
-    unit = str(attrs.get("units", ""))
-    other = [str(d) for d in variable.dims if d not in _RUN]
-    if not other:
-        columns[name], values[name] = _about(text, unit, codes), variable
-        return
-    of_each = cube.get(f"{other[0]}_unit")
-    for n, label in enumerate(cube[other[0]].values):
-        unit = unit if of_each is None else str(of_each.values[n])
-        columns[f"{name}_{label}"] = _about(text, unit, codes)
-        values[f"{name}_{label}"] = variable.isel({other[0]: n})
+    for name in names:
+        variable, codes = cube.variables[name], {}
+        attrs = variable.attrs
+        if "flag_meanings" in attrs:
+            flags = np.ravel(attrs["flag_values"]).tolist()
+            codes = dict(zip(attrs["flag_meanings"].split(), flags))
+        text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
+        unit = str(attrs.get("units", ""))
+        other = [str(d) for d in variable.dims if d not in _RUN]
+        if not other:
+            columns[name], values[name] = _about(text, unit, codes), variable
+            continue
+        of_each = cube.get(f"{other[0]}_unit")
+        for n, label in enumerate(cube[other[0]].values):
+            unit = unit if of_each is None else str(of_each.values[n])
+            columns[f"{name}_{label}"] = _about(text, unit, codes)
+            values[f"{name}_{label}"] = variable.isel({other[0]: n})
+    return columns, values
 
 
 def _about(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:

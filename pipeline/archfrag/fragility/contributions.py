@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict, count_verdicts, draws_of_records, wilson
+from archfrag.fragility.counts import Verdict, draws_of_records, wilson
 from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, shaped, tails
 
 RESAMPLES = 1000
@@ -23,17 +23,16 @@ NOT_KNOWN = "not known"
 
 @dataclass(frozen=True)
 class Contributions:
-    """The rate of collapse by category."""
+    """The rate of collapse, or the number of collapses, by category."""
 
     categories: tuple[str, ...]
     counts: IntArray  #: (n_category, n_level), collapses
-    rate: FloatArray  #: (n_category, n_level), of collapse [1/year]
+    rate: FloatArray  #: (n_category, n_level), of collapse [1/year], or `counts`
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    #: (n_category,), band of `fraction` from resampled earthquakes; nan of under two collapses.
-    lower: FloatArray
+    lower: FloatArray  #: (n_category,), of the interval of `fraction`
     upper: FloatArray
-    confidence: float  #: two-sided
+    n_effective: float = np.nan  #: independent collapses that the interval supposes, if known
 
     @property
     def shown(self) -> BoolArray:
@@ -43,45 +42,24 @@ class Contributions:
         return np.logical_and(self.rate.any(axis=1), enough)
 
 
-@dataclass(frozen=True)
-class Deaggregation:
-    """Collapses of a study by category."""
-
-    categories: tuple[str, ...]
-    counts: IntArray  #: (n_category, n_level), collapses
-    collapsed: IntArray  #: (n_level,), all collapses
-    n: IntArray  #: (n_level,), runs that collapsed or survived
-    overall: FloatArray  #: (n_category,), of the collapses of all levels together [1]; nan if none
-    overall_lower: FloatArray
-    overall_upper: FloatArray
-    n_effective: float  #: independent collapses that the interval of `overall` supposes
-    confidence: float  #: two-sided, of each interval by itself
-
-    @property
-    def probability(self) -> FloatArray:
-        """Fraction of the runs that decide, (n_category, n_level); nan where no run does."""
-        return self.counts / np.where(self.n > 0, self.n, np.nan)
-
-
 def deaggregate(
     verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
-) -> Deaggregation:
+) -> Contributions:
     """Divide the collapses at each level by category, as `contributions` divides the rate.
 
-    The same records collapse at several levels, so that Wilson's interval of the overall
-    fractions counts ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish
-    1965, *Survey Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
+    The same records collapse at several levels, so that Wilson's interval of the fractions counts
+    ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish 1965, *Survey
+    Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
     """
-    counted = count_verdicts(verdict)
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
     counts = _by_category(collapsed, category, len(categories)).sum(axis=1)
     of_record = collapsed.sum(axis=1).astype(float)
     total = float(of_record.sum())
     effective = total**2 / float(of_record @ of_record) if total else 0.0
-    overall = counts.sum(axis=1) / (total or np.nan)
-    ends = wilson(overall * effective, np.full(len(counts), effective), confidence)
-    known = tuple(categories), counts, counted.collapsed, counted.n, overall
-    return Deaggregation(*known, *ends, effective, confidence)
+    fraction = counts.sum(axis=1) / (total or np.nan)
+    ends = wilson(fraction * effective, np.full(len(counts), effective), confidence)
+    rate, unassigned = counts.astype(float), np.zeros(counts.shape[1])
+    return Contributions(tuple(categories), counts, rate, unassigned, fraction, *ends, effective)
 
 
 def contributions(
@@ -92,7 +70,8 @@ def contributions(
 
     Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
     the percentile bootstrap of earthquakes, each with its records and their collapses at all
-    levels; a resample in which a level has no collapse leaves the rate of this level out.
+    levels; a resample in which a level has no collapse leaves the rate of this level out. A
+    category of fewer than two collapses has none.
 
     Parameters
     ----------
@@ -101,18 +80,14 @@ def contributions(
     collapsed : array_like of bool, (n_record, n_level)
     category : array_like of int, (n_record, n_level)
         Position in `categories` of each run that collapsed (else InputError).
-    categories : sequence of str
     event : array_like, (n_record,), optional
         Earthquake of each record; its own where it is not given.
-    seed, confidence
-        Of the bootstrap.
     """
     collapse = np.asarray(collapsed, dtype=bool)
     rates = shaped(level_rate, collapse.shape[1:], "level_rate").astype(float)
     if not np.all(rates >= 0.0):
         raise InputError(f"level_rate holds {rates.min():g}; a rate is a number from 0 upwards")
-    names, ends = tuple(categories), tails(confidence)
-    masks = _by_category(collapse, category, len(names))
+    masks = _by_category(collapse, category, len(categories))
     counts = masks.sum(axis=1)
 
     def divided(counts: IntArray) -> FloatArray:  # (n_category, ..., n_level)
@@ -123,21 +98,19 @@ def contributions(
     times = draws_of_records(event, len(collapse), seed, RESAMPLES)
     drawn = divided(times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
-    lower = upper = np.full(len(names), np.nan)
+    ends = np.full((2, len(counts)), np.nan)
     if total.any():
         known = drawn[:, total > 0.0] / total[total > 0.0]
-        lower, upper = np.quantile(known, ends, axis=1)
-    lower, upper = np.where(counts.sum(axis=1) < 2, np.nan, [lower, upper])
+        ends = np.quantile(known, tails(confidence), axis=1)
+    ends = np.where(counts.sum(axis=1) < 2, np.nan, ends)
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
-    return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
+    return Contributions(tuple(categories), counts, rate, unassigned, fraction, *ends)
 
 
 def _by_category(collapse: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
     """Collapses of each category, (n_category, n_record, n_level); InputError if one has none."""
     kind = shaped(category, collapse.shape, "category")
-    if collapse.ndim != 2:
-        raise InputError(f"the runs have shape {collapse.shape}; (n_record, n_level) is needed")
     foreign = kind[collapse & ~np.isin(kind, np.arange(n_category))]
     if foreign.size:
         raise InputError(
@@ -168,15 +141,13 @@ def implied_collapses(
 
 
 def value_bins(
-    values: ArrayLike, edges: ArrayLike, unit: str = ""
+    values: ArrayLike, edges: Sequence[float], unit: str = ""
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """Bin of each value, (n,), and the names of the bins; nan has a bin of its own.
-
-    Bins are below the first of the rising edges, between edges, and from the last on.
+    """Bin of each value, (n,), below, between or from the last of the rising edges on, and the
+    names of the bins; nan has a bin of its own.
     """
-    values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
-    ends, unit = [f"{edge:g}" for edge in edges], f" {unit}" if unit else ""
-    between = (f"{a} to {b}{unit}" for a, b in pairwise(ends))
-    names = f"below {ends[0]}{unit}", *between, f"{ends[-1]}{unit} and more", NOT_KNOWN
-    place = np.where(np.isnan(values), edges.size + 1, np.searchsorted(edges, values, "right"))
+    values, unit = np.asarray(values, dtype=float), f" {unit}" if unit else ""
+    between = (f"{a:g} to {b:g}{unit}" for a, b in pairwise(edges))
+    names = f"below {edges[0]:g}{unit}", *between, f"{edges[-1]:g}{unit} and more", NOT_KNOWN
+    place = np.where(np.isnan(values), len(edges) + 1, np.searchsorted(edges, values, "right"))
     return place.astype(np.int64), names

@@ -3,7 +3,7 @@
 Intervals of the fractions that collapsed; resampling of records.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -14,6 +14,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, shaped, tails
 
 MOST_LEVELS = 500  # of runs by intensity
+NOTHING = "no run collapsed or stood, so there is nothing to fit"
 
 
 class Verdict(IntEnum):
@@ -49,16 +50,12 @@ class VerdictCounts:
 def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
     """Count the verdicts at each level of `verdict`, (..., n_level), codes of `Verdict`."""
     codes = np.asarray(verdict)
-    if codes.ndim == 0:
-        raise InputError("verdict is a single value; an array with levels last is needed")
     foreign = codes[~np.isin(codes, [int(v) for v in Verdict])]
     if foreign.size:
-        raise InputError(
-            f"verdict holds {foreign.flat[0]!s}, which is not one of "
-            + ", ".join(f"{v.value} ({v.name.lower()})" for v in Verdict)
-        )
+        allowed = ", ".join(f"{v.value} ({v.name.lower()})" for v in Verdict)
+        raise InputError(f"verdict holds {foreign.flat[0]!s}, which is not one of {allowed}")
     codes = codes.reshape(-1, codes.shape[-1])
-    made = [v for v in Verdict if v != Verdict.NOT_SIMULATED]
+    made = list(Verdict)[: Verdict.NOT_SIMULATED]
     return VerdictCounts(*(np.count_nonzero(codes == v, axis=0).astype(np.int64) for v in made))
 
 
@@ -75,12 +72,11 @@ def checked_stripes(
         bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
-    positive(levels, "im")
     for i in np.flatnonzero(k > m)[:1]:
         raise InputError(
             f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
         )
-    return levels, k, m
+    return positive(levels, "im"), k, m
 
 
 def clopper_pearson(
@@ -91,8 +87,7 @@ def clopper_pearson(
     Clopper and Pearson 1934, Biometrika 26.
     """
     low, high = tails(confidence)
-    given = np.atleast_1d(np.asarray(collapses, dtype=float))
-    _, k, m = checked_stripes(np.ones(given.shape), given, n)
+    k, m = np.asarray(collapses, dtype=float), np.asarray(n, dtype=float)
     lower = np.where(k > 0, scipy.special.betaincinv(np.maximum(k, 1), m - k + 1, low), 0.0)
     upper = np.where(k < m, scipy.special.betaincinv(k + 1, np.maximum(m - k, 1), high), 1.0)
     return np.where(m > 0, lower, np.nan), np.where(m > 0, upper, np.nan)
@@ -132,7 +127,7 @@ def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
 
 @dataclass(frozen=True)
 class Brackets:
-    """The two levels between which the capacity of each record lies, and the runs that show it."""
+    """Two levels between which the capacity of each record lies, and the runs that show it."""
 
     lower: FloatArray  #: (n_record,), highest level below the capacity; 0 if there is none
     upper: FloatArray  #: (n_record,), lowest level above the capacity; inf if there is none
@@ -178,15 +173,15 @@ class Brackets:
     def at_levels(self, filled: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Runs by intensity, with those that the brackets imply if `filled`.
 
-        A search leaves out cells that are decided in all but name: without them the collapses
-        that remain would be a biased choice. More than 500 distinct intensities are gathered into
-        500 groups of neighbours, each at its geometric mean. Returns distinct levels (n_level,),
-        rising; 1 where a run collapsed, and where it is decided, (n_record, n_level) each.
+        Without these the collapses of a search would be a biased choice. More than 500 distinct
+        intensities are gathered into 500 groups of neighbours, each at its geometric mean.
+        Returns levels (n_level,), rising; 1 where a run collapsed, and where it is decided,
+        (n_record, n_level) each. FitError if no run is.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
         if not row.size:
-            raise FitError("no run collapsed or stood, so there is nothing to fit")
+            raise FitError(NOTHING)
         levels, place = np.unique(self.levels[row, column], return_inverse=True)
         if levels.size > MOST_LEVELS:
             near = np.arange(levels.size) * MOST_LEVELS // levels.size
@@ -197,29 +192,21 @@ class Brackets:
         collapses[row, place] = codes[row, column] == Verdict.COLLAPSED
         return levels, collapses, n
 
-    def rows(self, keep: BoolArray) -> "Brackets":
-        """The same of some records only."""
-        return Brackets(*(getattr(self, field.name)[keep] for field in fields(self)))
-
     def known(self) -> "Brackets":
         """The same of those records that have a decided run; FitError if there is none."""
-        if not self.decided.any():
-            raise FitError("no run collapsed or stood, so there is nothing to fit")
-        return self.rows(self.decided > 0)
+        keep = self.decided > 0
+        if not keep.any():
+            raise FitError(NOTHING)
+        return Brackets(*(each[keep] for each in vars(self).values()))
 
 
 def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     """Find the border between survival and collapse of each record.
 
     A record that survives above a level at which it collapsed has no single capacity. Its border
-    is the one that the fewest verdicts contradict, the lowest of several.
-
-    Parameters
-    ----------
-    verdict : array_like of int, (n_record, n_level)
-        Codes of `Verdict`; all but survived and collapsed decide nothing.
-    levels : array_like, (n_level,) or (n_record, n_level)
-        Intensity or scale factor, > 0, in any order.
+    is the one that the fewest verdicts contradict, the lowest of several. `verdict`, (n_record,
+    n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are > 0 and
+    in any order.
     """
     codes, level = np.asarray(verdict), positive(levels, "levels")
     if codes.ndim != 2 or codes.size == 0:
@@ -242,19 +229,3 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
         level,
         codes.astype(np.int64),
     )
-
-
-def checked_brackets(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Ends of brackets as arrays of shape (n_record,); InputError if they are not valid."""
-    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
-        shapes = f"lower has shape {lower.shape}, upper {upper.shape}"
-        raise InputError(f"{shapes}; one number per record is needed")
-    good = (lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0)
-    good &= (lower > 0.0) | (upper < np.inf)
-    for low, high in zip(lower[~good], upper[~good]):
-        raise InputError(
-            f"the bracket from {low:g} to {high:g} cannot be; 0 <= lower <= upper are needed, "
-            "lower finite, upper > 0, and not from 0 to inf"
-        )
-    return lower, upper

@@ -1,12 +1,12 @@
 """The lognormal fragility curve, its band and its parts in a class; checks for all modules."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
 
 from archfrag.errors import FitError, InputError
 
@@ -52,39 +52,36 @@ class Fragility:
         """Probability of collapse at intensities >= 0 (else InputError), same shape."""
         theta, beta = self.parts.T
         deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta
-        return scipy.special.ndtr(deviation).mean(axis=-1)
+        return ndtr(deviation).mean(axis=-1)
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Pointwise band of the curve at intensities >= 0, by the delta method.
 
         On the probit scale, z = (ln im - ln theta) / beta, var z = g C g with g = -(1, z) / beta.
         """
-        quantile = scipy.special.ndtri(tails(confidence)[1])
+        quantile = ndtri(tails(confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
             reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / self.beta
-            lower, upper = scipy.special.ndtr(z - reach), scipy.special.ndtr(z + reach)
-        at_zero = np.isneginf(z)
-        return np.where(at_zero, 0.0, lower), np.where(at_zero, 0.0, upper)
+            lower, upper = np.where(np.isneginf(z), 0.0, [ndtr(z - reach), ndtr(z + reach)])
+        return lower, upper
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Interval of the median from the covariance, normal in ln theta."""
-        reach = np.exp(scipy.special.ndtri(tails(confidence)[1]) * self.standard_errors[0])
+        reach = np.exp(ndtri(tails(confidence)[1]) * self.standard_errors[0])
         return float(self.theta / reach), float(self.theta * reach)
 
     def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Interval of the dispersion from the covariance, normal in ln beta."""
-        quantile = scipy.special.ndtri(tails(confidence)[1])
-        reach = np.exp(quantile * self.standard_errors[1] / self.beta)
+        reach = np.exp(ndtri(tails(confidence)[1]) * self.standard_errors[1] / self.beta)
         return float(self.beta / reach), float(self.beta * reach)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
-        plain = {field.name: getattr(self, field.name) for field in fields(self)}
-        plain["covariance_ln_theta_beta"] = plain.pop("covariance").tolist()
-        members = plain.pop("members")
-        return plain if members is None else plain | {"members": members.tolist()}
+        plain = vars(self) | {"covariance_ln_theta_beta": self.covariance.tolist()}
+        del plain["covariance"], plain["members"]
+        return plain if self.members is None else plain | {"members": self.members.tolist()}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":
@@ -92,11 +89,10 @@ class Fragility:
         try:
             given = {key: values[key] for key in ("theta", "beta", "n_levels", "n_total", "kind")}
             covariance = np.array(values["covariance_ln_theta_beta"], dtype=float)
-            # JSON has no nan: of what is no maximum of a likelihood it holds null.
-            likelihood = float("nan" if (v := values["log_likelihood"]) is None else v)
+            likelihood = float(values["log_likelihood"])
         except KeyError as error:
             raise InputError(f"a stored fragility lacks the key {error}") from error
-        members = None if (v := values.get("members")) is None else np.array(v, dtype=float)
+        members = np.array(values["members"], dtype=float) if "members" in values else None
         return cls(**given, covariance=covariance, log_likelihood=likelihood, members=members)
 
 
@@ -108,29 +104,21 @@ def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
     """
     members = np.array([[fit.theta, fit.beta] for fit in curves])
     logs = np.log(members[:, 0])
-    beta = float(np.sqrt((members[:, 1] ** 2).mean() + logs.var()))
-    return replace(
-        pooled, theta=float(np.exp(logs.mean())), beta=beta, kind="mixture", members=members
-    )
+    theta, beta = float(np.exp(logs.mean())), np.sqrt((members[:, 1] ** 2).mean() + logs.var())
+    return replace(pooled, theta=theta, beta=float(beta), kind="mixture", members=members)
 
 
 def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     """Divide the dispersion of capacities, (n_arch, n_record), into two betas.
 
-    By the law of total variance on ln capacity, with A the arch,
-
-        var ln C = E[var(ln C | A)] + var(E[ln C | A]).
-
-    The first part is beta_record_to_record^2, the second beta_model^2. What records do to some
-    arches and not to others, and the scatter of single runs, belong to the first. A variance that
-    is estimated as negative counts as 0. Analysis of variance by moments with two factors, since
-    all arches meet the same records (Searle, Casella and McCulloch 1992, *Variance Components*,
-    chapters 3 and 4). Records with an unknown capacity (nan) are left out. FitError if fewer than
-    two arches, or two records of each, remain.
+    By the law of total variance on ln capacity, with A the arch, var ln C = E[var(ln C | A)] +
+    var(E[ln C | A]): beta_record_to_record^2, with what records do to some arches only and the
+    scatter of single runs, and beta_model^2. A negative estimate counts as 0. Analysis of
+    variance by moments with two factors, since all arches meet the same records (Searle, Casella
+    and McCulloch 1992, *Variance Components*, chapters 3 and 4). Records with an unknown capacity
+    (nan) are left out. FitError if fewer than two arches, or two records of each, remain.
     """
     logs = np.log(positive(capacity, "capacities", unknown=True))
-    if logs.ndim != 2 or logs.size == 0:
-        raise InputError(f"capacities have shape {logs.shape}; (n_arch, n_record) is needed")
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
     a, r = logs.shape
     if a < 2 or r < 2:
@@ -154,8 +142,7 @@ def split_curves(
     beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
     errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
     beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
-    the errors of ln theta between arches: near that of their ln capacities where all meet the
-    same records, 0 where each has its own.
+    the errors of ln theta between arches, 0 where each has records of its own.
     """
     logs = np.log(positive(theta, "theta"))
     betas = shaped(positive(beta, "beta"), logs.shape, "beta")
@@ -173,7 +160,7 @@ def _roots(within: float, between: float) -> tuple[float, float]:
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:
-    """ln of intensities at which a curve is asked for, -inf at 0; InputError if one is < 0."""
+    """ln of intensities, -inf at 0; InputError if one is < 0."""
     im = np.asarray(im, dtype=float)
     bad = im[~(im >= 0.0)]
     if bad.size:

@@ -12,11 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import checked_brackets, checked_stripes, draws_of_records
+from archfrag.fragility.counts import checked_stripes, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, positive, shaped, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
-
-__all__ = ["Fragility", "fit_brackets", "fit_cloud", "fit_ida", "fit_stripes"]
 
 _LARGEST_LOG = 600.0
 _LEVEL = (
@@ -28,8 +26,9 @@ _LEVEL = (
 def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     """Fit a lognormal curve to collapse counts at several intensity levels.
 
-    Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at
-    one level count as independent.
+    Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at one level
+    count as independent. FitError if the likelihood has no maximum with beta > 0: the message
+    states what is known instead.
 
     Parameters
     ----------
@@ -40,11 +39,6 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     n : int or array_like of int, (n_level,)
         Runs that collapsed or survived. Unfinished runs and solver failures belong to neither.
         Levels with n = 0 are left out.
-
-    Raises
-    ------
-    FitError
-        If the likelihood has no maximum with beta > 0: the message states what is known instead.
 
     Examples
     --------
@@ -80,6 +74,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
     Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
     n - 1. Truncated data: maximum likelihood with the records above `truncate_at` censored.
+    FitError if the data do not determine a dispersion > 0.
 
     Parameters
     ----------
@@ -89,11 +84,6 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     truncate_at : float, optional
         Highest intensity that was tried. A capacity above it counts as 'higher than this', one
         equal to it as a collapse.
-
-    Raises
-    ------
-    FitError
-        If the data do not determine a dispersion > 0.
 
     Examples
     --------
@@ -125,15 +115,15 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 def _fit_moments(values: FloatArray) -> Fragility:
     """Curve from the mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
-    if np.all(logs == logs[0]):
-        why = f"all {n} capacities are {np.exp(logs[0]):g}, so beta tends to 0"
-        raise FitError(f"{why}; add records")
+    distinct = int(np.unique(logs).size)
+    if distinct < 2:
+        same = f"all {n} capacities are {np.exp(logs[0]):g}"
+        raise FitError(f"{same}, so beta tends to 0; add records")
     mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
     z = (logs - mean) / deviation
     covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
     likelihood = float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI))
-    sizes = int(np.unique(logs).size), n
-    return Fragility(float(np.exp(mean)), deviation, covariance, likelihood, *sizes, "ida")
+    return Fragility(float(np.exp(mean)), deviation, covariance, likelihood, distinct, n, "ida")
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
@@ -143,7 +133,17 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     tried), `upper` inf (none up to the highest); equal values are a capacity known exactly.
     FitError if the likelihood has no maximum with beta > 0.
     """
-    lower, upper = checked_brackets(lower, upper)
+    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
+        shapes = f"lower has shape {lower.shape}, upper {upper.shape}"
+        raise InputError(f"{shapes}; one number per record is needed")
+    good = (lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0)
+    good &= (lower > 0.0) | (upper < np.inf)
+    for low, high in zip(lower[~good], upper[~good]):
+        raise InputError(
+            f"the bracket from {low:g} to {high:g} cannot be; 0 <= lower <= upper are needed, "
+            "lower finite, upper > 0, and not from 0 to inf"
+        )
     last, first = lower.max(), upper.min()
     if last <= first:
         why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
@@ -172,10 +172,10 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
     first, last = collapsed.min(initial=np.inf), survived.max(initial=0.0)
     separated = "(perfect separation), so beta tends to 0"
     for holds, why, levels in (
-        (not collapsed.size, "no run collapsed at any level: theta lies above {}, the highest "
-         "level tried; add higher levels", (high,)),
-        (not survived.size, "every run collapsed at every level: theta lies below {}, the lowest "
-         "level tried; add lower levels", (low,)),
+        (not collapsed.size, "no run collapsed at any level: theta lies above {}; add higher "
+         "levels", (high,)),
+        (not survived.size, "every run collapsed at every level: theta lies below {}; add lower "
+         "levels", (low,)),
         (low == high, "all runs are at one level, im = {}, which cannot separate theta from beta; "
          "add levels", (low,)),
         (first > last, f"all runs stand up to {{0}} and all collapse from {{1}} {separated}: "
@@ -193,20 +193,11 @@ def fit_cloud(
 ) -> dict[str, Any]:  # fmt: skip
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
 
-    Parameters
-    ----------
-    im, collapsed : array_like, (n_run,)
-        Intensity of each record at its own amplitude, any unit, > 0; whether it collapsed. Runs
-        without a verdict must be left out before.
-    event : array_like, (n_run,), optional
-        Earthquake of each record; records of one event are resampled together.
-
-    Returns
-    -------
-    dict of str to float or (float, float)
-        ``intercept`` and ``slope`` of logit P = intercept + slope ln im; ``theta``, the 50 %
-        point, and ``beta``, ln(84 % point / 16 % point) / 2; ``theta_interval``,
-        ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
+    `im` is the intensity of each record at its own amplitude, any unit, > 0, `collapsed` 1 or 0,
+    `event` the earthquake of each record, whose records are resampled together; (n_run,) each.
+    Returns ``intercept`` and ``slope`` of logit P = intercept + slope ln im; ``theta``, the 50 %
+    point, and ``beta``, ln(84 % point / 16 % point) / 2; ``theta_interval`` and
+    ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
     codes = shaped(collapsed, (values.size,), "collapsed")

@@ -32,20 +32,11 @@ def fit_limit_states(
     its other runs has no likeliest curve; it is given the medians of `fit_posterior`. One that
     all runs exceed, or none, has no curve.
 
-    Parameters
-    ----------
-    exceeded : array_like of int, (n_record, n_level, n_state)
-        1 exceeded, 0 not, any other number not decided; states from the least severe to the most.
-    im : array_like, (n_level,) or (n_record, n_level)
-        Intensity of each run, any unit, > 0.
-    names : sequence of str
-
-    Returns
-    -------
-    (list of (Fragility or None, FitError or None), str)
-        The curve of each state, of kind "stripes" if fitted by itself, "ordered" if together with
-        the others, "posterior" if it has no likeliest curve, and why it has none; how the curves
-        were ordered.
+    `exceeded`, (n_record, n_level, n_state), holds 1 exceeded, 0 not, any other number not
+    decided; states go from the least severe to the most. `im`, (n_level,) or (n_record, n_level),
+    is the intensity of each run, > 0. Returns the curve of each state, of kind "stripes" if
+    fitted by itself, "ordered" if together with the others, "posterior" if it has no likeliest
+    curve, and why it has none; and how the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     if codes.ndim != 3 or codes.size == 0:
@@ -76,10 +67,8 @@ def fit_limit_states(
 
 
 def nest_exceedance(codes: IntArray) -> IntArray:
-    """Exceedance (..., n_state) in which each state is exceeded if a more severe one is.
-
-    1, 0, and -1 for not decided; a state that is not decided is 0 where a less severe one is not
-    exceeded.
+    """Exceedance (..., n_state), 1 or 0, of each state if a more severe one is exceeded; a state
+    that is not decided is 0 where a less severe one is not exceeded, or else -1.
     """
     yes = np.flip(np.logical_or.accumulate(np.flip(codes == 1, axis=-1), axis=-1), axis=-1)
     no = np.logical_or.accumulate((codes == 0) & ~yes, axis=-1)
@@ -122,10 +111,8 @@ def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> lis
         beta = float(np.sqrt(np.mean([fit.beta**2 for fit in alone])))
         theta = np.maximum.accumulate([fit.theta for fit in alone])
         return [replace(f, theta=float(t), beta=beta) for f, t in zip(alone, theta, strict=True)]
-    return [
-        replace(fits[place], n_total=int(np.count_nonzero(nested[:, i] >= 0)))
-        for i, place in enumerate(group)
-    ]
+    totals = np.count_nonzero(nested >= 0, axis=0).tolist()
+    return [replace(fits[place], n_total=n) for place, n in zip(group, totals)]
 
 
 def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
@@ -142,10 +129,8 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     centre, width = x.mean(), x.std()
     u, (reached, spared) = (cells[:, 0] - centre) / width, cells[:, 1:].astype(int).T
     # Rows of bounds in (intercepts, slope); without one where no state, or each, is reached.
-    rows = np.hstack([np.eye(n_state)[np.minimum(spared, n_state - 1)], u[:, None]])
-    low = np.where((spared < n_state)[:, None], rows, np.nan)
-    rows = np.hstack([np.eye(n_state)[np.maximum(reached - 1, 0)], u[:, None]])
-    high = np.where((reached > 0)[:, None], rows, np.nan)
+    states = np.vstack([np.eye(n_state), np.full(n_state, np.nan)])
+    low, high = (np.column_stack([states[place], u]) for place in (spared, reached - 1))
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)
     start = np.append(ndtri(np.maximum.accumulate(fractions[::-1])[::-1]), 1.0)
     start[:-1] -= 1e-3 * np.arange(n_state)
@@ -154,15 +139,13 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     p, loss, slope = found[0], float(losses[0]), float(found[0, -1])
     if not (slope > _FLAT and np.isfinite(loss)):
         return None
-    inverse = np.linalg.inv(hessians[0])
-    fits = []
-    for i, codes in enumerate(nested.T):
+    inverse, n_levels, fits = np.linalg.inv(hessians[0]), int(np.unique(x).size), []
+    for i, n in enumerate(np.count_nonzero(nested >= 0, axis=0).tolist()):
         # ln theta = centre - width a / slope, beta = width / slope.
         jacobian = np.zeros((2, n_state + 1))
         jacobian[0, i] = -width / slope
         jacobian[:, -1] = width * p[i] / slope**2, -width / slope**2
         theta, beta = float(np.exp(centre - width * p[i] / slope)), float(width / slope)
         covariance = jacobian @ inverse @ jacobian.T
-        sizes = int(np.unique(x).size), int(np.count_nonzero(codes >= 0))
-        fits.append(Fragility(theta, beta, covariance, -loss, *sizes, "ordered"))
+        fits.append(Fragility(theta, beta, covariance, -loss, n_levels, n, "ordered"))
     return fits

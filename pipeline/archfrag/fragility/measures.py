@@ -19,8 +19,8 @@ from archfrag.fragility.probit import inverse_mills, normal_lines
 SIGNIFICANCE = 0.05
 _LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
 _COLUMNS = "theta", "beta", "slope_magnitude", "slope_distance", "p_magnitude", "p_distance"
-# Number of a covariate, which records have it, their values, and the group of each of these.
-_Covariates = list[tuple[int, NDArray, FloatArray, IntArray]]
+# Which records have a covariate, their values, and the group of each of these.
+_Covariates = dict[str, tuple[NDArray, FloatArray, IntArray]]
 _OF = {
     True: "the sufficient measures",
     False: "the measures, none of which is sufficient,",
@@ -59,9 +59,8 @@ def compare_measures(
     -------
     dict
         ``rows``, one for each measure, numbers nan where they are not known: ``measure``;
-        ``theta`` in its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent;
-        ``slope_magnitude`` and ``slope_distance`` of ln capacity, ``p_magnitude`` and
-        ``p_distance``; ``sufficient``, neither of these below 0.05, or None; ``n_records`` used,
+        ``theta`` in its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent; slopes of
+        ln capacity and their p; ``sufficient``, no p below 0.05, or None; ``n_records`` used,
         ``n_bracketed`` of them; ``none``, why there is no curve. ``own``; ``best``, of the
         sufficient measures (if there is none, of those not tested; else of all) the one of least
         efficiency. ``p_value``, the probability that a measure no better than `own` seems so much
@@ -74,22 +73,23 @@ def compare_measures(
         raise InputError(f"own is {own!r}, which is not one of {', '.join(names)}")
     if found.verdict.shape[1] == 1:
         raise FitError("measures are compared by capacities, which single runs do not show")
-    log_value = np.log([shaped(positive(v, k), (n_record,), k) for k, v in values.items()])
-    power = positive([exponent[name] for name in names], "exponent")[:, None]
-    mine, keep = names.index(own), found.decided > 0
-    known, log_value = found.rows(keep), log_value[:, keep]
+    mine, known, keep = names.index(own), found.known(), found.decided > 0
+    logs = [np.log(shaped(positive(v, k), (n_record,), k)[keep]) for k, v in values.items()]
+    log_value, power = np.array(logs), positive([exponent[k] for k in names], "exponent")[:, None]
     group = np.unique(event_groups(event, n_record)[keep], return_inverse=True)[1]
-    covariates: _Covariates = []
-    for j, (name, given) in enumerate((("magnitude", magnitude), ("distance", distance))):
-        if given is not None:
-            value = np.asarray(shaped(given, (n_record,), name), dtype=float)[keep]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                value = np.log(value) if j else value
+    covariates: _Covariates = {}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for name, given, owner, scale in (
+            ("magnitude", magnitude, group, np.asarray),
+            ("distance", distance, np.arange(group.size), np.log),
+        ):
+            if given is None:
+                continue
+            value = scale(np.asarray(shaped(given, (n_record,), name), dtype=float)[keep])
             used = np.isfinite(value)
-            owner = np.arange(value.size) if j else group
             place = np.unique(owner[used], return_inverse=True)[1]
-            if place.size and place.max() + 1 >= _LEAST and np.ptp(value[used]) > 0.0:
-                covariates.append((j, used, value[used], place))
+            if place.max(initial=-1) + 1 >= _LEAST and np.ptp(value[used]) > 0.0:
+                covariates[name] = used, value[used], place
 
     def in_measures(intensity: FloatArray) -> FloatArray:
         with np.errstate(divide="ignore"):
@@ -101,13 +101,13 @@ def compare_measures(
     bounds = in_measures(low), in_measures(high)
     columns, expected = _compare_records(bounds, width**2 / 12.0, covariates)
     rows = []
-    for name, each, column in zip(names, power[:, 0].tolist(), columns.T.tolist()):
-        row = {"measure": name, **dict(zip(_COLUMNS, column))}
+    for i, (name, each) in enumerate(zip(names, power[:, 0].tolist())):
+        row = {key: float(columns[key][i]) for key in _COLUMNS}
         tests = [p for p in (row["p_magnitude"], row["p_distance"]) if np.isfinite(p)]
         few = "fewer than two records with different capacities in this measure"
         why = "" if np.isfinite(row["beta"]) else few
-        rows.append(row | {
-            "efficiency": row["beta"] / each, "none": why,
+        rows.append({
+            "measure": name, **row, "efficiency": row["beta"] / each, "none": why,
             "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
             "n_records": int(keep.sum()), "n_bracketed": int(known.bracketed.sum()),
         })  # fmt: skip
@@ -138,16 +138,11 @@ def _best(
         by_chance = scatter_by_chance(logs[mine], logs[place], event)
         p_value = min(1.0, by_chance * (len(chosen) - (mine in chosen)))
         ratio = best["efficiency"] / own["efficiency"]
-        can = "more than chance and the choice among them explain"
-        if p_value >= SIGNIFICANCE:
-            can = "which chance and the choice among them can explain"
-        message += (
-            f": its dispersion is {ratio:.2f} times that of {own['measure']}, {can} "
-            f"(p = {p_value:.2g})."
-        )
-    first = rows[min(known, key=efficiency.__getitem__)]
-    if first["sufficient"] is False and first is not best:
-        message += f" {first['measure']} is more efficient, but not sufficient."
+        can = "which chance and the choice among them can explain"
+        if p_value < SIGNIFICANCE:
+            can = "more than chance and the choice among them explain"
+        times = f"{ratio:.2f} times that of {own['measure']}"
+        message += f": its dispersion is {times}, {can} (p = {p_value:.2g})."
     n_test = int(np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum())
     if n_test:
         message += (
@@ -166,7 +161,7 @@ def _sums(values: FloatArray, place: IntArray) -> FloatArray:
 
 def _compare_records(
     bounds: tuple[FloatArray, FloatArray], rounding: FloatArray, covariates: _Covariates
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[dict[str, FloatArray], FloatArray]:
     """Values of `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
     Bounds of ln capacities, (n_measure, n_record), are equal where a capacity is known. `rounding`
@@ -174,7 +169,7 @@ def _compare_records(
     (Sheppard's correction) unless nothing would be left.
     """
     low, high = bounds
-    columns, exact = np.full((len(_COLUMNS), len(low)), np.nan), low[0] == high[0]
+    exact = low[0] == high[0]
     n, n_exact = exact.size, int(exact.sum())
     mean, square = np.full((2, len(low)), np.nan)
     # Where known values do not differ the likelihood has no maximum.
@@ -192,11 +187,12 @@ def _compare_records(
         below, above = ((end - mean[:, None]) / deviation[:, None] for end in bounds)
         beyond = np.where(np.isfinite(low), inverse_mills(-below), -inverse_mills(above))
         expected = np.where(exact, low, mean[:, None] + deviation[:, None] * beyond)
-    columns[:2] = np.exp(mean), deviation
-    for j, used, value, place in covariates:
+    columns = dict.fromkeys(_COLUMNS, np.full(len(low), np.nan))
+    columns |= {"theta": np.exp(mean), "beta": deviation}
+    for name, (used, value, place) in covariates.items():
         if exact[used].sum() >= 4:
             part = low[:, used], high[:, used], expected[:, used]
-            columns[[2 + j, 4 + j]] = _slope_test(*part, value, place)
+            columns[f"slope_{name}"], columns[f"p_{name}"] = _slope_test(*part, value, place)
     return columns, expected
 
 

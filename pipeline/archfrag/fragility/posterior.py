@@ -8,6 +8,7 @@ Garnier (arXiv 2302.06935 and 2503.07343).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,13 +52,13 @@ class Posterior:
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the median capacity, unit of the levels."""
-        low, high = np.exp(self.log_thetas(tails(confidence)))
-        return float(low), float(high)
+        low, high = np.exp(self.log_thetas(tails(confidence))).tolist()
+        return low, high
 
     def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the dispersion."""
-        low, high = self.betas(tails(confidence))
-        return float(low), float(high)
+        low, high = self.betas(tails(confidence)).tolist()
+        return low, high
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Central credible interval of the probability of collapse at each `im`, >= 0."""
@@ -87,7 +88,7 @@ class Posterior:
         place = [below.solve(each * total, extrapolate=False)[0] for each in level]
         return np.exp(np.interp(place, row, np.log(self.beta)))
 
-    @property
+    @cached_property
     def _cumulative(self) -> FloatArray:
         """Probability of each row up to each node, (n_row, n_node)."""
         middle = 0.5 * (self.density[:, 1:] + self.density[:, :-1])
@@ -107,12 +108,11 @@ class Posterior:
 def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
     """Posterior of the curve of runs that are independent, each with a motion of its own.
 
-    Prior: Jeffreys' for the levels and numbers of runs that were made, the square root of the
-    determinant of the Fisher information, which is proper for a probit line at two levels or
-    more (Ibrahim and Laud 1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same
-    103); restricted to rising curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of
-    the highest over the lowest level. Jeffreys' alone lets 90 % bands hold the truth in 78 to
-    86 % at 10 runs, as it makes beta too small; the factor cures this.
+    Prior: Jeffreys' for the levels and numbers of runs that were made, which is proper for a
+    probit line at two levels or more (Ibrahim and Laud 1991, J. Am. Stat. Assoc. 86; Chen,
+    Ibrahim and Kim 2008, the same 103); restricted to rising curves (beta > 0), times
+    1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest level. Jeffreys' alone
+    lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes beta too small.
     Arguments as for `fit_stripes`; all runs may have collapsed, or none, but they must be at two
     levels or more (else FitError).
     """
@@ -143,17 +143,14 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
 
 
 def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) -> Posterior:
-    """Posterior of the curve of records with a decided run each.
+    """Posterior of the curve of records with a decided run each, of independent capacities.
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
-    normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
-    the curve), times beta^2 / (beta^2 + d^2 / 12) with d the median width of the brackets in
-    ln im, so that it stays proper where one capacity would agree with all records, and times
-    1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where hardly a record is
-    bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
-    what the levels resolve and what they span. The likelihood is raised to the power
-    `n_effective` / n where records count as fewer independent ones. FitError if nothing bounds
-    theta from one side.
+    normal sample are exact, times beta^2 / (beta^2 + d^2 / 12) with d the median width of the
+    brackets in ln im, so that it stays proper where one capacity would agree with all records,
+    and times 1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where hardly a
+    record is bracketed from both sides. The likelihood is raised to the power `n_effective` / n
+    where records count as fewer independent ones. FitError if nothing bounds theta from one side.
 
     If some records survive above a level at which they collapsed, it is a probit with a record
     effect: ln capacity of a run is that of its record, normal about ln theta, and an error of the
@@ -176,11 +173,10 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
         raise FitError(ONE_LEVEL)
     ends = np.concatenate([[-np.inf], x, [np.inf]])
     chance = ((ends[:-1] >= low[:, None]) & (ends[1:] <= high[:, None])).astype(float)
-    known_width = np.repeat(high - low, number)
-    known_width = known_width[np.isfinite(known_width)]
-    resolved = max(np.median(known_width) if known_width.size else 0.0, np.diff(x).min())
-    start = float(np.median(x)), float(resolved)
-    power = share * number.astype(float)
+    width = np.repeat(high - low, number)
+    width = width[np.isfinite(width)]
+    resolved = float(max(np.median(width) if width.size else 0.0, np.diff(x).min()))
+    start, power = (float(np.median(x)), resolved), share * number.astype(float)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:
         prior = _capacity_prior(beta, resolved, x)
@@ -246,7 +242,7 @@ def _of_cells(
 ) -> FloatArray:  # fmt: skip
     """Log-likelihood of records by the probability of their runs in cells of ln capacity."""
     mass = np.diff(ndtr((ends - log_theta[..., None]) / beta[..., None]), axis=-1)
-    return np.asarray(np.log(np.maximum(mass @ chance.T, 1e-300)) @ power)
+    return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power
 
 
 def _capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:
@@ -271,28 +267,24 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
         axes = [np.linspace(*ends, _SEARCH) for ends in box]
         kept = density(*axes)[2] > -_DEPTH
         held = [np.flatnonzero(kept.any(axis=1 - axis)) for axis in (0, 1)]
-        box = [
-            (axis[max(at[0] - 1, 0)], axis[min(at[-1] + 1, _SEARCH - 1)])
-            for axis, at in zip(axes, held)
-        ]
+        wider = [(max(at[0] - 1, 0), min(at[-1] + 1, _SEARCH - 1)) for at in held]
+        box = [(axis[first], axis[last]) for axis, (first, last) in zip(axes, wider)]
         if min(at.size for at in held) > _SEARCH // 2:
             break
     beta, log_theta, value = density(np.linspace(*box[0], _ROWS), np.linspace(*box[1], _NODES))
     weight = np.exp(value)
     weight /= (weight.sum(axis=1) - 0.5 * (weight[:, 0] + weight[:, -1])).sum()
-    known = Posterior(
-        Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior"), beta, log_theta, weight
-    )
+    unknown = Fragility(1.0, 1.0, np.eye(2), 0.0, x.size, n, "posterior")
+    known = Posterior(unknown, beta, log_theta, weight)
     t, b = known.log_thetas(_LEVELS), known.betas(_LEVELS)
     # The correlation is of values cut at their 1 and 99 % quantiles.
     pair = np.clip(log_theta, t[0], t[4]), np.clip(beta, b[0], b[4])[:, None] + 0.0 * log_theta
     errors = 0.5 * np.array([t[3] - t[1], b[3] - b[1]])
     covariance = np.cov(np.reshape(pair, (2, -1)), aweights=weight.ravel())
     covariance *= np.outer(*[errors / np.sqrt(np.diag(covariance))] * 2)
-    curve = replace(
-        known.fragility, theta=float(np.exp(t[2])), beta=float(b[2]), covariance=covariance,
-        log_likelihood=float(terms(t[[[2]]], b[[[2]]])[0][0, 0]),
-    )  # fmt: skip
+    likelihood = float(terms(t[[[2]]], b[[[2]]])[0][0, 0])
+    median = float(np.exp(t[2])), float(b[2])
+    curve = Fragility(*median, covariance, likelihood, x.size, n, "posterior")
     return replace(known, fragility=curve)
 
 

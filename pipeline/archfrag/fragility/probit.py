@@ -59,8 +59,7 @@ def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: Flo
     """Terms of -sum weight ln(Phi(high @ p) - Phi(low @ p)), which is convex in `p`, (n_fit, q).
 
     `low` and `high` are (n_fit or 1, n_point, q), nan where there is no bound; `weight` is
-    (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76; Burridge 1981, J. R. Stat. Soc. B
-    43.
+    (n_fit or 1, n_point). Pratt 1981, J. Am. Stat. Assoc. 76.
     """
     z, rows = [], []
     for side, none in ((low, -np.inf), (high, np.inf)):
@@ -93,8 +92,6 @@ def binomial_lines(
     todo = np.flatnonzero(overlap & rises)
     intercept, steepness, least_loss = np.full((3, len(k)), np.nan)
     lines = Lines(intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan))
-    if not todo.size:
-        return lines
     x, k, n = x[todo], k[todo], n[todo]
     total = n.sum(axis=1)
     centre = (n * x).sum(axis=1) / total
@@ -121,9 +118,8 @@ def binomial_lines(
     # (a, b) of the scaled line are linear in those of the line itself.
     scaling = np.zeros((todo.size, 2, 2))
     scaling[:, 0, 0], scaling[:, 0, 1], scaling[:, 1, 1] = 1.0, centre, width
-    slope = line[:, 1] / width
+    slope, rising = line[:, 1] / width, line[:, 1] > 1e-9
     known = line[:, 0] - slope * centre, slope, loss, scaling.transpose(0, 2, 1) @ found @ scaling
-    rising = line[:, 1] > 1e-9
     for part, values in zip(lines, known, strict=True):
         part[todo[rising]] = values[rising]
     return lines
@@ -135,10 +131,10 @@ def normal_lines(
     """Likeliest regressions y = design @ coefficients + error of values within bounds (Tobit).
 
     `lower` and `upper`, (n_point,) or (n_fit, n_point), are equal where a value is known exactly,
-    -inf or inf where there is no bound; the first column of `design`, (n_point, q), is 1. In
-    (coefficients, 1) / deviation the loss is convex (Olsen 1978, Econometrica 46). Returns
+    infinite where there is no bound; the first column of `design`, (n_point, q), is 1. Returns
     coefficients (n_fit, q); deviation of the error and negative log-likelihood, (n_fit,) each;
-    observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1).
+    observed information in (coefficients, 1) / deviation, (n_fit, q + 1, q + 1), in which the
+    loss is convex (Olsen 1978, Econometrica 46).
     """
     low, high = np.atleast_2d(lower), np.atleast_2d(upper)
     known = np.where(np.isfinite(low), low, high)

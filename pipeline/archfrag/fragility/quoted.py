@@ -11,7 +11,7 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, draws_of_records
+from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import Lines, binomial_lines
@@ -31,7 +31,7 @@ class QuotedBand:
     method: str  #: name of the method, for a caption
     assumptions: str
     n_independent: float  #: effective number of records or runs
-    n_contradictions: int  #: runs that contradict the bracket of their record
+    n_contradictions: int = 0  #: runs that contradict the bracket of their record
 
 
 def quoted_band(
@@ -43,17 +43,7 @@ def quoted_band(
     Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
     such as the event of each record, count as fewer, by how alike their capacities are; `unit` is
     what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
-    decided, there is one group only, or nothing bounds theta from one side: the message states
-    which levels to add.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.counts import find_brackets
-    >>> from archfrag.fragility.quoted import quoted_band
-    >>> verdict = [[0, 0, 1, 1], [0, 1, 1, 1], [0, 0, 0, 1], [0, 0, 1, 1]]
-    >>> quoted = quoted_band(find_brackets(verdict, [0.2, 0.4, 0.6, 0.8]), 0.5)
-    >>> bool(quoted.lower < 0.5 < quoted.upper), quoted.n_independent
-    (True, 4.0)
+    decided, there is one group only, or nothing bounds theta from one side.
     """
     known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"
@@ -67,8 +57,10 @@ def quoted_band(
             f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
             "natural logarithms, which beta includes"
         )
-    return _quoted(
-        known, im, confidence, "posterior of capacities, right Haar prior",
+    return QuotedBand(
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        *known.band(im, confidence),
+        "posterior of capacities, right Haar prior",
         f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
     )  # fmt: skip
 
@@ -78,24 +70,15 @@ def quoted_runs(
 ) -> QuotedBand:
     """Curve of decided runs, (n_run,), that each have a motion of their own; as `quoted_band`."""
     if not np.size(level):
-        raise FitError("no run collapsed or stood, so there is nothing to fit")
-    return _quoted(
-        fit_posterior(level, collapsed, 1), im, confidence,
+        raise FitError(NOTHING)
+    known = fit_posterior(level, collapsed, 1)
+    return QuotedBand(
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        *known.band(im, confidence),
         "posterior of independent runs, Jeffreys prior",
         "Capacity is lognormal, and runs are independent, each with a motion of its own.",
         float(np.size(level)),
     )  # fmt: skip
-
-
-def _quoted(
-    known: Posterior, im: ArrayLike, confidence: float, method: str, assumptions: str,
-    number: float, n_contradictions: int = 0,
-) -> QuotedBand:  # fmt: skip
-    intervals = known.theta_interval(confidence), known.beta_interval(confidence)
-    band = known.band(im, confidence)
-    return QuotedBand(
-        known.fragility, *intervals, *band, method, assumptions, number, n_contradictions
-    )
 
 
 def capacity_posterior(
@@ -136,10 +119,9 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     if n_event < 2:
         why = f"all records belong to one group, {events[0]!s}"
         raise FitError(f"{why}; at least two are needed to show how far they differ")
-    mean_size = float((size**2).sum() / n)
     if n == n_event:
         return float(n)
-    values = _expected_logs(found)
+    mean_size, values = float((size**2).sum() / n), _expected_logs(found)
     means = np.bincount(place, values) / size
     within = float(((values - means[place]) ** 2).sum() / (n - n_event))
     between = float((size * (means - values.mean()) ** 2).sum() / (n_event - 1))
@@ -172,16 +154,12 @@ def isotonic_curve(
     Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
     likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
     Math. Stat. 26). The band is from the bootstrap of records, or of earthquakes `event`,
-    (n_record,), with all their records. It is inconsistent where intensities are many and runs at
-    each are not (Sen, Banerjee and Woodroofe 2010, Ann. Stat. 38), has no width where all runs of
-    a level agree, and is somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15
-    levels, 24 records, 200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %.
+    (n_record,), with all their records. It has no width where all runs of a level agree, and is
+    somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records,
+    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %.
 
-    Returns
-    -------
-    dict of str to ndarray, (n_level,)
-        ``im``; ``probability`` of collapse there, ``lower`` and ``upper`` end of its band.
-        FitError if no run is decided, or all are at one level.
+    Returns ``im``; ``probability`` of collapse there, ``lower`` and ``upper`` end of its band,
+    (n_level,) each. FitError if no run is decided, or all are at one level.
     """
     levels, collapses, n = found.at_levels(filled=True)
     if levels.size < 2:
@@ -214,12 +192,9 @@ def check_lognormal(
     per run, and rho from the scatter between runs of a record: independent runs would give a test
     that finds misfits too seldom or too often. Records of one event are drawn as independent.
 
-    Returns
-    -------
-    (float, float)
-        Probability of so large a ratio if the lognormal curve is the true one; rho, 1 where no
-        verdicts contradict each other, nan where each record serves once. FitError if the runs
-        have no lognormal curve.
+    Returns the probability of so large a ratio if the lognormal curve is the true one; rho, 1
+    where no verdicts contradict each other, nan where each record serves once. FitError if the
+    runs have no lognormal curve.
     """
     levels, collapses, made = found.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)

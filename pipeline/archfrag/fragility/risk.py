@@ -12,14 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import (
-    FloatArray,
-    Fragility,
-    log_intensity,
-    positive,
-    rising,
-    tails,
-)  # fmt: skip
+from archfrag.fragility.curve import FloatArray, Fragility, log_intensity, positive, rising, tails
 from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
@@ -44,36 +37,34 @@ class HazardCurve:
 
     def __post_init__(self) -> None:
         im, rate = np.asarray(self.im, dtype=float), np.asarray(self.rate, dtype=float)
-        what = "the hazard curve"
         if im.shape != rate.shape or im.ndim != 1:
             raise InputError(
-                f"{what}'s im has shape {im.shape}, its rate {rate.shape}; two lists of at least "
-                "two points are needed"
+                f"the hazard curve's im has shape {im.shape}, its rate {rate.shape}; two lists of "
+                "at least two points are needed"
             )
         known = ~((rate == 0.0) | (rate == np.inf))
-        if (n := np.count_nonzero(known)) < 2:
+        if known.sum() < 2:
             raise InputError(
-                f"{what} has {n} of {rate.size} points with a rate above 0 that is known; at "
-                "least two are needed"
+                f"the hazard curve has {known.sum()} of {rate.size} points with a rate above 0 "
+                "that is known; at least two are needed"
             )
-        object.__setattr__(self, "im", rising(im[known], f"{what}'s im"))
-        object.__setattr__(self, "rate", positive(rate[known], f"{what}'s rate"))
-        for i in np.flatnonzero(np.diff(self.rate) > 0.0)[:1]:
+        im = rising(im[known], "the hazard curve's im")
+        rate = positive(rate[known], "the hazard curve's rate")
+        object.__setattr__(self, "im", im)
+        object.__setattr__(self, "rate", rate)
+        for i in np.flatnonzero(np.diff(rate) > 0.0)[:1]:
             raise InputError(
-                f"{what}'s rate of exceedance rises from {self.rate[i]:g} to "
-                f"{self.rate[i + 1]:g} at im = {self.im[i + 1]:g}; it never rises with intensity"
+                f"the hazard curve's rate of exceedance rises from {rate[i]:g} to "
+                f"{rate[i + 1]:g} at im = {im[i + 1]:g}; it never rises with intensity"
             )
-        if self.rate[0] == self.rate[-1]:
-            raise InputError(
-                f"{what}'s rate is {self.rate[0]:g} at all its points, so it holds nothing of how "
-                "often stronger motions occur"
-            )
+        if rate[0] == rate[-1]:
+            raise InputError(f"the hazard curve's rate is {rate[0]:g} at all its points")
 
     @classmethod
     def from_exceedance(cls, im: ArrayLike, probability: ArrayLike, years: float) -> "HazardCurve":
         """Curve from probabilities of exceedance in a time: rate = -ln(1 - probability) / years.
 
-        Points with a probability of 1, whose rate is not known, or of 0 are left out.
+        Points with a probability of 1 or 0, whose rate is not known, are left out.
         """
         probability = np.asarray(probability, dtype=float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
@@ -112,9 +103,7 @@ class CollapseRate:
     lower: float  #: ends of the band [1/year]; nan as `mean`
     upper: float
     confidence: float
-    #: Fraction of `rate` from intensities below the first and above the last point of the hazard
-    #: curve, where its extension is an assumption.
-    below: float
+    below: float  #: fractions of `rate` from below and above the hazard curve, which is extended
     above: float
 
     @property
@@ -154,29 +143,17 @@ def collapse_rate(
     quantiles of their rates. What the extension below the first point of the hazard curve adds to
     each is at most the hazard's rate at this point. Of the curve of a class they are those of its
     lognormal curve, and their rates are taken in proportion.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archfrag.fragility.curve import Fragility
-    >>> from archfrag.fragility.risk import HazardCurve, collapse_rate
-    >>> im = np.array([0.1, 0.3, 1.0])
-    >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
-    >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
-    >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
-    1.0
     """
-    ends = tails(confidence)
+    at, ends = np.log(hazard.im), tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
     rate = float(parts.sum())
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
     mean = lower = upper = np.nan
     if draws is not None:
-        each = _lognormal(hazard, np.log(hazard.im), *draws)
+        each = _lognormal(hazard, at, *draws)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
         rates = each.sum(axis=-1)
         if curve.members is not None:
-            at = np.log(hazard.im)
             rates *= rate / float(_lognormal(hazard, at, curve.theta, curve.beta).sum())
         if below + above <= MOST_OUTSIDE:
             mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))

@@ -5,9 +5,11 @@ for reduced motion, get four still frames.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.fragility.counts import Verdict
@@ -18,7 +20,6 @@ from archfrag.report import html
 from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, even_ticks, figure
 from archfrag.report.html import TEXTS, Picture, digits, onset_text
 from archfrag.report.inputs import ArchResults, ReportInputs, study_config
-from archfrag.report.motions import envelope
 from archfrag.simulate import Onset, simulate
 from archfrag.simulation.response import Response
 
@@ -32,18 +33,12 @@ Chosen = tuple[int, int, str]  # record, level, and why this run
 Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
 
-def pixels(points: FloatArray, scale: float, origin: tuple[float, float]) -> FloatArray:
-    """Pixels of points (..., 2) [m], where pixel 0, 0 is at the origin [m]."""
-    return scale * (points - np.array(origin)) * (1.0, -1.0)
-
-
 @figure
-def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[str, str]:
+def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tuple[str, str]:
     """Draw the arch twice: ground accelerating towards +x, and towards -x."""
     if not onset.stands:
         _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, 0)
-        caption = "The arch does not stand under its own weight, so there is no onset."
-        return f"{name}, which does not stand under its own weight", caption
+        return f"{name}, which does not stand under its own weight", "There is no onset."
     key = [
         Entry("thrust at onset", look.VERMILION, "line"),
         Entry("thrust, self-weight", look.SOFT, "dash"),
@@ -52,18 +47,14 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> tuple[st
     if len(onset.sliding) or len(onset.sliding_minus):
         key.append(Entry("sliding joint", look.ORANGE))
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)
-    each = sheet.width if sheet.narrow else 0.5 * sheet.width
-    for i, (direction, limit) in enumerate((("+x", onset.plus), ("−x", onset.minus))):
-        left = 0.0 if sheet.narrow else i * each
-        words = f"ground accelerating towards {direction}: {onset_text(limit)}"
-        sheet.text(left + 8.0, top + 14.0, words, "b")
-        _at_onset(sheet, (left, top + 20.0, each), arch, onset, -1 if i else 1)
+    each, words = sheet.width if sheet.narrow else 0.5 * sheet.width, []
+    for sign, direction, limit in ((1, "+x", onset.plus), (-1, "−x", onset.minus)):
+        left = 0.0 if sheet.narrow or sign > 0 else each
+        words.append(f"{onset_text(limit)} towards {direction}")
+        sheet.text(left + 8.0, top + 14.0, f"ground accelerating: {words[-1]}", "b")
+        _at_onset(sheet, (left, top + 20.0, each), arch, onset, sign)
         top = sheet.height + 4.0 if sheet.narrow else top
-    return (
-        f"{name} with hinges and thrust line at onset: {onset_text(onset.plus)} towards +x, "
-        f"{onset_text(onset.minus)} towards −x",
-        TEXTS["arch_at_onset"]["caption"],
-    )
+    return f"{name} with hinges and thrust line at onset: {', '.join(words)}"
 
 
 def _at_onset(
@@ -72,43 +63,44 @@ def _at_onset(
     """An arch in a box (left, top, width [px]) with the mechanism of a direction, if it stands."""
     left, top, width = box
     points = np.concatenate(arch.outlines)
-    low, (span, height) = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    low, high = points.min(axis=0), points.max(axis=0)
+    span, height = np.maximum(high - low, 1e-9).tolist()
     # Numbers of joints stand beside the springings.
-    scale = float(min(min(width - 46.0, 330.0) / span, 260.0 / height))
-    middle, ground = left + 0.5 * width, top + 16.0 + scale * float(height)
-    origin = (float(low[0] + 0.5 * span) - middle / scale, float(low[1]) + ground / scale)
-
-    def path(points: FloatArray, end: str = "", **attributes: object) -> None:
-        sheet.path(look.trace(*pixels(points, scale, origin).T) + end, **attributes)
-
+    scale = min(min(width - 46.0, 330.0) / span, 260.0 / height)
+    middle, reach, ground = left + 0.5 * width, 0.5 * scale * span, top + 16.0 + scale * height
+    place = (middle - reach, top + 16.0, middle + reach, ground)
+    panel = Panel(sheet, place, (low[0], low[0] + span), (low[1], low[1] + height))
     for outline in arch.outlines:
-        path(outline, "z", kind="stone", stroke_width=0.8)
+        x, y = np.transpose(outline)
+        d = look.trace(panel.at_x(x), panel.at_y(y))
+        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
     if sign:
-        path(np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
-             stroke_dasharray="4 2.5")  # fmt: skip
-        moving, sliding, hinges = (
-            (onset.thrust_plus, onset.sliding, onset.hinges) if sign > 0
-            else (onset.thrust_minus, onset.sliding_minus, onset.hinges_minus)
-        )  # fmt: skip
-        if moving is not None:
-            path(np.asarray(moving), fill="none", stroke=look.VERMILION, stroke_width=1.5)
+        moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
+        if sign < 0:
+            moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
+        lines: list[tuple[Any, str, float]] = [(moving, look.VERMILION, 1.5)]
         for joint in sliding:
-            ends = np.stack([arch.intrados[joint], arch.extrados[joint]])
-            path(ends, stroke=look.ORANGE, stroke_width=4)
+            lines.append(([arch.intrados[joint], arch.extrados[joint]], look.ORANGE, 4.0))
+        x, y = np.transpose(np.asarray(onset.thrust))
+        panel.line(x, y, look.SOFT, 1.1, "4 2.5")
+        for ends, colour, thickness in lines:
+            if ends is not None:
+                x, y = np.transpose(ends)
+                panel.line(x, y, colour, thickness)
         for joint, side in hinges:
-            x, y = pixels(getattr(arch, side)[joint], scale, origin).tolist()
-            sheet.dots([(x, y)], 4.0, look.BLUE, "hinge")
-        y, half, reach = ground + 13.0, sign * 0.16 * scale * span, 0.5 * scale * span
+            x, y = getattr(arch, side)[joint, :, None]
+            panel.dots(x, y, look.BLUE, "hinge", 4.0)
+        y, half = ground + 13.0, sign * 0.16 * scale * span
         sheet.path(f"M{middle - reach:.1f} {ground:.1f}h{2 * reach:.1f}", kind="ax")
         line = f"M{middle - half:.1f} {y:.1f}H{middle + half:.1f}"
         sheet.path(line, stroke=look.INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=look.INK)
     outward = arch.extrados[: arch.n_joint] - arch.intrados[: arch.n_joint]
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    outward *= 11.0 / np.linalg.norm(outward, axis=1, keepdims=True)
     for joint in range(0, arch.n_joint, max(1, int(np.ceil(arch.n_joint / 15)))):
-        x, y = pixels(arch.extrados[joint], scale, origin) + 11.0 * outward[joint] * (1.0, -1.0)
-        sheet.text(x, y + 3.5, str(joint), "s m q")
+        (x, y), (right, up) = arch.extrados[joint], outward[joint]
+        sheet.text(panel.at_x(x) + right, panel.at_y(y) - up + 3.5, str(joint), "s m q")
     sheet.height = max(sheet.height, ground + 24.0)
 
 
@@ -124,12 +116,6 @@ class Example:
     reason: str  #: why this run was chosen
     same: bool  #: whether it ended as in the study: status, steps and time of collapse
 
-    @property
-    def ground(self) -> tuple[FloatArray, FloatArray]:
-        """Times of the samples [s] and the ground's acceleration [g]."""
-        ground = np.asarray(self.motion.acceleration, dtype=float) * self.factor
-        return np.asarray(np.arange(ground.size) * self.motion.dt), ground / STANDARD_GRAVITY
-
 
 def choose(results: ArchResults, median: float | None) -> Chosen | None:
     """Run whose capacity, the lowest collapsing level, is nearest the median of the arch.
@@ -142,8 +128,7 @@ def choose(results: ArchResults, median: float | None) -> Chosen | None:
         return farthest(results)
     first = collapsed[records].argmax(axis=1)
     logs = np.log(results.levels[first])
-    centre = np.median(logs) if median is None else np.log(median)
-    place = int(np.abs(logs - centre).argmin())
+    place = np.abs(logs - (np.median(logs) if median is None else np.log(median))).argmin()
     reason = "the record with the capacity nearest the median, at its lowest collapsing level"
     return int(records[place]), int(first[place]), reason
 
@@ -153,34 +138,31 @@ def farthest(results: ArchResults) -> Chosen | None:
     standing = results.verdict == Verdict.STANDING
     reach = np.where(standing, np.nan_to_num(results["peak_rotation"]), 0.0)
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    if reach[record, level] == 0.0:
-        return None
-    return int(record), int(level), "the standing run with the largest rotation of a voussoir"
+    reason = "the standing run with the largest rotation of a voussoir"
+    return (int(record), int(level), reason) if reach.any() else None
 
 
 def repeat(
     inputs: ReportInputs, results: ArchResults, arch: Arch, chosen: Chosen | None
 ) -> Example | None:
     """Simulate a run of a study again, with the study's method and its history."""
-    method = study_config(inputs.cube).get("method")
-    if method is None or chosen is None:
+    method = dict(study_config(inputs.cube).get("method", ()))
+    if not method or chosen is None:
         return None
-    kind, options = method["name"], {k: v for k, v in method.items() if k != "name"}
-    record, level, reason = chosen
+    kind, (record, level, reason) = method.pop("name"), chosen
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
-    then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
+    status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
     # `auto` may take a history by events; the study's verdict came by steps.
     for name in (kind, "time_stepping"):
-        response = simulate(arch, motion, scale=factor, method=name, history=True, **options)
-        same = then[:2] == [response.status, response.steps] and bool(
-            np.isclose(then[2], response.collapse_time, equal_nan=True)
-        )
+        response = simulate(arch, motion, scale=factor, method=name, history=True, **method)
+        same = bool(np.isclose(time, response.collapse_time, equal_nan=True))
+        same = same and (status, steps) == (response.status, response.steps)
         if same or kind != AUTO:
             break
-    shown = f"{results.scale.measure} = {digits(results.levels[level])} {results.scale.unit}"
-    if results.own_levels is not None:
-        shown = f"about {shown}"
+    about = "" if results.own_levels is None else "about "
+    scale = results.scale
+    shown = f"{about}{scale.measure} = {digits(results.levels[level])} {scale.unit}"
     return Example(arch, motion, factor, shown, response, reason, same)
 
 
@@ -198,11 +180,11 @@ def key_frames(example: Example) -> Frames | None:
     moving = np.flatnonzero(np.abs(state).max(axis=1) > 1e-5 * size)
     if moving.size < 2:
         return None
-    start, end = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
+    start, end = time[max(moving[0] - 1, 0)], time[moving[-1]]
+    peak = time[np.abs(rotation).max(axis=1).argmax()]
     if example.response.collapsed:
-        end = float(time[-1])
-    peak = end if example.response.collapsed else time[np.abs(rotation).max(axis=1).argmax()]
-    start = max(start, min(float(peak) - 0.5 * LONGEST, end - LONGEST))
+        peak = end = time[-1]
+    start = max(start, min(peak - 0.5 * LONGEST, end - LONGEST))
     end = min(end, start + LONGEST)
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
     rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
@@ -238,23 +220,25 @@ def film(example: Example, name: str, title: str) -> Picture | None:
     high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.06 * size
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
-    origin = (float(low[0]) - 0.5 * (NARROW / scale - wide), float(high[1]))
-    height = scale * tall
-    moves = np.dstack([pixels(place, scale, origin), -np.rad2deg(rotation)])
+    origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
+
+    def pixels(points: FloatArray, at: ArrayLike) -> FloatArray:  # where pixel 0, 0 is `at` [m]
+        return scale * (points - np.asarray(at)) * (1.0, -1.0)
+
+    moves = np.dstack([pixels(place, origin), -np.rad2deg(rotation)])
     duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
     stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
     outlines = zip(map(np.asarray, arch.outlines), centroid)
     svg = html.template(
         "film.html.j2", name=name, label=what, width=NARROW, height=height, strip=_STRIP,
-        shapes=[look.trace(*pixels(outline, scale, at).T) for outline, at in outlines],
-        rest=pixels(centroid, scale, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
+        shapes=[look.trace(*pixels(outline, at).T) for outline, at in outlines],
+        rest=pixels(centroid, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
         percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
         stills=stills, ground=Markup("".join(_strip(example, time, height))),
     )  # fmt: skip
-    caption = TEXTS["film"]["caption"].format(
-        what=what, reason=example.reason, start=time[0], end=time[-1], frames=time.size
-    )
+    facts = {"what": what, "reason": example.reason, "frames": time.size}
+    caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
     return Picture(svg, caption)
 
 
@@ -262,18 +246,18 @@ def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
     """Acceleration of the ground below a film."""
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
     panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
-    peak = draw_ground(panel, example, 240)
-    title = f"time [s], with the ground acceleration (peak {peak:.2g} g)"
-    panel.axis_x(even_ticks(*ends, 6), title)
+    peak = f"{draw_ground(panel, example, 240):.2g} g"
+    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
     return sheet.parts
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
-    times, acceleration = example.ground
+    acceleration = example.motion.acceleration * (example.factor / STANDARD_GRAVITY)
+    times = np.arange(acceleration.size) * example.motion.dt
     start, end = panel.x
     shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = envelope(np.interp(shown, times, acceleration, right=0.0), bins)
+    place, low, high = look.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
     panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)

@@ -1,6 +1,6 @@
 """Figures of fragility curves: of an arch, a class, all arches, limit states and two studies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from archfrag.fragility.curve import Fragility
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, Picture
-from archfrag.report.inputs import ArchResults, Scale
-from archfrag.study.answer.curves import Answer, curve_of_dict
+from archfrag.report.inputs import ArchResults, ReportInputs, Scale
+from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
@@ -19,15 +19,14 @@ _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
 _DAMAGE = ("#fdca26", "#fb9f3a", "#ed7953", "#d8576b", "#bd3786", "#9c179e")  # light to severe
 
 
-def probability_panel(
+def _panel(
     sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
     """Axes of probabilities over levels from 0 to `reach`, below a legend."""
     height = 250.0 if sheet.narrow else 300.0
     panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
-    ticks = np.linspace(0.0, 1.0, 6)
-    panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
+    panel.axis_y(look.even_ticks(0.0, 1.0), words)
     panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
     return panel
 
@@ -40,11 +39,10 @@ def draw_curve(
     if isinstance(fit, str):
         return
     if isinstance(shown, Answer):
-        im = scale.factor * np.array(shown.im)
-        seen = im <= panel.x[1]
-        low, high = (np.array(side)[seen] for side in (shown.lower, shown.upper))
+        im, low, high = np.array([shown.im, shown.lower, shown.upper])
+        seen = scale.factor * im <= panel.x[1]
         shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
-        panel.band(im[seen], low, high, shade, 0.25)
+        panel.band(scale.factor * im[seen], low[seen], high[seen], shade, 0.25)
     im = np.linspace(0.0, panel.x[1], 100)
     dash = "5 2.5" if stroke.mark == "dash" else ""
     panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
@@ -57,22 +55,28 @@ def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = 
     panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)
 
 
-def stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
-    """Colour and dashes of the curve at a place, with its name."""
+def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
     dashed = place // len(colours) % 2
     return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
 
 
-def thinned(answers: Sequence[Answer]) -> list[Fragility]:
-    """Curves of at most `MOST_THIN` arches, evenly from the weakest to the strongest."""
-    known = [a.curve for a in answers if isinstance(a.curve, Fragility)]
-    known.sort(key=lambda fit: fit.theta)
+def _thinned(fits: Iterable[Fragility]) -> list[Fragility]:
+    """At most `MOST_THIN` curves, evenly from the weakest to the strongest."""
+    known = sorted(fits, key=lambda fit: fit.theta)
     places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
     return [known[i] for i in places.round().astype(int)]
 
 
-def band_words(answer: Answer) -> str:
-    """How a band was made, for a caption."""
+def _known(answers: Mapping[str, Answer]) -> dict[str, Fragility]:
+    fits = {name: answer.curve for name, answer in answers.items()}
+    return {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
+
+
+def _medians(fits: Mapping[str, Fragility], scale: Scale) -> str:
+    return "Medians: " + "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in fits.items())
+
+
+def _band_words(answer: Answer) -> str:
     if not answer.method:
         return ""
     return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
@@ -86,28 +90,27 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     them, else observed fractions with exact intervals.
     """
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
-    searched, highest = results.design.adaptive, float(results.levels.max())
-    texts = TEXTS["curve"]
-    caption = texts["stripes" if results.own_levels is None else "grouped"]
-    if searched:
+    texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
+    if results.design.adaptive:
         caption = texts["searched"]
-    data = Entry("capacities of the records", look.INK, "line")
-    if not searched:
-        data = Entry(f"fraction, exact {percent} interval", look.INK, "dot")
-    entries, reach, what = [data], 1.05 * highest, "no lognormal curve could be fitted"
+        entries = [Entry("capacities of the records", look.INK, "line")]
+    else:
+        caption = texts["stripes" if results.own_levels is None else "grouped"]
+        entries = [Entry(f"fraction, exact {percent} interval", look.INK, "dot")]
+        isotonic = answer.more.get("free", {}).get("isotonic")
+    reach, what = 1.05 * highest, "no lognormal curve could be fitted"
     if isinstance(fit, Fragility):
         entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
         reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
-        caption += band_words(answer)
+        caption += _band_words(answer)
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
     if isinstance(answer.likelihood, Fragility):
         entries.append(likeliest)
-    isotonic = None if searched else answer.more.get("free", {}).get("isotonic")
     if isotonic:
         entries.append(Entry("isotonic", look.GREY, "line"))
         caption += texts["isotonic"]
-    panel = probability_panel(sheet, entries, reach, scale.label)
+    panel = _panel(sheet, entries, reach, scale.label)
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
     draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
     if isotonic:
@@ -126,10 +129,8 @@ def _mark_median(panel: Panel, scale: Scale, theta: float) -> None:
     median, words = theta * scale.factor, f"θ = {scale.text(theta)}"
     panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
     x, room = float(panel.at_x(median)), look.text_width(words, look.SMALL) + 8.0
-    fits = x + room < panel.box[2]
-    panel.sheet.text(
-        x + (4.0 if fits else -4.0), panel.box[3] - 6.0, words, "s" if fits else "s e"
-    )
+    shift, kind = (4.0, "s") if x + room < panel.box[2] else (-4.0, "s e")
+    panel.sheet.text(x + shift, panel.box[3] - 6.0, words, kind)
 
 
 def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
@@ -156,7 +157,7 @@ def _several(
     data: Sequence[ArchResults] = (),
 ) -> tuple[str, str]:  # fmt: skip
     """Curves with names and data, over thin ones of one colour each; a level is marked."""
-    panel = probability_panel(sheet, key or [own for own, _ in named], reach, scale.label, title)
+    panel = _panel(sheet, key or [own for own, _ in named], reach, scale.label, title)
     if at is not None and 0.0 < at < reach:
         panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
     im = np.linspace(0.0, reach, 34)
@@ -172,66 +173,53 @@ def _several(
 
 
 def all_curves(
-    answers: Mapping[str, Answer], classes: Mapping[str, Answer], of_class: Mapping[str, str],
-    scale: Scale, highest: float, at: float | None = None,
-) -> Picture | None:  # fmt: skip
-    """Curves of arches and classes in one figure; None if there are fewer than two.
+    inputs: ReportInputs, answers: Mapping[str, Answer], classes: Mapping[str, Answer]
+) -> Picture | None:
+    """Curves of some arches and classes in one figure; None if there are fewer than two.
 
-    Classes are drawn with their bands, their arches (by `of_class`) thinly; other arches by name
-    if they are not many. The axis ends at the `highest` level; the level `at` is marked.
+    Classes are drawn with their bands, their arches thinly; other arches by name if they are not
+    many.
     """
-    known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
-    named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
+    known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
     if len(known) + len(named) < 2:
         return None
-    single = {k: a for k, a in known.items() if of_class.get(k) not in classes}
-    members = [[a for k, a in known.items() if of_class.get(k) == name] for name in classes]
-    thin = [(stroke("", i).colour, thinned(own)) for i, own in enumerate(members)]
+    single = {k: fit for k, fit in known.items() if of_class.get(k) not in classes}
+    members = [[fit for k, fit in known.items() if of_class.get(k) == name] for name in classes]
+    thin = [(_stroke("", i).colour, _thinned(own)) for i, own in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
-        thin.append((look.GREY, thinned(list(single.values()))))
-    strokes = [stroke(name, i) for i, name in enumerate(named)]
-    shown = [a if len(named) <= _SHADED else a.curve for a in named.values()]
-    fits = {k: a.curve for k, a in (*named.items(), *list(known.items())[:40])}
-    words = TEXTS["all_curves"]
-    caption = words["bands" if len(named) <= _SHADED else "curves"]
-    caption += words["classes"] * bool(classes) + words["at"] * (at is not None)
+        thin.append((look.GREY, _thinned(single.values())))
+    strokes = [_stroke(name, i) for i, name in enumerate(named)]
+    shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
+    shown = [{**answers, **classes}[k] if shaded else fit for k, fit in named.items()]
+    caption = words["bands" if shaded else "curves"]
+    caption += words["classes"] * bool(classes) + words["at"] * (inputs.at is not None)
     texts = (
-        f"Fragility curves of {len(known)} arches against {scale.label}. "
-        f"Medians: {_medians(fits, scale)}",
-        caption + "".join(map(band_words, classes.values())),
+        f"Fragility curves of {len(known)} arches against {inputs.scale.label}. "
+        + _medians(named | dict(list(known.items())[:40]), inputs.scale),
+        caption + "".join(map(_band_words, classes.values())),
     )
     key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
-    curves, reach = list(zip(strokes, shown, strict=True)), 1.05 * highest
-    found: Picture = _several(scale, reach, curves, texts, thin=thin, key=key, at=at)
-    return found
+    drawn = inputs.scale, 1.05 * inputs.highest, list(zip(strokes, shown, strict=True)), texts
+    return _several(*drawn, thin=thin, key=key, at=inputs.at)
 
 
-def limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Picture | None:
-    """Curves of the limit states of an arch or a class up to a level; None if none has one."""
+def limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Picture | None:
+    """Curves of the limit states of an arch or a class; None if none has one."""
     states = answer.more.get("limit_states", {}).get("states", ())
-    curves = [(each["name"].replace("_", " "), curve_of_dict(each["curve"])) for each in states]
-    known = [
-        (stroke(state, i, _DAMAGE), fit)
-        for i, (state, fit) in enumerate(curves)
-        if isinstance(fit, Fragility)
+    curves = [
+        (_stroke(state["name"].replace("_", " "), i, _DAMAGE), fit)
+        for i, state in enumerate(states)
+        if isinstance(fit := curve_of_dict(state["curve"]), Fragility)
     ]
-    if not known:
+    if not curves:
         return None
-    texts = (
-        f"Curves of limit states of {name} against {scale.label}. Medians: "
-        f"{_medians(dict(curves), scale)}",
-        TEXTS["limit_states"]["caption"],
-    )
-    title = "probability of reaching it"
-    found: Picture = _several(scale, 1.05 * highest, known, texts, title=title)
-    return found
-
-
-def _medians(fits: Mapping[str, Fragility | str], scale: Scale) -> str:
-    known = {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
-    return "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in known.items())
+    scale = inputs.scale
+    medians = _medians({own.label: fit for own, fit in curves}, scale)
+    text = f"Curves of limit states of {name} against {scale.label}. {medians}"
+    texts, title = (text, TEXTS["limit_states"]["caption"]), "probability of reaching it"
+    return _several(scale, 1.05 * inputs.highest, curves, texts, title=title)
 
 
 def two_studies(names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]) -> Picture:
@@ -239,14 +227,8 @@ def two_studies(names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]
     scale = sides[0][0].scale
     reach = 1.05 * max(results.levels.max() for results, _ in sides)
     strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
-    medians = _medians({name: answer.curve for name, (_, answer) in zip(names, sides)}, scale)
-    texts = (
-        f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies. "
-        f"Medians: {medians}",
-        TEXTS["two_studies"]["caption"],
-    )
+    medians = _medians(_known({name: answer for name, (_, answer) in zip(names, sides)}), scale)
+    what = f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies"
+    texts = f"{what}. {medians}", TEXTS["two_studies"]["caption"]
     curves = [(own, answer) for own, (_, answer) in zip(strokes, sides)]
-    found: Picture = _several(
-        scale, reach, curves, texts, key=strokes, data=[results for results, _ in sides]
-    )
-    return found
+    return _several(scale, reach, curves, texts, data=[results for results, _ in sides])

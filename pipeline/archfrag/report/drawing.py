@@ -4,19 +4,19 @@ A `Sheet` takes pixels; a `Panel` on it takes the units of its axes. No font is 
 width of a text is estimated from above.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from html import escape
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.report.html import Picture, number
+from archfrag.fragility.curve import FloatArray
+from archfrag.report.html import TEXTS, Picture, number
 
-FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 WIDE, NARROW = 760.0, 358.0  # widths of figures [px]
@@ -39,21 +39,23 @@ class Entry(NamedTuple):
     mark: str = "area"
 
 
-def figure(draw: Callable[..., tuple[str, str] | None]) -> Callable[..., Any]:
+def figure(draw: Callable[..., str | tuple[str, str] | None]) -> Callable[..., Any]:
     """Make a function that draws on a sheet return a `Picture`, drawn for both widths.
 
-    `draw` gets the sheet before its other arguments. It returns the alternative text and the
-    caption, or None if there is nothing to show; so does the function made of it.
+    `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
+    name; or None if there is nothing to show.
     """
 
     @wraps(draw)
     def drawn(*arguments: Any, **named: Any) -> Picture | None:
-        sheets = Sheet(NARROW), Sheet(WIDE)
-        words = [draw(sheet, *arguments, **named) for sheet in sheets][-1]
+        narrow, wide = Sheet(NARROW), Sheet(WIDE)
+        words = [draw(sheet, *arguments, **named) for sheet in (narrow, wide)][-1]
         if words is None:
             return None
-        narrow, wide = (sheet.svg(words[0]) for sheet in sheets)
-        return Picture(wide, words[1], narrow)
+        if isinstance(words, str):
+            words = words, TEXTS[draw.__name__]["caption"]
+        slim = narrow.svg(words[0])
+        return Picture(wide.svg(words[0]), words[1], slim)
 
     return drawn
 
@@ -68,19 +70,16 @@ class Sheet:
 
     def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
         """Write words with their baseline at y; `kind` holds classes of `STYLE`."""
-        rotated = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
-        named = f' class="{kind}"' if kind else ""
-        self.parts.append(
-            f'<text x="{number(x)}" y="{number(y)}"{named}{rotated}>{escape(words)}</text>'
-        )
+        left, top = number(x), number(y)
+        more = f' class="{kind}"' if kind else ""
+        more += f' transform="rotate({angle} {left} {top})"' if angle else ""
+        self.parts.append(f'<text x="{left}" y="{top}"{more}>{escape(words)}</text>')
 
     def path(self, d: str, **attributes: object) -> None:
         """Add a path; attributes with an underscore for a hyphen, `kind` for the class."""
-        written = "".join(
-            f' {"class" if key == "kind" else key.replace("_", "-")}="{value}"'
-            for key, value in attributes.items()
-            if value not in ("", None)
-        )
+        given = {key: value for key, value in attributes.items() if value not in ("", None)}
+        names = {key: "class" if key == "kind" else key.replace("_", "-") for key in given}
+        written = "".join(f' {names[key]}="{value}"' for key, value in given.items())
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
 
@@ -104,39 +103,30 @@ class Sheet:
         self, x: float, y: float, entries: Sequence[Entry], width: float | None = None
     ) -> float:
         """Draw rows of marks and labels from y downwards; return where they end."""
-        row = 0
-        for row, place, (label, colour, mark) in legend_rows(
-            entries, width or self.width - x - 10.0
-        ):
+        rows = legend_rows(entries, width or self.width - x - 10.0)
+        for row, place, (label, colour, mark) in rows:
             left, top = x + place, y + row * LINE
             if mark in ("line", "dash"):
-                self.path(
-                    f"M{number(left)} {number(top + 6.0)}h16", stroke=colour, stroke_width=1.8,
-                    fill="none", stroke_dasharray="4 2.5" if mark == "dash" else "",
-                )  # fmt: skip
+                dash = "4 2.5" if mark == "dash" else ""
+                d = f"M{number(left)} {number(top + 6.0)}h16"
+                self.path(d, stroke=colour, stroke_width=1.8, stroke_dasharray=dash)
             elif mark in ("dot", "ring"):
                 self.dots([(left + 8.0, top + 6.0)], 3.2, colour, mark)
             else:
                 self.fill(f"M{number(left + 2)} {number(top + 1)}h13v10h-13z", colour, mark)
             self.text(left + 20.0, top + 10.0, label)
-        return y + (row + 1) * LINE + 3.0 if entries else y
+        return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
-    def boxes(
-        self, count: int, top: float, height: float, gap: float = 10.0, left: float = LEFT
-    ) -> list[Box]:
-        """Place panels with headings in a row, or on a narrow sheet in a column.
+    def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
+        """Boxes of panels with headings in rows, or on a narrow sheet in a column.
 
-        The first heading begins at `top`; `height` is without heading, labels and title; `left`
-        is for the axis of each.
+        `height` is that of a box and `below` the space for labels, title and legend.
         """
-        start = top + LINE + 3.0
-        if self.narrow:
-            step = height + BELOW + LINE + gap
-            tops = [start + i * step for i in range(count)]
-            return [(left, y, self.width - 14.0, y + height) for y in tops]
-        each = (self.width - count * left - (count - 1) * gap - 14.0) / count
-        lefts = [left + i * (each + gap + left) for i in range(count)]
-        return [(x, start, x + each, start + height) for x in lefts]
+        columns = 1 if self.narrow else min(columns, count)
+        each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
+        self.height = -(-count // columns) * step
+        corners = [(i % columns * each, i // columns * step + LINE + 3.0) for i in range(count)]
+        return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
         """The drawing as an <svg> element with an alternative text."""
@@ -158,11 +148,9 @@ class Panel:
     log_y: bool = False
 
     def at_x(self, values: ArrayLike) -> FloatArray:
-        """Pixels of values of x."""
         return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
 
     def at_y(self, values: ArrayLike) -> FloatArray:
-        """Pixels of values of y."""
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
@@ -186,7 +174,6 @@ class Panel:
     def dots(
         self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
     ) -> None:
-        """Mark points."""
         points = zip(self.at_x(x), self.at_y(y), strict=True)
         self.sheet.dots([p for p in points if np.isfinite(sum(p))], radius, colour, mark)
 
@@ -198,7 +185,7 @@ class Panel:
         sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
         d = "".join(
             f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
-            for a, b, c, e in np.stack([np.ravel(s) for s in np.broadcast_arrays(*sides)], axis=1)
+            for a, b, c, e in zip(*sides, strict=True)
         )
         self.sheet.fill(d, colour, mark)
 
@@ -219,24 +206,21 @@ class Panel:
         """Draw columns at 0, 1, 2, ... of parts, (n_column,) each, over each other."""
         base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
-            here = np.flatnonzero(part)
-            low, high = base[here], base[here] + part[here]
-            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
-            base = base + part
+            here, low, base = np.flatnonzero(part), base, base + part
+            self.boxes(here - 0.42, here + 0.42, low[here], base[here], colour, mark)
 
     def axis_x(
         self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = False
     ) -> None:
         """Draw ticks below; labels too close to the one before are left out."""
         left, top, right, bottom = self.box
-        places = self.at_x(ticks)
+        places, end = self.at_x(ticks), -np.inf
         if grid:
             lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
             self.sheet.path("".join(lines), kind="gr")
         marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
         self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
-        end = -np.inf
-        for x, label in zip(places, labels or _labels(ticks), strict=True):
+        for x, label in zip(places, labels or [f"{x:g}" for x in np.atleast_1d(ticks)]):
             half = 0.5 * text_width(label, SMALL)
             if x - half >= end + 5.0:
                 self.sheet.text(x, bottom + 14.0, label, "s m")
@@ -244,26 +228,21 @@ class Panel:
         if title:
             self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
 
-    def axis_y(
-        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] = (), grid: bool = True
-    ) -> None:
-        """Draw ticks on the left, and the title upright left of them."""
+    def axis_y(self, ticks: ArrayLike, title: str = "") -> None:
+        """Draw a grid with ticks on the left, and the title upright left of them."""
         left, top, right, bottom = self.box
-        places = self.at_y(ticks)
-        if grid:
-            lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
-            self.sheet.path("".join(lines), kind="gr")
+        places, end, widest = self.at_y(ticks), np.inf, 0.0
+        lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
+        self.sheet.path("".join(lines), kind="gr")
         self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
-        end, widest = np.inf, 0.0
-        for y, label in zip(places, labels or _labels(ticks), strict=True):
+        for y, tick in zip(places, np.atleast_1d(ticks)):
             if y <= end - 11.0:
-                self.sheet.text(left - 5.0, y + 3.5, label, "s e")
-                widest, end = max(widest, text_width(label, SMALL)), y
+                self.sheet.text(left - 5.0, y + 3.5, f"{tick:g}", "s e")
+                widest, end = max(widest, text_width(f"{tick:g}", SMALL)), y
         if title:
             self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
 
     def heading(self, words: str) -> None:
-        """Write a title over the left end."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
 
 
@@ -294,26 +273,26 @@ def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) 
     return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)
 
 
-def legend_rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, float, Entry]]:
+def legend_rows(entries: Sequence[Entry], width: float) -> list[tuple[int, float, Entry]]:
     """Row and distance from its start of each line of a legend, with a label that fits."""
-    row, place = 0, 0.0
+    row, place, found = 0, 0.0, []
     for entry in entries:
         label = shortened(entry.label, width - 22.0)
         need = 22.0 + text_width(label)
         if place > 0.0 and place + need > width:
             row, place = row + 1, 0.0
-        yield row, place, entry._replace(label=label)
+        found.append((row, place, entry._replace(label=label)))
         place += need + 12.0
+    return found
 
 
 def text_width(words: str, size: float = SIZE) -> float:
     """Width of a text [px], from above."""
-    classes = ((1.0, "mwMW%"), (0.36, "il.,:;|'!() "))
-    return size * sum(
-        1.0 if ord(c) > 0x2E80
-        else next((width for width, some in classes if c in some), 0.72 if c.isupper() else 0.6)
-        for c in words
-    )  # fmt: skip
+    narrow, wide = (sum(c in some for c in words) for some in ("il.,:;|'!() ", "mwMW%"))
+    wide += sum(ord(c) > 0x2E80 for c in words)
+    upper = sum(c.isupper() and c not in "MW" for c in words)
+    other = len(words) - narrow - wide - upper
+    return size * (0.36 * narrow + wide + 0.72 * upper + 0.6 * other)
 
 
 def shortened(words: str, width: float, size: float = SIZE) -> str:
@@ -327,20 +306,23 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
 
 def trace(x: FloatArray, y: FloatArray) -> str:
     """Path through points, with a gap where one is not finite."""
-    points = (
-        f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y, strict=True)
-    )
+    points = [f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y)]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
 
 
+def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place among the samples and range of a trace in bins as wide as a line."""
+    # Each bin starts with the last sample of the one before it: the trace stays connected.
+    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
+    pieces = [values[a : b + 1] for a, b in pairwise(edges)]
+    low, high = (np.array([end(piece) for piece in pieces]) for end in (np.min, np.max))
+    return 0.5 * (edges[:-1] + edges[1:]), low, high
+
+
 def _scaled(values: ArrayLike, ends: Range, log: bool, start: float, stop: float) -> FloatArray:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        given, low, high = (
-            np.log(each) if log else np.asarray(each, dtype=float) for each in (values, *ends)
-        )
+    given, (low, high) = np.asarray(values, dtype=float), ends
+    if log:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            given, low, high = np.log(given), np.log(low), np.log(high)
     return np.asarray(start + (given - low) / (high - low) * (stop - start))
-
-
-def _labels(ticks: ArrayLike) -> list[str]:
-    return [f"{tick:g}" for tick in np.atleast_1d(ticks)]

@@ -37,12 +37,11 @@ class Picture:
     @property
     def file(self) -> str:
         """The figure with its caption as the text of an SVG file of its own."""
-        spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
         inside = (
             f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
             '<rect width="100%" height="100%" fill="white"/>'
         )
-        svg = self.svg.replace("<svg ", f"<svg {spaces} ", 1)
+        svg = self.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         return svg.replace(">", f">{inside}", 1) + "\n"
 
 
@@ -83,13 +82,10 @@ def folded(title: str, text: str) -> Markup:
 
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """A list of labels, each with a value in large digits and remarks on it."""
-    shown = []
-    for label, value, *remarks in rows:
-        form = (
-            '<div><dt>{}</dt><dd class="large">{}</dd>'
-            + len(remarks) * '<dd class="range">{}</dd>'
-        )
-        shown.append(Markup(form + "</div>").format(label, value, *remarks))
+    shown, start = [], '<div><dt>{}</dt><dd class="large">{}</dd>'
+    for row in rows:
+        form = start + (len(row) - 2) * '<dd class="range">{}</dd>' + "</div>"
+        shown.append(Markup(form).format(*row))
     return Markup('<dl class="{}">{}</dl>').format(kind, Markup("\n").join(shown))
 
 
@@ -97,32 +93,19 @@ def table(
     label: str, heads: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "",
     numeric_from: int = 1,
 ) -> Markup:  # fmt: skip
-    """A table that scrolls by itself on a narrow screen; columns of numbers are on the right.
+    """A table that scrolls by itself on a narrow screen; the first cell of each row is its head.
 
-    The first cell of each row is its head. Tables of the kind ``pairs`` hold a name and a value,
-    written to the left.
+    Columns from `numeric_from` on are numbers, written to the right.
     """
-    first = 99 if kind.startswith("pairs") else numeric_from
-
-    def cell(tag: str, place: int, content: object) -> str:
-        kind = ' class="number"' if place >= first else ""
-        return f"<{tag}{kind}>{escape(content)}</{tag.split()[0]}>"
-
-    def row(content: Sequence[object]) -> str:
-        cells = (cell("td" if i else 'th scope="row"', i, each) for i, each in enumerate(content))
-        return f"<tr>{''.join(cells)}</tr>\n"
-
-    head = "".join(cell('th scope="col"', i, each) for i, each in enumerate(heads))
-    return Markup(
-        f'<div class="wide" role="group" aria-label="{escape(label)}, may be scrolled" '
-        f'tabindex="0"><table class="{kind}" aria-label="{escape(label)}">\n'
-        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(map(row, rows))}</tbody></table></div>"
-    )
+    return template(
+        "table.html.j2", label=label, heads=heads, kind=kind, numeric_from=numeric_from,
+        rows=[(row[0], row[1:]) for row in rows],
+    )  # fmt: skip
 
 
 def pairs(label: str, rows: Iterable[Sequence[object]], head: str = "figure") -> Markup:
-    """A table of names and values."""
-    return table(label, [head, "value"], rows, "pairs")
+    """A table of names and values, written to the left."""
+    return table(label, [head, "value"], rows, "pairs", 2)
 
 
 def digits(value: float) -> str:
@@ -131,7 +114,7 @@ def digits(value: float) -> str:
 
 
 def onset_text(value: float) -> str:
-    """Onset acceleration in g, or that there is none."""
+    """Onset acceleration in g."""
     return f"{digits(value)} g" if np.isfinite(value) else "no limit"
 
 
@@ -142,14 +125,12 @@ def measured(value: float | str | None, form: str = "#.3g") -> str:
 
 
 def interval(ends: Sequence[float], form: str = ".2f") -> str:
-    """Two numbers."""
-    return f"{ends[0]:{form}} to {ends[1]:{form}}"
+    """Two numbers, or a dash where they are not known."""
+    return f"{ends[0]:{form}} to {ends[1]:{form}}" if np.isfinite(ends[0]) else "–"
 
 
 def chance(value: float) -> str:
     """A probability with two digits, three where it is small or large."""
-    if not np.isfinite(value):
-        return "–"
     if not 0.001 <= value <= 0.999:
         return "< 0.001" if value < 0.001 else "> 0.999"
     return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"

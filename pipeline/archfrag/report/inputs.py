@@ -14,57 +14,27 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts, find_brackets
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report.drawing import FloatArray
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
-from archfrag.study.answer.curves import Answer, arch_classes, quoted
+from archfrag.study.answer.curves import Answer, arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
-from archfrag.study.file.schema import LEVEL_UNITS, Study, load_study
+from archfrag.study.file.schema import Study, load_study
 from archfrag.study.files import finite
 from archfrag.study.runs import Design
-from archfrag.study.runs.ida import design_of
 from archfrag.study.steps import finished, read_timings
 
-IntArray = NDArray[np.int64]
 SUMMARY_FORMAT = "archfrag-summary/2"
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MOST_GROUPS = 10
 _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
-
-
-@dataclass(frozen=True)
-class ReportInputs:
-    """Everything a report is written from."""
-
-    cube: xr.Dataset  #: of the study
-    measure: str  #: name of the intensity measure of the cube's levels, e.g. "PGA"
-    motions: Sequence[Motion]  #: unscaled, one for each record of the cube, its name as `id`
-    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
-    arches: Sequence[tuple[str, Arch, Onset]]
-    answers: Mapping[str, Answer]  #: of each arch of the cube, theta in the SI unit
-    classes: Mapping[str, Answer] = field(default_factory=dict)  #: of classes of several arches
-    cautions: Sequence[str] = ()  #: one that concerns an arch begins with its name and a colon
-    #: Wall time of each run of an arch, or of groups of them [s].
-    timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    title: str = "Fragility of masonry arches"
-    confidence: float = 0.9  #: of all bands and intervals
-    #: Cube and answers of another study with the same measure, to be compared in common arches.
-    compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
-    at: float | None = None  #: level at which the probability is asked for, in the study's unit
-    risk: StudyRisk | str | None = None  #: or why there are no rates
-
-    @property
-    def percent(self) -> str:
-        """The confidence in words."""
-        return f"{100 * self.confidence:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -90,6 +60,38 @@ class Scale:
 
 
 @dataclass(frozen=True)
+class ReportInputs:
+    """Everything a report is written from."""
+
+    cube: xr.Dataset  #: of the study
+    scale: Scale  #: of the cube's levels
+    motions: Sequence[Motion]  #: unscaled, one for each record of the cube, its name as `id`
+    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
+    arches: Sequence[tuple[str, Arch, Onset]]
+    answers: Mapping[str, Answer]  #: of each arch of the cube, theta in the SI unit
+    classes: Mapping[str, Answer] = field(default_factory=dict)  #: of classes of several arches
+    cautions: Sequence[str] = ()  #: one that concerns an arch begins with its name and a colon
+    #: Wall time of each run of an arch, or of groups of them [s].
+    timings: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    title: str = "Fragility of masonry arches"
+    confidence: float = 0.9  #: of all bands and intervals
+    #: Cube and answers of another study with the same measure, to be compared in common arches.
+    compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
+    at: float | None = None  #: level at which the probability is asked for, in the study's unit
+    risk: StudyRisk | str | None = None  #: or why there are no rates
+
+    @property
+    def percent(self) -> str:
+        """The confidence in words."""
+        return f"{100 * self.confidence:.0f} %"
+
+    @property
+    def highest(self) -> float:
+        """Highest level, in the unit of the scale."""
+        return self.scale.factor * float(self.cube["intensity"].max())
+
+
+@dataclass(frozen=True)
 class ArchResults:
     """All runs of one arch; arrays (n_record, n_level), `model_time` with an axis of models."""
 
@@ -99,7 +101,6 @@ class ArchResults:
     levels: FloatArray  #: (n_level,) in the reader's unit
     own_levels: FloatArray | None  #: (n_record,), where each run has one of its own
     tables: Mapping[str, NDArray]  #: variables of the cube in SI units, by name
-    verdict: IntArray  #: codes of `Verdict`
     simulated: NDArray[np.bool_]  #: which runs there are
     counts: VerdictCounts  #: of runs at each level
     design: Design
@@ -112,35 +113,29 @@ class ArchResults:
         return self.tables[name]
 
     @property
-    def survived_after_loss(self) -> int:
-        """Number of runs that lost all contact at a joint and stand."""
-        lost = np.isfinite(self["lost_contact_time"])
-        return int(((self.verdict == Verdict.STANDING) & lost).sum())
+    def verdict(self) -> IntArray:
+        """Codes of `Verdict`."""
+        return self.tables["verdict"]
 
 
 def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     """Results of a study, and of another one whose file is `compared`.
 
-    Raises
-    ------
-    InputError
-        If results are missing or not those of the study as it is.
-    OutputError
-        If another study's cube is in its folder.
+    InputError if results are missing or not those of the study as it is, OutputError if another
+    study's cube is in its folder.
     """
     answers, classes, cube = finished(study)
     with cube:
         cube.load()
-    prepared = load_prepared(study)
+    prepared, intensity = load_prepared(study), study.intensity
     entries = {entry.id: entry for entry in study.members(len(prepared)).entries}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-    names = [list(answers)[i] for i in shown(medians)]
-    arches = [(name, entries[name].build()) for name in names]
+    arches = {name: entries[name].build() for name in [list(answers)[i] for i in shown(medians)]}
     return ReportInputs(
         cube=cube,
-        measure=study.intensity.measure,
+        scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
         motions=[load_record(study.work, record) for record in prepared],
-        arches=[(name, arch, onset(arch)) for name, arch in arches],
+        arches=[(name, arch, onset(arch)) for name, arch in arches.items()],
         answers=answers,
         classes=classes,
         cautions=cautions_of_cube(study, cube, answers),
@@ -175,18 +170,6 @@ def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> Stud
     return risk_of(cube, fits, hazard, given.years, study.report.confidence)
 
 
-def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
-    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored."""
-    units = cube["intensity"].attrs["units"]
-    stored = {"m s-2": "m/s2", "m s-1": "m/s"}.get(units, units)
-    allowed = LEVEL_UNITS.get(stored, {})
-    intensity = study_config(cube).get("intensity", {})
-    unit = intensity.get("unit") if intensity.get("measure") == measure else None
-    if unit not in allowed:
-        unit = "g" if "g" in allowed else stored
-    return Scale(measure, unit, 1.0 / allowed.get(unit, 1.0))
-
-
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
     """What a cube holds of the study that made it; may be empty."""
     found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
@@ -196,28 +179,28 @@ def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
 def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     """Everything the report needs of one arch of a cube."""
     names = cube["arch"].values.astype(str).tolist()
-    part = cube.isel(arch=names.index(arch)).transpose("record", "level", ...)
-    run = part["verdict"].values != Verdict.NOT_SIMULATED
-    given, own = part["intensity"].values.astype(float) * scale.factor, None
-    levels = given
-    if given.ndim == 2:
-        own = given[:, 0]
-        levels, group = _grouped(own, run[:, 0])
-        run = run & (group[:, None] == np.arange(levels.size))
+    part = cube.isel(arch=[names.index(arch)])
+    (runs,) = runs_of_cube(part)
+    part = part.isel(arch=0).transpose("record", "level", ...)
+    made = part["verdict"].values != Verdict.NOT_SIMULATED
+    levels, own = part["intensity"].values.astype(float) * scale.factor, None
+    if levels.ndim == 2:
+        own = levels[:, 0]
+        levels, group = _grouped(own, made[:, 0])
+        made = made & (group[:, None] == np.arange(levels.size))
     tables = {}
     for name, variable in part.data_vars.items():
         if variable.dims[:2] == ("record", "level"):
-            made = run.reshape(run.shape + (1,) * (variable.ndim - 2))
-            kept = np.where(made, variable.values, _MISSING.get(str(name), 0))
+            mask = made.reshape(made.shape + (1,) * (variable.ndim - 2))
+            kept = np.where(mask, variable.values, _MISSING.get(str(name), 0))
             tables[str(name)] = kept.astype(float if kept.dtype.kind == "f" else int)
-    verdict, design = tables["verdict"], design_of(json.loads(cube.attrs["archfrag_design"]))
-    counts, brackets = count_verdicts(verdict), find_brackets(verdict[run.any(axis=1)], levels)
+    counts, brackets = count_verdicts(tables["verdict"]), runs.brackets
     return ArchResults(
         arch=arch, records=cube["record"].values.astype(str).tolist(), scale=scale,
-        levels=levels, own_levels=own, tables=tables, verdict=verdict, simulated=run,
-        counts=counts, design=design,
-        known=count_verdicts(brackets.filled) if design.adaptive else counts,
-        capacities=np.where(brackets.bracketed, brackets.middle, brackets.upper),
+        levels=levels, own_levels=own, tables=tables, simulated=made, counts=counts,
+        design=runs.design,
+        known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
+        capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
 
 
@@ -234,8 +217,8 @@ def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntA
 
 def summary(inputs: ReportInputs) -> dict[str, Any]:
     """Content of ``summary.json``, as docs/reference/results.md lists it."""
-    cube, attributes = inputs.cube, inputs.cube.attrs
-    scale, of_class = reading_scale(cube, inputs.measure), arch_classes(cube)
+    cube, attributes, scale = inputs.cube, inputs.cube.attrs, inputs.scale
+    of_class = arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}
     of_runs = ("verdict", "lost_contact_time", "collapse_mode", "collapse_joint")
     tables = [cube[name].transpose("arch", "record", "level").values for name in of_runs]
@@ -256,15 +239,13 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
         for name, answer in inputs.classes.items()
     ]  # fmt: skip
     found: dict[str, Any] = finite({
-        "format": SUMMARY_FORMAT,
-        "study": attributes.get("archfrag_study") or study_config(cube).get("id"),
+        "format": SUMMARY_FORMAT, "study": attributes.get("archfrag_study"),
         "title": inputs.title,
         "measure": scale.measure, "unit": scale.unit, "unit_in_si": 1.0 / scale.factor,
         "confidence": inputs.confidence, "level": inputs.at,
         "design": json.loads(attributes["archfrag_design"])["kind"],
         "records": cube.sizes["record"], "levels": cube.sizes["level"],
-        "arches": arches, "classes": classes,
-        "cautions": list(inputs.cautions),
+        "arches": arches, "classes": classes, "cautions": list(inputs.cautions),
         "made_by": {key: attributes[key] for key in _MADE_BY if key in attributes},
     }, None)  # fmt: skip
     return found
@@ -277,19 +258,16 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         medians = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
         theta = {key: each and scale.factor * each for key, each in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
-    fit, likelihood = answer.curve, answer.likelihood
-    found: dict[str, Any] = {"reason": None, "without_verdict": lost}
-    found |= {"curve": None, "probability": None}
+    fit, likelihood, likeliest, chance = answer.curve, answer.likelihood, None, None
     if isinstance(fit, str):
-        return found | {"reason": fit}
+        return {"reason": fit, "without_verdict": lost, "curve": None, "probability": None}
     if at is not None:
         value, *ends = answer.probability(at / scale.factor)
-        found["probability"] = {"level": at, "value": value, "interval": ends}
-    likeliest = None
+        chance = {"level": at, "value": value, "interval": ends}
     if isinstance(likelihood, Fragility):
         theta_most = scale.factor * likelihood.theta
         likeliest = {"theta": theta_most, "beta": likelihood.beta, "kind": likelihood.kind}
-    found["curve"] = {
+    curve = {
         "theta": scale.factor * fit.theta,
         "theta_interval": [scale.factor * end for end in answer.theta],
         "beta": fit.beta, "beta_interval": list(answer.beta),
@@ -297,7 +275,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         "independent": answer.n_independent, "non_monotone": answer.n_non_monotone,
         "kind": fit.kind, "maximum_likelihood": likeliest,
     }  # fmt: skip
-    return found
+    return {"reason": None, "without_verdict": lost, "curve": curve, "probability": chance}
 
 
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:

@@ -2,27 +2,25 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import xarray as xr
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.motions.measures import measure, spectral_acceleration
+from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
-from archfrag.report.html import TEXTS, Picture, paragraph, table
-from archfrag.report.inputs import (
-    ReportInputs,
-    Scale,
-    arch_results,
-    reading_scale,
-    study_config,
-    summary,
-)
-from archfrag.report.motions import motion_parts
+from archfrag.report import drawing as look
+from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
+from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
+from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, cautions_of, class_parts
 from archfrag.study.answer.curves import Answer, arch_classes, quoted
@@ -31,22 +29,19 @@ from archfrag.study.files import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
-_MOST_ANIMATED = 4
-_MOST_ROWS = 200  # arches of the table of answers
+_FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
+_BINS = 110  # of a thumbnail
+_NAME = 180.0  # of a record under its thumbnail [px]
+_MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
+_MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 
 
 def write_report(inputs: ReportInputs, out: Path) -> Path:
     """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files.
 
-    Each file is replaced once the new one is complete. ``curve-<arch>.svg`` has the curve of each
-    arch; of many arches ``curves.svg`` has all.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    Each file is replaced once the new one is complete (else OutputError). ``curve-<arch>.svg``
+    has the curve of each arch; of many arches ``curves.svg`` has all.
     """
-    out = Path(out)
     text, figures = render(inputs)
     for name, shown in figures.items():
         write_text(out.parent / name, shown.file)
@@ -58,42 +53,39 @@ def write_report(inputs: ReportInputs, out: Path) -> Path:
 
 def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """The page as text, and by file name the figures that are files too."""
-    cube, scale = inputs.cube, reading_scale(inputs.cube, inputs.measure)
-    highest = scale.factor * float(cube["intensity"].max())
-    every = curves.all_curves(
-        inputs.answers, inputs.classes, arch_classes(cube), scale, highest, inputs.at
-    )
+    cube, answers, classes = inputs.cube, inputs.answers, inputs.classes
+    every = curves.all_curves(inputs, answers, classes)
     sections: list[tuple[str, str, Iterable[Any]]] = []
-    if every is not None and len(quoted(cube, inputs.answers, inputs.classes)) > 1:
+    if every is not None and len(quoted(cube, answers, classes)) > 1:
         sections.append(("all", "All arches", [every]))
-    for i, name in enumerate(inputs.classes):
-        sections.append((f"class{i}", f"Class {name}", _parts(class_parts, inputs, name, scale)))
+    for i, name in enumerate(classes):
+        sections.append((f"class{i}", f"Class {name}", _parts(class_parts, inputs, name)))
     figures = {}
     for i, (name, _, _) in enumerate(inputs.arches):
-        results = arch_results(cube, name, scale)
+        results = arch_results(cube, name, inputs.scale)
         shown = list(arch_parts(inputs, results, i, i < _MOST_ANIMATED))
         sections.append((f"arch{i}", name, shown))
-        figures[f"curve-{name}.svg"] = curves.curve(results, inputs.answers[name])
+        figures[f"curve-{name}.svg"] = curves.curve(results, answers[name])
     if inputs.risk is not None:
-        parts = _parts(risk_parts, inputs.risk, scale, inputs.percent)
+        parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
         sections.append(("risk", "Risk", parts))
     if inputs.compared is not None:
         title = f"Compared with study {inputs.compared[0].attrs['archfrag_study']}"
-        sections.append(("compared", title, list(_compared(inputs, scale))))
+        sections.append(("compared", title, list(_compared(inputs, *inputs.compared))))
     sections += [
-        ("motions", "Ground motions", motion_parts(inputs, scale)),
+        ("motions", "Ground motions", _motion_parts(inputs)),
         ("provenance", "Provenance", _provenance(cube.attrs)),
     ]
     named = [name for name, _, _ in inputs.arches]
     of_none = [c for c in inputs.cautions if not any(cautions_of([c], name) for name in named)]
     text = html.template(
-        "report.html.j2", inputs=inputs, scale=scale, sections=sections,
-        n_level=cube.sizes["level"], n_arch=len(inputs.answers),
-        answers=_answers(inputs, scale), cautions=html.cautions(of_none),
-        methods=dict.fromkeys(a.method for a in inputs.answers.values() if a.method),
+        "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
+        n_level=cube.sizes["level"], n_arch=len(answers), answers=_answers(inputs),
+        cautions=html.cautions(of_none),
+        methods=dict.fromkeys(a.method for a in answers.values() if a.method),
         loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",  # gap over joint length
     )  # fmt: skip
-    if len(inputs.answers) > SHOWN:
+    if len(answers) > SHOWN:
         figures = {ALL_CURVES: every} if every is not None else {}
     return text, figures
 
@@ -106,80 +98,182 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
     return made
 
 
-def _answers(inputs: ReportInputs, scale: Scale) -> Markup:
+def _answers(inputs: ReportInputs) -> Markup:
     """Table of classes, of arches that are of none, and of other arches."""
-    cube, count = inputs.cube, Counter(arch_classes(inputs.cube).values())
-    listed = {
-        f"{name}, {count[name]} arches" if name in inputs.classes else name: answer
-        for name, answer in quoted(cube, inputs.answers, inputs.classes).items()
-    } | dict(inputs.answers)
-    rows = [[name, *_row(answer, scale, inputs.at)] for name, answer in listed.items()]
+    scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads += [f"dispersion β ({inputs.percent})", "θ, β by maximum likelihood"]
-    if inputs.at is not None:
-        heads.insert(1, f"P(collapse) at {scale.text(inputs.at / scale.factor)}")
+    if at is not None:
+        heads.insert(1, f"P(collapse) at {scale.text(at / scale.factor)}")
+    rows = []
+    listed = quoted(inputs.cube, inputs.answers, inputs.classes) | dict(inputs.answers)
+    for name, answer in listed.items():
+        fit, likeliest = answer.curve, answer.likelihood
+        row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
+        rows.append(row)
+        if isinstance(fit, str):
+            row += [*["–"] * (len(heads) - 4), "no curve", "–", "–"]
+            continue
+        if at is not None:
+            value, *ends = map(html.chance, answer.probability(at / scale.factor))
+            row.append(f"{value} ({' to '.join(dict.fromkeys(ends))})")
+        row.append(f"{scale.digits(fit.theta)} ({' to '.join(map(scale.digits, answer.theta))})")
+        row.append(f"{fit.beta:.2f} ({html.interval(answer.beta)})")
+        most = "–"
+        if isinstance(likeliest, Fragility):
+            most = f"{scale.digits(likeliest.theta)}, {likeliest.beta:.2f}"
+        row.append(most)
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
 
-def _row(answer: Answer, scale: Scale, at: float | None) -> list[str]:
-    fit, likeliest, asked = answer.curve, answer.likelihood, [] if at is None else ["–"]
-    if isinstance(fit, str):
-        return [*asked, "no curve", "–", "–"]
-    if at is not None:
-        value, *ends = map(html.chance, answer.probability(at / scale.factor))
-        asked = [f"{value} ({' to '.join(dict.fromkeys(ends))})"]
-    theta, most = map(scale.digits, answer.theta), "–"
-    if isinstance(likeliest, Fragility):
-        most = f"{scale.digits(likeliest.theta)}, {likeliest.beta:.2f}"
-    beta = f"{fit.beta:.2f} ({html.interval(answer.beta)})"
-    return [*asked, f"{scale.digits(fit.theta)} ({' to '.join(theta)})", beta, most]
-
-
-def _compared(inputs: ReportInputs, scale: Scale) -> Iterable[Any]:
+def _compared(
+    inputs: ReportInputs, other: xr.Dataset, answers: Mapping[str, Answer]
+) -> Iterable[Any]:
     """The arches that another study has too; InputError if the two cannot be compared."""
-    assert inputs.compared is not None
-    studies = (inputs.cube, inputs.answers), inputs.compared
-    cubes = [cube for cube, _ in studies]
+    cubes, of_each = (inputs.cube, other), (inputs.answers, answers)
     names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
     refused = f"study {names[1]!r} cannot be compared with {names[0]!r}"
     kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
     if kinds[0] != kinds[1]:
         raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
-    own, theirs = [name for name, _, _ in inputs.arches], cubes[1]["arch"].values.astype(str)
-    common = [name for name in own if name in theirs]
+    own = [name for name, _, _ in inputs.arches]
+    common = [name for name in own if name in answers]
     if not common:
-        raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
-    one, other = (set(cube["record"].values.tolist()) for cube in cubes)
-    sizes = {"names": names, "sizes": [len(one), len(other)], "common": len(one & other)}
+        raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(answers)}")
+    one, two = (set(cube["record"].values.tolist()) for cube in cubes)
+    sizes = {"names": names, "sizes": [len(one), len(two)], "common": len(one & two)}
     yield paragraph(TEXTS["notes"]["compared"].format(**sizes), "note")
-    settings = [_settings(cube) for cube in cubes]
-    keys = sorted({**settings[0], **settings[1]})
-    rows = [[key, *(each.get(key, "–") for each in settings)] for key in keys]
-    differing = [row for row in rows if row[1] != row[2]]
-    yield table("Settings in which the studies differ", ["key", *names], differing, "pairs")
+    settings = pd.concat(map(_settings, cubes), axis=1, keys=names).fillna("–").sort_index()
+    differing = settings[settings[names[0]] != settings[names[1]]].itertuples(name=None)
+    label = "Settings in which the studies differ"
+    yield table(label, ["key", *names], differing, "pairs", numeric_from=3)
     for arch in common:
         yield html.heading(arch)
-        sides = [(arch_results(cube, arch, scale), answers[arch]) for cube, answers in studies]
+        results = [arch_results(cube, arch, inputs.scale) for cube in cubes]
+        sides = [(each, answers[arch]) for each, answers in zip(results, of_each)]
         yield curves.two_studies(names, sides)
         fits = [answer.curve for _, answer in sides]
         if isinstance(fits[0], Fragility) and isinstance(fits[1], Fragility):
             change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")
             yield paragraph(f"Change of θ from {names[0]} to {names[1]}: {change}.")
-        for name, (results, answer) in zip(names, sides):
+        for name, (each, answer) in zip(names, sides):
             yield paragraph(f"{arch} in {name}:")
-            yield card(answer, scale, inputs.percent, results=results)
+            yield card(answer, inputs.scale, inputs.percent, results=each)
 
 
-def _settings(cube: xr.Dataset) -> dict[str, str]:
+def _settings(cube: xr.Dataset) -> pd.Series:
     """Keys of a study file, such as ``arches.ring.thickness``, that its results depend on."""
     config = study_config(cube)
-    parts = {
-        key: config[key] for key in ("intensity", "motions", "design", "method") if key in config
-    }
+    used = ("intensity", "motions", "design", "method")
+    parts = {key: config[key] for key in used if key in config}
     parts["arches"] = {entry["id"]: entry for entry in config.get("arches", ())}
-    flat = pd.json_normalize(parts).iloc[0]
-    return {str(key): str(value) for key, value in flat.items()}
+    return pd.json_normalize(parts).iloc[0].map(str)
+
+
+def thumbnails(motions: Sequence[Motion]) -> Picture:
+    """Accelerograms, each divided by its own peak, as many in a row as the page is wide for."""
+    shown, pieces = motions[:_MOST_THUMBNAILS], []
+    for motion in shown:
+        values = np.asarray(motion.acceleration, dtype=float)
+        _, low, high = look.envelope(values / (np.abs(values).max() or 1.0), _BINS)
+        across = np.linspace(0.5, 109.5, low.size)
+        ends = np.append(19.75 - 19.5 * high, (20.25 - 19.5 * low)[::-1])
+        outline = look.trace(np.append(across, across[::-1]), ends)
+        pieces.append(
+            f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
+            f'<path d="{outline}z" fill="{look.BLUE}"/></svg>'
+            f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
+            f"<span>{motion.duration:.0f} s</span></div>"
+        )
+    label = f"Accelerograms of {len(shown)} of {len(motions)} ground motions"
+    return Picture(
+        f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
+        f"{label}: horizontal acceleration divided by its own PGA, entire duration.",
+    )
+
+
+@figure
+def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -> tuple[str, str]:
+    """Spectra at 5 % damping, (n_record, n_period) [g], with their median and 16 to 84 %."""
+    low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
+    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
+    entries = [
+        Entry("records", look.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
+        Entry("median", look.BLUE, "line"),
+    ]  # fmt: skip
+    x, y = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
+    panel = look.panel_below(sheet, entries, 240.0, x, y, log=True)
+    panel.axis_x(log_ticks(*x), "period [s]", grid=True)
+    panel.axis_y(log_ticks(*y), "Sa, 5 % damping [g]")
+    every, shown = 2 if sheet.narrow else 1, scaled[:_MOST_SPECTRA]
+    for row in np.where(shown >= floor, shown, np.nan):
+        panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
+    panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
+    panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
+    return (
+        f"Response spectra of {len(scaled)} records {level}",
+        f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
+        f"{level}.",
+    )
+
+
+def _motion_parts(inputs: ReportInputs) -> Iterable[Any]:
+    """Figures and table of the ground motions."""
+    cube = inputs.cube
+    yield thumbnails(inputs.motions)
+    yield _scaled_spectra(inputs)
+    yield _motion_table(inputs)
+    events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
+    if events:
+        yield paragraph(TEXTS["notes"]["events"], "note")
+        yield table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
+    waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
+    if named:
+        yield paragraph(f"Records accepted despite a warning: {', '.join(named)}.", "caution")
+
+
+def _motion_table(inputs: ReportInputs) -> Markup:
+    rows = []
+    for motion in inputs.motions:
+        own = inputs.cube.sel(record=motion.id)
+        factor = own["scale_factor"].values[np.isfinite(own["scale_factor"].values)]
+        rows.append([
+            motion.id, measured(own["magnitude"].item(), ".2f"),
+            measured(own["distance"].item(), ".1f"), f"{motion.duration:.1f}", f"{motion.dt:g}",
+            f"{measure(motion, 'PGA') / STANDARD_GRAVITY:.4f}",
+            f"{100 * measure(motion, 'PGV'):.2f}", measured(measure(motion, "Arias")),
+            f"{measure(motion, 'D5_95'):.1f}", "no" if motion.vertical is None else "yes",
+            f"{digits(factor.min())} – {digits(factor.max())}" if factor.size else "not run",
+        ])  # fmt: skip
+    heads = [
+        "record", "M", "distance [km]", "duration [s]", "dt [s]", "PGA [g]", "PGV [cm/s]",
+        "Arias [m/s]", "D5\u2060–\u206095 [s]", "vertical", "scale factors",
+    ]  # fmt: skip
+    return table("Ground motions as recorded, and their scale factors", heads, rows, "dense")
+
+
+def _scaled_spectra(inputs: ReportInputs) -> Picture:
+    """Spectra at the level nearest to the median capacity, or at the middle level if no arch has
+    a curve; as in the runs if each run has a level of its own.
+    """
+    cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
+    intensity = cube["intensity"].values
+    if intensity.ndim == 1:
+        fits = [answer.curve for answer in inputs.answers.values()]
+        medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
+        level, why = intensity.size // 2, "the middle level"
+        if medians:
+            level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
+            why = "the level nearest to the median capacity"
+        words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
+    chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+    spectra_g = [
+        spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
+        for motion, factor in zip(inputs.motions, chosen.tolist()) if np.isfinite(factor)
+    ]  # fmt: skip
+    return spectra(_FEW_PERIODS, np.stack(spectra_g), words)
 
 
 def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:

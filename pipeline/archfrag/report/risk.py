@@ -11,7 +11,6 @@ from archfrag.fragility.contributions import NOT_KNOWN
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
-from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import LOOKS, level_axis
 from archfrag.study.answer.risk import ASSUMPTIONS, OTHER, ArchRisk, StudyRisk
@@ -28,8 +27,8 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.paragraph(f"There are no rates of collapse: {risk}.", "none")
         return
     hazard, first = risk.hazard, next(iter(risk.hazard.curves))
-    words = [f"Rates with the hazard curve {first} of {Path(hazard.source).name}"]
-    yield html.paragraph(". ".join([*words, *hazard.notes, ""]), "note")
+    words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
+    yield html.paragraph(". ".join([words, *hazard.notes, ""]), "note")
     yield _rates_table(risk, percent)
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
@@ -46,38 +45,35 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
-    others = [f"a year, {key}" for key in list(risk.hazard.curves)[1:]]
-    rows: list[list[object]] = []
+    heads = [
+        "arch", "collapses a year", percent, "mean", "return period [years]",
+        f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
+        *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
+    ]  # fmt: skip
+    rows = []
     for name, arch in risk.arches.items():
         name += f", {risk.classes[name]} arches" if name in risk.classes else ""
         if isinstance(arch, str):
-            rows.append([name, "no curve", *["–"] * (6 + len(others))])
+            rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
             continue
-        rate, likely = arch.rate, arch.rate.probability_in(risk.years)
-        outside = f"{100 * rate.outside:.1f} %"
-        own = [
-            f"{rate.quoted:.2g}", html.interval((rate.lower, rate.upper), ".2g"),
-            f"{rate.mean:.2g}", html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
-            f"{likely[0]:.2g}", html.interval(likely[1:], ".2g"),
-        ]  # fmt: skip
-        if rate.is_bound:
-            own = [f"at least {own[0]}", "–", "–", f"at most {own[3]}", f"at least {own[4]}", "–"]
-        by_curve = [html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]]
-        rows.append([name, *own, outside, *by_curve])
-    heads = [
-        "arch", "collapses a year", percent, "mean", "return period [years]",
-        f"probability in {risk.years:g} years", percent, "beyond the hazard curve", *others,
-    ]  # fmt: skip
+        rate, (likely, *ends) = arch.rate, arch.rate.probability_in(risk.years)
+        least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
+        rows.append([
+            name, f"{least}{rate.quoted:.2g}", html.interval((rate.lower, rate.upper), ".2g"),
+            html.measured(rate.mean, ".2g"),
+            most + html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
+            f"{least}{likely:.2g}", html.interval(ends, ".2g"), f"{100 * rate.outside:.1f} %",
+            *(html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]),
+        ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
 
 
 def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
     rows = [
-        (by, name, f"{parts.fraction[i]:.2f}",
-         html.interval((parts.lower[i], parts.upper[i])) if count >= 2 else "–", count)
+        (by, name, f"{parts.fraction[i]:.2f}", html.interval((parts.lower[i], parts.upper[i])),
+         parts.counts[i].sum())
         for by, parts in arch.splits.items()
-        for i, (name, count) in enumerate(zip(parts.categories, parts.counts.sum(axis=1)))
-        if parts.shown[i] and name != NOT_KNOWN
+        for i, name in enumerate(parts.categories) if parts.shown[i] and name != NOT_KNOWN
     ]  # fmt: skip
     heads = ["by", "category", "fraction of the rate", percent, "collapses"]
     label = f"Contributions to the rate of collapse of {arch.arch}"
@@ -85,9 +81,7 @@ def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
 
 
 @figure
-def hazard_and_fragility(
-    sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale
-) -> tuple[str, str]:
+def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale) -> str:
     """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
     im = _shown(arch, hazard)
     density, shown = _density(arch, hazard, im), scale.factor * im
@@ -97,12 +91,11 @@ def hazard_and_fragility(
     every = np.concatenate(list(rates.values()))
     low, high = float(every[every > 0.0].min()), float(every.max())
     entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
-    top = sheet.legend(_LEFT, 0.0, entries) + 6.0
+    top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
     for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
-        box = (_LEFT, top, sheet.width - 10.0, top + height)
+        box = (_LEFT, top + 14.0, sheet.width - 10.0, top := top + 14.0 + height)
         panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
-        top += height + 14.0
     first, second, third = panels
     for i, rate in reversed(list(enumerate(rates.values()))):
         first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
@@ -121,15 +114,12 @@ def hazard_and_fragility(
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
     sheet.height = third.box[3] + look.BELOW
-    return (
-        f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
-        f"collapse {'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year",
-        TEXTS["hazard_and_fragility"]["caption"],
-    )
+    found = f"{'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year"
+    return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     """The rate by level and mechanism; None if no run collapsed."""
     found = arch.splits["mechanism"]
     if not found.counts.any():
@@ -147,8 +137,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str]
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    words = f"Rate of collapse of {arch.arch} by level and mechanism"
-    return words, TEXTS["contributions"]["caption"]
+    return f"Rate of collapse of {arch.arch} by level and mechanism"
 
 
 def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:

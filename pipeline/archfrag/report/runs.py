@@ -1,18 +1,20 @@
 """Figures of runs: verdicts, mechanisms and the log of one run; what capacities depend on."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Deaggregation, deaggregate
+from archfrag.fragility.contributions import Contributions, deaggregate
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground
-from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, FloatArray, Panel, Sheet, figure
+from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
-from archfrag.report.inputs import ArchResults, IntArray, Scale
+from archfrag.report.inputs import ArchResults, Scale
 from archfrag.simulation.response import MODEL_WORDS, MechanismChange
 from archfrag.study.answer.curves import Answer
 
@@ -55,37 +57,34 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
 
 
 @figure
-def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
+def verdict_map(sheet: Sheet, results: ArchResults) -> str:
     """Verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
     order = np.lexsort((collapsed.sum(axis=1), -lowest))
     rows, names = results.verdict[order], [results.records[i] for i in order]
+    n_record, n_level = rows.shape
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not simulated", "#ffffff"))
-    labelled = len(names) <= _LABELLED
+    labelled = n_record <= _LABELLED
     longest = max(look.text_width(name, look.SMALL) for name in names)
     left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
-    top = sheet.legend(left, 0.0, entries, sheet.width - left - 8.0) + 2.0
-    bottom = top + (14.0 if labelled else min(14.0, 620.0 / len(names))) * len(names)
-    box, x = (left, top, sheet.width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5)
-    panel = Panel(sheet, box, x, (len(names) - 0.5, -0.5))
+    height = (14.0 if labelled else min(14.0, 620.0 / n_record)) * n_record
+    ends = (-0.5, n_level - 0.5), (n_record - 0.5, -0.5)
+    panel = look.panel_below(sheet, entries, height, *ends, left=left)
     for code, (_, colour, mark) in VERDICTS.items():
         panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
-    edges = panel.at_x(np.arange(1, rows.shape[1]) - 0.5)
-    lines = "".join(f"M{edge:.1f} {top:.1f}V{bottom:.1f}" for edge in edges)
-    sheet.path(lines, stroke="#fff", stroke_width=1)
+    for edge in np.arange(1, n_level) - 0.5:
+        panel.line([edge, edge], ends[1], "#fff", 1.0)
     if labelled:
-        for y, name in zip(panel.at_y(np.arange(len(names))), names, strict=True):
+        for y, name in zip(panel.at_y(np.arange(n_record)), names, strict=True):
             sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, look.SMALL), "s e")
     else:
-        words = f"{len(names)} records, most fragile at the bottom"
-        sheet.text(left - 8.0, 0.5 * (top + bottom), words, "m", angle=-90)
+        words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
+        sheet.text(left - 8.0, middle, words, "m", angle=-90)
     level_axis(panel, results.levels, results.scale.label)
-    sheet.height = bottom + BELOW
-    words = f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} levels"
-    return words, TEXTS["verdict_map"]["caption"]
+    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
 
 
 @figure
@@ -113,13 +112,12 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     )
 
 
-def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
+def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Collapses by mode and by the joint that was lost."""
     lost = results["collapse_joint"]
-    counted = np.bincount(np.maximum(lost[results.verdict == Verdict.COLLAPSED], 0), minlength=1)
-    order = np.argsort(-counted, kind="stable")
-    own = np.sort(order[: np.count_nonzero(counted)][:_MOST_JOINTS])
-    joint = np.full(lost.shape, own.size)
+    counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
+    own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
+    joint = np.full(lost.shape, len(own))
     for place, each in enumerate(own):
         joint[lost == each] = place
     return [
@@ -133,28 +131,27 @@ def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
 
 @figure
 def fractions(
-    sheet: Sheet, groups: Sequence[Deaggregation], results: ArchResults
+    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults
 ) -> tuple[str, str]:
     """Fraction of collapses at each level, split by two criteria.
 
     Of all runs where every record was run at every level, else of the collapses.
     """
     every = bool(results.simulated.all())
-    stacks = [_parts(group, every) for group in groups]
+    divisor = results.counts.n if every else results.counts.collapsed
+    stacks = [_parts(group, divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
-    first = sheet.boxes(len(groups), 0.0, 150.0)[0]
-    lines = (look.legend_rows(key, first[2] - first[0]) for key in keys)
-    rows = 1 + max(row for key in lines for row, _, _ in key)
-    boxes = sheet.boxes(len(groups), 0.0, 150.0, 10.0 + rows * LINE * sheet.narrow)
-    sheet.height = boxes[-1][3] + BELOW + rows * LINE
+    left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
+    rows = 1 + max(look.legend_rows(key, right - left)[-1][0] for key in keys)
+    boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
     for box, parts, key, title in zip(boxes, stacks, keys, _TITLES, strict=True):
         panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
-        ticks = [0.0, 0.25, 0.5, 0.75, 1.0]
-        panel.axis_y(ticks, f"fraction of the {'runs' if every else 'collapses'}")
+        what = "runs" if every else "collapses"
+        panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], f"fraction of the {what}")
         panel.stack(parts)
         level_axis(panel, results.levels, results.scale.label)
         panel.heading(title)
-        sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
+        sheet.legend(box[0], box[3] + 35.0, key, right - left)
     texts = TEXTS["fractions"]
     return (
         f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
@@ -162,16 +159,14 @@ def fractions(
     )
 
 
-def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their fraction at each level, as `fractions`."""
+def _parts(group: Contributions, divisor: IntArray) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their fraction at each level."""
     modes = {entry.label: entry for entry in MODES}
     found = []
     for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
         name = group.categories[i]
         colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
-        part = group.counts[i] / np.maximum(group.collapsed, 1)
-        if every:
-            part = np.nan_to_num(group.probability[i])
+        part = group.counts[i] / np.maximum(divisor, 1)
         found.append((modes.get(name, Entry(name, *colours)), part))
     return found
 
@@ -180,35 +175,26 @@ def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
 def theta_panels(
     sheet: Sheet, members: Sequence[Answer], differences: Mapping[str, NDArray], name: str,
     scale: Scale,
-) -> tuple[str, str] | None:  # fmt: skip
+) -> str | None:  # fmt: skip
     """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
     every = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in members]
-    theta = scale.factor * np.array(every)
-    known = np.isfinite(theta)
+    theta, known = scale.factor * np.array(every), np.isfinite(every)
     shown = dict(list(differences.items())[:_MOST_PANELS])
     if not shown or known.sum() < 2:
         return None
     theta = theta[known]
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
-    columns = 1 if sheet.narrow else min(3, len(shown))
-    each = (sheet.width - 10.0) / columns
-    for i, (title, values) in enumerate(shown.items()):
-        row, column = divmod(i, columns)
-        top = row * (_HIGH + BELOW + LINE) + LINE
-        box = (column * each + LEFT, top, (column + 1) * each - 8.0, top + _HIGH)
+    boxes = sheet.grid(len(shown), 3, _HIGH, BELOW - LINE)
+    for box, (title, values) in zip(boxes, shown.items(), strict=True):
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
         panel = Panel(sheet, box, reach, ends)
         panel.axis_x(look.even_ticks(*reach, 4))
-        panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
+        panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]")
         panel.dots(values[known], theta, look.BLUE, radius=2.4)
-        panel.heading(look.shortened(title, each - LEFT - 8.0))
-    sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
-    return (
-        f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}",
-        TEXTS["theta_panels"]["caption"],
-    )
+        panel.heading(look.shortened(title, box[2] - box[0]))
+    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
 
 
 @figure
@@ -223,8 +209,7 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     last = last if np.isfinite(last) else response.end_time
     margin = 0.03 * max(last - first, 1e-3)
     start, end = max(0.0, first - margin), min(response.end_time, last + margin)
-    edges = np.linspace(start, end, _BINS + 1)
-    n_joint = example.arch.n_joint
+    edges, n_joint = np.linspace(start, end, _BINS + 1), example.arch.n_joint
     joints, models = sampled(changes, n_joint, edges)
     states = [(k, s) for k, s in enumerate(JOINT_STATES, start=1) if np.any(joints == k)]
     used = {code: Entry(MODEL_WORDS[Model(code)], *_MODELS[code]) for code in np.unique(models)}
@@ -271,10 +256,10 @@ def sampled(
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
-            state = "slides" if text.startswith("slides") else "open"
-            if text.startswith("hinge"):
+            state, _, side = text.partition(" ")
+            if state == "hinge":
                 sliding = "sliding " if "sliding" in text else ""
-                state = f"{sliding}hinge at {text.split()[1]}"
+                state = f"{sliding}hinge at {side.split()[0]}"
             states[i, joint] = codes[state]
     models = np.array([Model[change.model.upper()] for change in changes], dtype=np.int64)
     middle = 0.5 * (edges[:-1] + edges[1:])

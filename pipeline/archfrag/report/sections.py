@@ -4,11 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from markupsafe import Markup
-from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Deaggregation
+from archfrag.fragility.contributions import Contributions
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import arch as arch_figures
@@ -33,9 +31,9 @@ _UNITS = {
 def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
     """What the page shows of an arch; films if it is `animated`."""
     name, arch, onset = inputs.arches[place]
-    answer, scale = inputs.answers[name], results.scale
-    more, percent = answer.more, inputs.percent
-    yield card(answer, scale, percent, cautions_of(inputs.cautions, name), results, onset)
+    answer, percent = inputs.answers[name], inputs.percent
+    more, cautions = answer.more, cautions_of(inputs.cautions, name)
+    yield card(answer, inputs.scale, percent, cautions, results, onset)
     yield heading("Fragility curve")
     yield curves.curve(results, answer)
     free = more.get("free", {})
@@ -46,9 +44,9 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
     yield _levels(results, answer, percent)
     if "cloud" in more:
-        yield _cloud(more["cloud"], name, scale)
+        yield _cloud(more["cloud"]["logistic"], inputs.scale)
     if more.get("limit_states"):
-        yield from _limit_states(answer, name, scale, float(results.levels.max()))
+        yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
         yield from _measures(more["measures"], name)
     yield heading("Every run")
@@ -63,23 +61,27 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
 
 
-def class_parts(inputs: ReportInputs, name: str, scale: Scale) -> Parts:
+def class_parts(inputs: ReportInputs, name: str) -> Parts:
     """What the page shows of a class."""
     of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
     members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
-    highest = scale.factor * float(inputs.cube["intensity"].max())
-    yield card(answer, scale, inputs.percent)
+    yield card(answer, inputs.scale, inputs.percent)
     yield heading("Fragility curve of the class")
-    yield curves.all_curves(members, {name: answer}, of_class, scale, highest, inputs.at)
+    yield curves.all_curves(inputs, members, {name: answer})
     split = answer.more.get("dispersion") or {}
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
     elif split:
         yield paragraph(TEXTS["notes"]["dispersion"].format(**split))
     if answer.more.get("limit_states"):
-        yield from _limit_states(answer, name, scale, highest)
-    differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
-    panels = runs.theta_panels(list(members.values()), differences, name, scale)
+        yield from _limit_states(inputs, answer, name)
+    own, differences = np.array(list(of_class.values())) == name, {}
+    for key, variable in inputs.cube.data_vars.items():
+        if str(key).startswith("arch_") and variable.dtype.kind in "fiu":
+            values = variable.values[own].astype(float)
+            if np.unique(values).size > 1:
+                differences[str(key).removeprefix("arch_").replace("_", " ")] = values
+    panels = runs.theta_panels(list(members.values()), differences, name, inputs.scale)
     if panels:
         yield heading("What θ depends on")
         yield panels
@@ -96,12 +98,13 @@ def card(
     results: ArchResults | None = None, onset: Onset | None = None,
 ) -> Markup:  # fmt: skip
     """The answer in large digits, cautions, and numbers of runs other than 0."""
-    fit, likeliest, lost = answer.curve, answer.likelihood, lost_text(answer, scale.text)
+    fit, lost = answer.curve, lost_text(answer, scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
         names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
         counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
-        counts["lost contact and stand"] = results.survived_after_loss
+        landed = (results.verdict == Verdict.STANDING) & np.isfinite(results["lost_contact_time"])
+        counts["lost contact and stand"] = landed.sum()
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -112,19 +115,14 @@ def card(
             ["dispersion β", f"{fit.beta:#.3g}",
              f"{percent}: {html.interval(answer.beta, '#.3g')}"],
         ]  # fmt: skip
-        if isinstance(likeliest, Fragility):
-            figures[0].append(f"maximum likelihood: {scale.text(likeliest.theta)}")
-            figures[1].append(f"maximum likelihood: {likeliest.beta:#.3g}")
         counts["effective number"] = f"{answer.n_independent:.3g}"
         counts["non-monotone runs"] = answer.n_non_monotone
     if onset is not None:
-        limits = [html.onset_text(limit) for limit in (onset.plus, onset.minus)]
-        about = f"ground towards +x; {limits[1]} towards −x"
-        if limits[0] == limits[1]:
-            about = "in both directions"
+        plus, minus = map(html.onset_text, (onset.plus, onset.minus))
+        about = f"ground towards +x; {minus} towards −x"
         if not onset.stands:
-            limits, about = ["none"], "does not stand under its own weight"
-        figures.append(["onset of motion", limits[0], about])
+            plus, about = "none", "does not stand under its own weight"
+        figures.append(["onset of motion", plus, about])
     shown = [[label, str(count)] for label, count in counts.items() if count]
     parts += [html.facts(figures, "figures"), html.facts(shown, "figures counts")]
     return Markup('<div class="answer">{}</div>').format(Markup("\n").join(parts))
@@ -151,9 +149,8 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
-def _cloud(found: Mapping[str, Any], name: str, scale: Scale) -> Markup:
+def _cloud(fit: Mapping[str, Any], scale: Scale) -> Markup:
     """Result of the logistic regression of a cloud, or why there is none."""
-    fit = found["logistic"]
     if "none" in fit:
         return paragraph(f"There is no logistic regression: {fit['none']}.")
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
@@ -163,7 +160,7 @@ def _cloud(found: Mapping[str, Any], name: str, scale: Scale) -> Markup:
     )  # fmt: skip
 
 
-def _limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Parts:
+def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     """Limit states with median and dispersion, or why they have none."""
     states = answer.more["limit_states"]
     yield heading("Limit states")
@@ -171,7 +168,7 @@ def _limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Pa
         yield paragraph(f"They could not be found: {states['none']}.")
         return
     yield paragraph(TEXTS["notes"]["states"])
-    yield curves.limit_states(answer, name, scale, highest)
+    yield curves.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
     rows = []
     for state in states["states"]:
@@ -179,9 +176,9 @@ def _limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Pa
         if "none" in curve:
             meaning += f" (no curve: {curve['none']})"
         else:
-            numbers = scale.digits(curve["theta"]), f"{curve['beta']:.3f}"
+            numbers = inputs.scale.digits(curve["theta"]), f"{curve['beta']:.3f}"
         rows.append((state["name"].replace("_", " "), meaning, *numbers))
-    heads = ["limit state", "meaning", f"θ [{scale.unit}]", "β"]
+    heads = ["limit state", "meaning", f"θ [{inputs.scale.unit}]", "β"]
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
@@ -217,8 +214,8 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
         yield "dead load", "none: the ring alone, without fill and spandrels"
 
 
-def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: str) -> Parts:
-    collapsed = groups[0].collapsed
+def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: str) -> Parts:
+    collapsed = results.counts.collapsed
     if not collapsed.any():
         yield paragraph("No run collapsed.")
         return
@@ -226,8 +223,8 @@ def _mechanisms(groups: Sequence[Deaggregation], results: ArchResults, percent: 
     rows = [["all", collapsed.sum(), "", ""]]
     for group in groups:
         for i in np.flatnonzero(group.counts.any(axis=1)):
-            limits = html.interval((group.overall_lower[i], group.overall_upper[i]))
-            fraction = f"{group.overall[i]:.2f}"
+            limits = html.interval((group.lower[i], group.upper[i]))
+            fraction = f"{group.fraction[i]:.2f}"
             rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
     heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
@@ -295,14 +292,3 @@ def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: 
         yield heading("The mechanism in one run")
         yield picture
         yield html.folded("The log in words", "\n".join(words))
-
-
-def _differences(cube: xr.Dataset, own: NDArray[np.bool_]) -> dict[str, NDArray]:
-    """Numbers in which the arches of a class differ."""
-    found = {}
-    for name, variable in cube.data_vars.items():
-        if str(name).startswith("arch_") and variable.dtype.kind in "fiu":
-            values = variable.values[own].astype(float)
-            if np.unique(values).size > 1:
-                found[str(name).removeprefix("arch_").replace("_", " ")] = values
-    return found

@@ -5,6 +5,7 @@ import errno
 import math
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,9 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError, StudyError
 from archfrag.files import cannot_write, counted, make_folder
-from archfrag.study.file.members import Members, check_standing, needs_records
+from archfrag.study.file.members import Members, check_standing
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
 from archfrag.study.file.schema import Study, study_schema
-from archfrag.study.file.sources import study_inputs
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
@@ -34,30 +34,24 @@ def shipped_folder() -> Path:
 
 
 def write_starter(folder: Path) -> Path:
-    """Write a commented study file, its schema and the shipped motions; all of it or nothing."""
-    names = ("records", "study.schema.json", "study.yaml")
-    records, schema, study = (make_folder(folder) / name for name in names)
+    """Write a commented study file, its schema and the shipped motions; the study file last."""
+    records, schema, study = (folder / n for n in ("records", "study.schema.json", "study.yaml"))
     for path in (records, schema, study):
         if os.path.lexists(path):
             raise OutputError(f"{path}: exists already; choose a folder without it")
+    make_folder(folder)
     try:
         unwanted = shutil.ignore_patterns("*.svg", "*.py")
         shutil.copytree(shipped_folder() / records.name, records, ignore=unwanted)
         schema.write_text(study_schema())
         shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
     except OSError as error:
-        shutil.rmtree(records, ignore_errors=True)
-        for path in (schema, study):
-            path.unlink(missing_ok=True)
         raise cannot_write(folder, error) from error
     return study
 
 
 def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, ...]:
-    """Message on records that are raw and not corrected by the study either.
-
-    `raw` tells of each record whether it is; if not given, the prepared records do.
-    """
+    """Message on raw records that the study does not correct; `raw` by those prepared if None."""
     if raw is None:
         raw = {}
         with contextlib.suppress(InputError):
@@ -65,11 +59,11 @@ def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, 
     names = [name for name in raw if raw[name]]
     if not names or CORRECTING & {step.name for step in study.motions.processing}:
         return ()
-    more = f" and {len(names) - MOST_ASKED} more" if len(names) > MOST_ASKED else ""
     return (
         f"{len(names)} of {counted(len(raw), 'record')} raw, as recorded ("
-        f"{', '.join(names[:MOST_ASKED])}{more}): their drift counts as motion; correct them by "
-        "motions.processing, such as [detrend, {bandpass: {lowest: 0.1, highest: 25}}]",
+        f"{', '.join(names[:MOST_ASKED])}{', …' * (len(names) > MOST_ASKED)}): their drift counts "
+        "as motion; correct them by motions.processing, such as [detrend, {bandpass: {lowest: "
+        "0.1, highest: 25}}]",
     )
 
 
@@ -78,32 +72,30 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     from archfrag.simulate import onset
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
-    onset_counts = study.intensity.measure == "PGA" and not study.motions.vertical
     messages = []
     for member in list(found)[:MOST_ASKED]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
         size = float(np.ptp(arch.chain.centroid, axis=0).max())
-        start = onset(arch)
+        start, wrong = onset(arch), []
         least = min(start.plus, start.minus)
-        for wrong, text in (
-            (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
-             "than that of any masonry; was an angle meant?"),
-            (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
-            (onset_counts and levels.max() <= least, "no level is above the onset of motion "
-             f"({least:.3g} g); is their unit right?"),
-            (onset_counts and levels.min() > FAR_BEYOND * least, "all levels are more than "
-             f"{FAR_BEYOND:.0f} times the onset of motion ({least:.3g} g); is their unit right?"),
-        ):  # fmt: skip
-            messages += [f"{member.id}: {text}"] if wrong else []
+        if friction > MOST_FRICTION:
+            wrong.append(f"the coefficient of friction {friction:.3g} is greater than that of any "
+                         "masonry; was an angle meant?")  # fmt: skip
+        if size > LARGEST:
+            wrong.append(f"the arch is {size:.0f} m large; lengths are in m")
+        if study.intensity.measure == "PGA" and not study.motions.vertical:
+            where = f"the onset of motion ({least:.3g} g); is their unit right?"
+            if levels.max() <= least:
+                wrong.append(f"no level is above {where}")
+            if levels.min() > FAR_BEYOND * least:
+                wrong.append(f"all levels are more than {FAR_BEYOND:.0f} times {where}")
+        messages += [f"{member.id}: {text}" for text in wrong]
     return tuple(messages)
 
 
 def check_start(study: Study) -> None:
-    """Check that the last step will have what it needs: a hazard, and a folder to write to.
-
-    Nothing is created.
-    """
+    """Check a hazard, and that the output folder can be written; nothing is created."""
     if (risk := study.risk) is not None:
         from archfrag.study.file.hazard import load_hazard
 
@@ -111,11 +103,11 @@ def check_start(study: Study) -> None:
     folder = study.folder
     try:
         place = next(path for path in (folder, *folder.parents) if path.exists())
+        if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+            code = errno.EACCES if place.is_dir() else errno.ENOTDIR
+            raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    code = errno.EACCES if place.is_dir() else errno.ENOTDIR
-    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-        raise cannot_write(folder, OSError(code, os.strerror(code)))
     refuse_foreign_results(study)
 
 
@@ -131,15 +123,11 @@ def refuse_foreign_results(study: Study) -> None:
 def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
-    Returned is what it amounts to: numbers of ``arches``, ``records``, ``levels`` and ``runs``,
-    which are meant exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches
-    that were drawn or come from a table, and records put together from ``partners``.
+    Returned are numbers of ``arches``, ``records``, ``levels`` and ``runs``, which are meant
+    exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches, and records put
+    together from ``partners``.
     """
     check_start(study)
-    # Arches that each record has of its own are known once the records are.
-    if not needs_records(study.arches):
-        check_standing(study.members().checked())
-    study_inputs(study)
     raw, partners = {}, []
     for motion in read_sources(study):
         measured(motion, study)
@@ -151,11 +139,12 @@ def check_study(study: Study) -> dict[str, Any]:
         raise StudyError("motions: the study has no record; give an index or files")
     found = study.members(len(raw))
     checked = found.checked()
-    if needs_records(study.arches):
-        check_standing(checked)
+    check_standing(checked)
     levels = len(study.intensity.si)
-    met = (len(raw) if member.record is None else 1 for member in found)
-    sizes = [study.design.size(records, levels) for records in met]
+    sizes = [study.design.size(len(raw) if member.record is None else 1, levels)
+             for member in found]  # fmt: skip
+    sizes_of, ids = Counter(found.classes), set(found.ids)
+    classes = [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items() if name not in ids]
     cautions = unit_warnings(study, found) + uncorrected(study, raw)
     if unchecked := len(found) - len(checked):
         left = f"{unchecked} of {len(found)} arches were not checked"
@@ -163,6 +152,6 @@ def check_study(study: Study) -> dict[str, Any]:
     return {
         "study": study.id, "arches": len(found), "records": len(raw), "levels": levels,
         "design": study.design.kind, "runs": sum(size for size, _ in sizes),
-        "extent": sizes[0][1], "classes": found.summaries(), "cautions": cautions,
+        "extent": sizes[0][1], "classes": tuple(classes), "cautions": cautions,
         "partners": tuple(partners),
     }  # fmt: skip

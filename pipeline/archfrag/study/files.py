@@ -25,9 +25,6 @@ PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
-_RESULT = re.compile(
-    rf"cube\.nc|fits\.json|curve\.csv|report\.html|summary\.json|{FIGURE.pattern}"
-)
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 KINDS = ("record", "index", "inventory")
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
@@ -81,18 +78,13 @@ def sha256_if_there(path: Path | str) -> str | None:
 
 
 def check_own(study: "Study") -> None:
-    """See that the hidden folder of a study holds files and folders only, and sweep it.
+    """Sweep the hidden folder of a study; OutputError for anything there but files and folders.
 
-    OutputError for a link there: it leads to files of somebody else, which would be emptied or
-    removed as our own.
+    A link leads to files of somebody else, which would be emptied or removed as our own.
     """
     strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
         raise OutputError(f"{study.work}: {strange}")
-    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-        for name in filter(_RESULT.fullmatch, os.listdir(study.folder)):
-            if (study.folder / name).exists() and not (study.folder / name).is_file():
-                raise OutputError(f"{study.folder / name}: is no regular file; move it")
     for entry in entries(study.work):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             raise OutputError(f"{entry.path}: {strange}")
@@ -150,9 +142,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
         for path in sorted(path for path in old | new if old.get(path) != new.get(path)):
-            what = f"is {'new' if path in new else 'gone'}"
-            if path in old and path in new:
-                what = f"has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
+            what = "is new" if path not in old else "has changed" if path in new else "is gone"
             lines.append(f"{kind} {os.path.normpath(folder / path)} {what}")
     return lines
 
@@ -170,8 +160,7 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
-    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
-    environment, which those who install from an archive may set, or else "unknown".
+    Without one that of the wheel, of ARCHFRAG_COMMIT in the environment, or "unknown".
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
@@ -204,21 +193,19 @@ def finite(value: Any, none: Any = str) -> Any:
 
 def available_cores() -> int:
     """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def machine() -> dict[str, Any]:
     """Where it runs, for the log."""
-    host, system = socket.gethostname(), platform.platform()
-    return {"host": host, "system": system, "cores": available_cores()}
+    return {"host": socket.gethostname(), "system": platform.platform(),
+            "cores": available_cores()}  # fmt: skip
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
-    path = folder / "run_log.json"
-    entries: list[Any] = []
+    path, before = folder / "run_log.json", list[Any]()
     with contextlib.suppress(OSError, ValueError, TypeError):
-        entries = list(read_json(path))
-    write_text(path, json.dumps([*entries, entry], indent=1) + "\n")
+        before = list(read_json(path))
+    write_text(path, json.dumps([*before, entry], indent=1) + "\n")

@@ -5,9 +5,6 @@ import errno
 import fcntl
 import os
 import signal
-import socket
-import stat
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -21,20 +18,13 @@ _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 
-class Stopped(BaseException):
-    """The run was asked to stop by a signal."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        super().__init__(f"stopped by {signal.Signals(number).name}")
-
-
 @contextlib.contextmanager
 def stoppable() -> Iterator[Callable[[], None]]:
-    """Let SIGTERM, SIGINT and SIGHUP raise `Stopped` once; what follows the first is ignored.
+    """Let SIGTERM, SIGINT and SIGHUP raise `SystemExit` once; what follows the first is ignored.
 
-    Given is a function that raises it again, where an exception in a signal handler got lost.
-    The process ends after `GRACE` also where code in C, such as a compiler, does not return.
+    Its code is 128 and the number of the signal. Given is a function that raises it again, where
+    an exception in a signal handler got lost. The process ends after `GRACE` also where code in C,
+    such as a compiler, does not return.
     """
     came: list[int] = []
     ended = threading.Event()
@@ -44,7 +34,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
     def check() -> None:
         if came:
-            raise Stopped(came[0])
+            raise SystemExit(128 + came[0])
 
     def note(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:
@@ -77,19 +67,6 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
 
 @contextlib.contextmanager
-def without_dask() -> Iterator[None]:
-    """Let xarray, imported within, find no dask: importing that would take half a second."""
-    hidden = not {"dask", "xarray"} & sys.modules.keys()
-    if hidden:
-        sys.modules["dask"] = None  # type: ignore[assignment]  # imports of it fail
-    try:
-        yield
-    finally:
-        if hidden:
-            del sys.modules["dask"]
-
-
-@contextlib.contextmanager
 def only_run(study: Study) -> Iterator[None]:
     """Hold the lock of a study's folder, which the system takes back whatever ends the process.
 
@@ -98,25 +75,13 @@ def only_run(study: Study) -> Iterator[None]:
     path = study.work / "lock"
     with contextlib.ExitStack() as stack:
         try:
-            lock = stack.enter_context(open(path, "r+b", buffering=0, opener=_own))
+            # Nothing is written to it: it may be a hard link that somebody else made.
+            lock = stack.enter_context(open(path, "ab"))
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            lock.truncate()
-            lock.write(f"process {os.getpid()} on {socket.gethostname()}".encode())
         except BlockingIOError:
-            holder = lock.read(200).decode(errors="replace")
-            what = f"another run of study {study.id!r} is at work here ({holder})"
+            what = f"another run of study {study.id!r} is at work here"
             raise OutputError(f"{study.folder}: {what}; wait for it or stop it") from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:  # of the file system
                 raise cannot_write(path, error) from error
         yield
-
-
-def _own(path: str, flags: int) -> int:
-    """Open the lock, which is written in its place: through no link, which may lead anywhere."""
-    file = os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
-    found = os.fstat(file)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
-        os.close(file)
-        raise OSError(errno.EEXIST, "it is a link or no regular file; remove it")
-    return file

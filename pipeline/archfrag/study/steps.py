@@ -15,12 +15,11 @@ from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
-from archfrag.study.checks import check_start, refuse_foreign_results
+from archfrag.study.checks import check_start
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.file.sources import study_inputs
-from archfrag.study.files import versions
 from archfrag.study.running import only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
-_MOST_LINES = 8
+_MOST_LINES = 8  # on what changed
 Note = Callable[[str], None]
 Report = Callable[[Study, Path | None], Path]  # writes it: of a layer above
 
@@ -51,14 +50,13 @@ def products(study: Study, step: str) -> list[Path]:
         return [study.work / "runs" / f"{step}.csv"]
     if step == "motions":
         return [study.work / MANIFEST]
-    if step == "cube":
-        return [study.folder / files.CUBE]
-    names = ["fits.json", "curve.csv"] if step == "fit" else list(REPORT_FILES)
+    names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
     if step == "report":
         with contextlib.suppress(InputError):  # before the motions there are no figures
             ids = study.members(len(read_manifest(study)["records"])).ids
-            names += [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
-    return [study.folder / name for name in names]
+            own = [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
+            names[step] += own
+    return [study.folder / name for name in names[step]]
 
 
 def read_timings(study: Study) -> dict[str, list[float]]:
@@ -68,8 +66,7 @@ def read_timings(study: Study) -> dict[str, list[float]]:
     paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
     if not all(path.is_file() for path in paths):
         return {}
-    columns: dict[str, Any] = {"usecols": ["arch", "wall_time"], "converters": {"arch": str}}
-    table = pd.concat([pd.read_csv(path, **columns) for path in paths])
+    table = pd.concat([pd.read_csv(path, converters={"arch": str}) for path in paths])
     return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
 
@@ -85,7 +82,7 @@ def make_step(
     report.
     """
     if step == "motions":
-        if current_plan(study)[0] is not None:
+        if "motions" not in stale_steps(study)[0]:
             return
         check_start(study)
         note(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
@@ -152,29 +149,17 @@ def finished(study: Study) -> "Fitted":
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:
     """Steps to be done, and what has changed since they were done last."""
-    names = step_names(study)
-    plan, changed = current_plan(study)
-    if plan is None:
-        return names, changed
-    for i, step in enumerate(names[1:], start=1):
+    names, inputs = step_names(study), study_inputs(study)
+    try:
+        if changed := files.changes(read_manifest(study)["inputs"], inputs, study.folder):
+            return names, changed
+        plan = make_plan(study)
+    except InputError as error:
+        return names, [str(error)] if (study.work / MANIFEST).exists() else []
+    for i, step in enumerate(names):
         if wrong := out_of_date(study, step, plan):
             return names[i:], [wrong] if files.stamp_file(study, step).is_file() else []
     return [], []
-
-
-def current_plan(study: Study) -> tuple[Plan | None, list[str]]:
-    """Plan of a study whose motions are current; else None, and what has changed."""
-    inputs = study_inputs(study)
-    try:
-        if changed := files.changes(read_manifest(study)["inputs"], inputs, study.folder):
-            return None, changed
-        plan, wrong = make_plan(study), out_of_date(study, "motions")
-        known = files.stamp_file(study, "motions").is_file()
-    except InputError as error:
-        wrong, known = str(error), (study.work / MANIFEST).exists()
-    if wrong:
-        return None, [wrong] if known else []
-    return plan, []
 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
@@ -200,14 +185,13 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
-    motions = files.sha256_if_there(study.work / MANIFEST)
+    found: dict[str, Any] = {"step": step}
     if step.startswith("batch"):
-        found: dict[str, Any] = {"step": step, **(plan or make_plan(study)).digests}
-        return {name: files.digest_of(value) for name, value in found.items()}
-    found = {"step": step, "code": files.digest_of_code("**/*"), "packages": versions()}
+        found |= (plan or make_plan(study)).digests
+    else:
+        found |= {"code": files.digest_of_code("**/*"), "packages": files.versions()}
     if step == "motions":
-        manifest = read_manifest(study)
-        found |= {name: manifest[name] for name in ("key", "inputs")}
+        found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
     elif step == "cube":
         plan = plan or make_plan(study)
         arches = plan.arches
@@ -216,16 +200,18 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
             "parameters of arches": [(m.id, m.values) for m in arches],
             "title": study.title, "institution": study.institution,
             "levels": [plan.digests["levels"], study.intensity.given],
-            "settings": attributes(study, plan), "motions": motions,
+            "settings": attributes(study, plan),
         }  # fmt: skip
-    else:
+    elif step in ("fit", "report"):
         before = ("cube",) if step == "fit" else ("cube", "fit")
         paths = [path for name in before for path in products(study, name)]
         found |= {path.name: files.sha256_if_there(path) for path in paths}
         found["report.confidence"] = study.report.confidence
         found["limit_states"] = study.limit_states.model_dump()
+    if step in ("cube", "report"):
+        found["motions"] = files.sha256_if_there(study.work / MANIFEST)
     if step == "report":
-        found |= {"motions": motions, "report.at": study.report.at}
+        found["report.at"] = study.report.at
         if study.risk is not None:
             hazard = Path(study.risk.hazard)
             given = study.risk.model_dump(exclude={"hazard"})
@@ -242,7 +228,7 @@ def run_study(
     An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
     """
     files.check_own(study)
-    refuse_foreign_results(study)
+    check_start(study)
     owner = _owner(study, study_file)
     if not stale_steps(study)[0]:
         return False
@@ -251,17 +237,14 @@ def run_study(
         if not quiet:
             print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
 
-    check_start(study)
     make_folder(study.work)
     with only_run(study):
         files.write_text(study.work / files.OWNER, files.canonical_json(owner) + "\n")
         stale, changed = stale_steps(study)
-        left = len(changed) - _MOST_LINES
-        for line in (*changed[:_MOST_LINES], *([f"… and {left} more"] if left > 0 else [])):
+        for line in changed[:_MOST_LINES]:
             note(line)
         if changed:
-            kept = "finished runs that are still what they were are kept"
-            note(f"what follows from it is made again; {kept}")
+            note("what follows from it is made again; other runs that are finished are kept")
         plan = None
         for step in stale:
             check_stopped()
@@ -272,7 +255,7 @@ def run_study(
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
-    return bool(stale)
+    return True
 
 
 def _owner(study: Study, path: Path) -> dict[str, str]:

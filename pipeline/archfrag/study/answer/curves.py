@@ -1,4 +1,7 @@
-"""What follows from the runs of a cube for each arch and of each class: curves and their bands."""
+"""What follows from the runs of a cube for each arch and of each class.
+
+Curves with their bands; other shapes and measures; limit states; parts of the dispersion.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -9,17 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.quoted import shared_events
-from archfrag.study.runs import Design
-from archfrag.study.runs.ida import design_of
+from archfrag.study.runs import Design, design_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
 POINTS = 120  # of a band
+MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
+MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
+_DRAWN: dict[str, Any] = {"seed": 1, "resamples": 300}
 Worded = Callable[[FitError], str]  # text of an error, with its levels in the unit people read
 
 
@@ -36,6 +42,8 @@ class Runs:
     unit: str = "event"  # which of the two
     # (n_record,): numbers of the records in the cube.
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
+    cube: Any = None  # of the one arch
+    worded: Worded = str
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -75,18 +83,16 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        curves = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
-        return vars(self) | curves
+        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
+        return vars(self) | own
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
         """Inverse of `to_dict`."""
-        curves = {name: curve_of_dict(plain[name]) for name in ("curve", "likelihood")}
-        theta, beta = (
-            tuple(np.nan if end is None else float(end) for end in plain[name])
-            for name in ("theta", "beta")
-        )
-        return cls(**{**plain, **curves, "theta": theta, "beta": beta})
+        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
+        for name in ("theta", "beta"):
+            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
+        return cls(**{**plain, **own})
 
 
 def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
@@ -99,7 +105,7 @@ def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
     return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
-def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
+def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
     """Runs of each arch of a cube."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
     verdicts = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
@@ -109,50 +115,49 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
         rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
         at = level[i, rows] if level.ndim == 3 else level
         own = None if group is None else group[rows]
-        found.append(Runs(str(name), design, verdict[rows], at, own, rows=rows))
+        facts: dict[str, Any] = {"rows": rows, "cube": cube.isel(arch=i), "worded": worded}
+        found.append(Runs(str(name), design, verdict[rows], at, own, **facts))
     return found
 
 
-def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple[Runs, list[int]]]:
-    """Runs of the arches of each class together, and their places; classes of several arches."""
+def classes_of_cube(
+    cube: "xr.Dataset", runs: Sequence[Runs]
+) -> dict[str, tuple[Runs, list[Runs]]]:
+    """Runs of the arches of each class together, and each by itself; classes of several arches."""
     record, found = cube["record"].values.astype(str), {}
-    names = list(arch_classes(cube).values())
-    for name in dict.fromkeys(names):
-        places = [i for i, each in enumerate(names) if each == name]
-        if len(places) > 1:
-            own = [runs[i] for i in places]
-            level = own[0].level
+    names = np.array(list(arch_classes(cube).values()))
+    for name in dict.fromkeys(names.tolist()):
+        own = [runs[i] for i in np.flatnonzero(names == name).tolist()]
+        if len(own) > 1:
+            level, verdict = own[0].level, np.concatenate([each.verdict for each in own])
             if level.ndim == 2:
                 level = np.concatenate([each.level for each in own])
             group = np.concatenate([record[each.rows] for each in own])
-            verdict = np.concatenate([each.verdict for each in own])
-            found[name] = Runs(name, own[0].design, verdict, level, group, "record"), places
+            pooled = replace(own[0], name=name, verdict=verdict, level=level, group=group)
+            found[name] = replace(pooled, unit="record", cube=None), own
     return found
 
 
-def answer(runs: Runs, confidence: float, worded: Worded = str) -> Answer:
+def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = likeliest(runs, worded)
+    try:
+        likelihood: Fragility | str = runs.design.likelihood(runs.brackets)
+    except FitError as error:
+        likelihood = runs.worded(error)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        quoted = runs.design.estimate(runs.brackets, im, confidence, runs.group, runs.unit)
+        quoted = runs.design.estimate(
+            runs.brackets, im, confidence=confidence, groups=runs.group, unit=runs.unit
+        )
     except FitError as error:
-        return Answer(worded(error), likelihood, confidence=confidence)
+        return Answer(runs.worded(error), likelihood, confidence=confidence)
     return Answer(
         quoted.curve, likelihood, quoted.theta, quoted.beta,
         im.tolist(), quoted.lower.tolist(), quoted.upper.tolist(), confidence,
         quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_contradictions,
     )  # fmt: skip
-
-
-def likeliest(runs: Runs, worded: Worded = str) -> Fragility | str:
-    """Curve by maximum likelihood, or why there is none."""
-    try:
-        return runs.design.likelihood(runs.brackets)
-    except FitError as error:
-        return worded(error)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
@@ -164,23 +169,22 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
     if isinstance(curve := pooled.curve, str):
         return replace(pooled, likelihood="")
     fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
-    if lacking := len(members) - len(fits):
+    count, lacking = len(members), len(members) - len(fits)
+    made = (
+        f"The curve is the mean of the curves of its {count} arches; theta and beta are those of "
+        "the lognormal curve with the same mean and standard deviation of ln capacity."
+    )
+    if lacking:
         made = (
-            f"{lacking} of its {len(members)} arches have no curve, so the curve is the lognormal "
-            "one of all runs of the class."
-        )
-    else:
-        curve = mixture(curve, fits)
-        made = (
-            f"The curve is the mean of the curves of its {len(members)} arches; theta and beta "
-            "are those of the lognormal curve with the same mean and standard deviation of ln "
-            "capacity."
+            f"{lacking} of its {count} arches have no curve, so the curve is the lognormal one of "
+            "all runs of the class."
         )
     text = f"{made} Band and intervals: {pooled.assumptions}"
-    return replace(pooled, curve=curve, likelihood="", assumptions=text)
+    whole = curve if lacking else mixture(curve, fits)
+    return replace(pooled, curve=whole, likelihood="", assumptions=text)
 
 
-def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict[str, Any]:
+def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curves with all runs that no method decided as collapses, and as survivals.
 
     Empty if there are no such runs; else their number and both curves.
@@ -191,7 +195,7 @@ def without_verdict(runs: Runs, confidence: float, worded: Worded = str) -> dict
     found: dict[str, Any] = {"runs": int(lost.sum())}
     for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
         filled = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        found[name] = curve_to_dict(answer(filled, confidence, worded).curve)
+        found[name] = curve_to_dict(answer(filled, confidence).curve)
     return found
 
 
@@ -212,3 +216,156 @@ def quoted(
     of_class = arch_classes(cube)
     alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
     return {**classes, **alone}
+
+
+def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
+    """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
+    from archfrag.fragility.quoted import check_lognormal, isotonic_curve
+
+    found: dict[str, Any] = {}
+    try:
+        curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence, **_DRAWN)
+        found["isotonic"] = {name: values.tolist() for name, values in curve.items()}
+        p_value, _ = check_lognormal(runs.brackets, **_DRAWN)
+    except FitError as error:
+        return found | {"none": runs.worded(error)}
+    message = (
+        f"Nothing here contradicts a lognormal curve (p = {p_value:.2g}); with a small number of "
+        "records only a large misfit would show."
+    )
+    if p_value < MISFIT:
+        message = (
+            f"The lognormal curve does not describe these collapses (p = {p_value:.3g}): quote "
+            "the isotonic curve too."
+        )
+    return found | {"test_of_fit": {"p_value": p_value, "message": message}}
+
+
+def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
+    """Curve of a cloud by logistic regression."""
+    from archfrag.fragility.fit import fit_cloud
+
+    decided = runs.decided  # each record has one run
+    event = None if runs.group is None else runs.group[decided.any(axis=1)]
+    collapsed = runs.verdict[decided] == Verdict.COLLAPSED
+    return fit_cloud(runs.level[decided], collapsed, event, confidence=confidence, **_DRAWN)
+
+
+def measures_compared(runs: Runs) -> dict[str, Any]:
+    """The study's measure compared with others in which its motions are known."""
+    from archfrag.fragility.measures import compare_measures
+
+    cube, rows = runs.cube, runs.rows
+    names = cube["measure"].values.astype(str).tolist()
+    value = cube["record_measure"].transpose("measure", "record").values[:, rows]
+    exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
+    known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
+    table = compare_measures(
+        runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
+        magnitude=cube["magnitude"].values[rows], distance=cube["distance"].values[rows],
+        event=runs.group,
+    )  # fmt: skip
+    units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
+    return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
+
+
+def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str, Any]:
+    """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
+
+    `keys` are the ``limit_states`` of a study.
+    """
+    from archfrag.fragility.limit_states import fit_limit_states
+
+    limits = [float(each.cube["static_limit"]) for each in members]
+    rad = f", {limits[0]:.3g} rad" if len(members) == 1 else ""
+    meanings = {
+        "motion": "a joint opens or slides",
+        "impact": "a joint closes by an impact",
+        "residual": f"a displacement of {keys['residual']:g} of a joint's length is left",
+        "rotation": f"rotation by {keys['rotation']:g} of the static limit{rad}",
+        "contact lost": "a joint opens at both corners, regained or not",
+        "collapse": "a loss of contact that cannot be regained",
+    }
+    if not np.isfinite(limits).all():
+        del meanings["rotation"]
+    exceeded = np.concatenate([_exceeded(each, keys, list(meanings)) for each in members])
+    level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for r in members])
+    found, message = fit_limit_states(exceeded, level, list(meanings))
+    onset = min(_onset(each.cube) for each in members)
+    states = []
+    for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
+        note = members[0].worded(none) if none else ""
+        curve = curve_to_dict(_above(fit, onset) or note)
+        states.append({"name": name, "meaning": meaning, "note": note, "curve": curve})
+    return {"message": message, "states": states}
+
+
+def _exceeded(runs: Runs, keys: Mapping[str, float], names: Sequence[str]) -> NDArray[np.int64]:
+    """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
+    part = runs.cube.isel(record=runs.rows).transpose("record", "level", ...)
+    states: dict[str, Any] = {
+        "motion": part["openings"] + part["slides"] + part["impacts"] > 0,
+        "impact": part["impacts"] > 0,
+        "residual": part["residual_displacement"] >= keys["residual"] * part["joint_length"],
+        "rotation": part["peak_rotation"] >= keys["rotation"] * part["static_limit"],
+        "contact lost": np.isfinite(part["lost_contact_time"]),
+        "collapse": part["verdict"] == Verdict.COLLAPSED,
+    }
+    codes = [np.where(states[name], Verdict.COLLAPSED, Verdict.STANDING) for name in names]
+    codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
+    if runs.design.adaptive:  # where the runs of a record imply others
+        codes = [find_brackets(code, runs.level).filled for code in codes]
+    return np.stack(codes, axis=-1)
+
+
+def _onset(cube: "xr.Dataset") -> float:
+    """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
+    own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
+    if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
+        return 0.0
+    value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
+    least = STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+    power = float(cube["measure_exponent"].values[names.index(own)])
+    return float(np.min(value[own] * (least / value["PGA"]) ** power))
+
+
+def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
+    """The curve, or why it is none: it gives a probability where nothing can move."""
+    below = float(fit.probability(onset)) if fit is not None and onset > 0.0 else 0.0
+    if below <= MOST_BELOW:
+        return fit
+    return (
+        f"it would give a probability of {below:.2f} at the onset of motion, below which nothing "
+        "moves; levels near the onset may show it"
+    )
+
+
+def dispersion_split(
+    members: Sequence[Runs], answers: Sequence[Answer], beta: float
+) -> dict[str, Any]:
+    """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
+
+    By the capacities of all runs; by the likeliest curve of each arch where records withstand the
+    largest level, since without these, the mildest, what is left would differ less.
+    """
+    from archfrag.fragility.curve import split_capacities, split_curves
+
+    if not members[0].design.on_levels or len({len(each.verdict) for each in members}) > 1:
+        return {}
+    capacity = np.stack([each.brackets.middle for each in members])
+    known = ~np.isnan(capacity).any(axis=0)
+    if known.all():
+        split = split_capacities(capacity)
+    else:
+        # Mean correlation of ln capacities between arches, by the records known for all.
+        logs, shared = np.log(capacity[:, known]), 0.0
+        if logs.shape[1] >= 3 and (np.ptp(logs, axis=1) > 0.0).all():
+            pairs = np.triu_indices(len(logs), k=1)
+            shared = float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))
+        fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
+        split = split_curves(
+            [fit.theta for fit in fits], [fit.beta for fit in fits],
+            [fit.standard_errors[0] for fit in fits], shared=shared,
+        )  # fmt: skip
+    scale = beta / np.hypot(*split)
+    return {"beta_record_to_record": scale * split[0], "beta_model": scale * split[1]}

@@ -1,18 +1,18 @@
 """From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer import comparisons, curves
+from archfrag.study.answer import curves
 from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 FITS, CURVE = "fits.json", "curve.csv"
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
-MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
+MOST_SCALING = 10.0
 LEAST_EVENTS = 4
-MOST_NAMED = 12  # arches; of more only their number
+# Answers of arches, answers of classes of several arches, and the cube that they are from.
+Fitted = tuple[dict[str, Answer], dict[str, Answer], "xr.Dataset"]
 
 
 def open_cube(study: Study) -> "xr.Dataset":
@@ -35,32 +36,18 @@ def open_cube(study: Study) -> "xr.Dataset":
     import xarray as xr
 
     path = study.folder / CUBE
-    if not path.is_file():
-        raise InputError(f"{path}: there is no cube yet; `archfrag cube` on the study makes it")
     refuse_foreign_cube(study)
     try:
         return xr.open_dataset(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is damaged; `archfrag cube` makes it again") from error
-
-
-class Fitted(NamedTuple):
-    """Answers from a cube."""
-
-    arches: dict[str, Answer]
-    classes: dict[str, Answer]  # of several arches
-    cube: "xr.Dataset"
-
-    def quoted(self, members: bool = False) -> dict[str, Answer]:
-        """Answers that are handed on, see `curves.quoted`."""
-        return curves.quoted(self.cube, self.arches, self.classes, members)
+        how = "`archfrag cube` on the study file makes it"
+        raise InputError(f"{path}: is missing or damaged; {how}") from error
 
 
 def fit_cube(study: Study) -> Fitted:
-    """Find the curve of each arch and class of the cube; store all in ``fits.json``.
+    """Find the curve of each arch and class of the cube; store all in ``fits.json``, in SI.
 
-    All numbers are in SI; the text of an error names levels in the unit of the study. The table
-    ``curve.csv`` is in the unit of the study.
+    The table ``curve.csv`` and levels in messages are in the unit of the study.
     """
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
@@ -71,71 +58,80 @@ def fit_cube(study: Study) -> Fitted:
 
     with open_cube(study) as opened:
         cube = opened.load()
-    runs = curves.runs_of_cube(cube)
-    own = [(cube.isel(arch=number), each) for number, each in enumerate(runs)]
-    answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
+    runs = curves.runs_of_cube(cube, worded)
+    answers = {each.name: curves.answer(each, confidence) for each in runs}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-    for number in shown(medians):
-        one, each = own[number]
+    for each in (runs[number] for number in shown(medians)):
         more = answers[each.name].more
-        more["free"] = part(comparisons.free_shapes, each, confidence, worded)
-        more["measures"] = part(comparisons.measures_compared, one, each)
-        more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
+        more["free"] = part(curves.free_shapes, each, confidence)
+        more["measures"] = part(curves.measures_compared, each)
+        more["limit_states"] = part(curves.limit_states, [each], keys)
         if not each.design.on_levels:
-            more["cloud"] = {"logistic": part(comparisons.cloud_curves, each, confidence)}
+            more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
-        found = part(curves.without_verdict, each, confidence, worded)
-        answers[each.name].more["without_verdict"] = found
+        answers[each.name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
     classes = {}
-    for name, (group, places) in curves.classes_of_cube(cube, runs).items():
-        members = [answers[runs[i].name] for i in places]
-        classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
+    for name, (group, alone) in curves.classes_of_cube(cube, runs).items():
+        members = [answers[each.name] for each in alone]
+        classes[name] = curves.of_class(curves.answer(group, confidence), members)
         split = {}
         if not isinstance(curve := classes[name].curve, str):
-            alone = [runs[i] for i in places]
-            split = part(comparisons.dispersion_split, alone, members, curve.beta)
-        states = part(comparisons.limit_states, [own[i] for i in places], keys, worded)
+            split = part(curves.dispersion_split, alone, members, curve.beta)
+        states = part(curves.limit_states, alone, keys)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, group, confidence, worded)
+        lost = part(curves.without_verdict, group, confidence)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
-    fitted = Fitted(answers, classes, cube)
-    _store(study, fitted)
-    return fitted
+    _store(study, answers, classes, cube)
+    return answers, classes, cube
 
 
-def _store(study: Study, fitted: Fitted) -> None:
+def _store(
+    study: Study, arches: dict[str, Answer], classes: dict[str, Answer], cube: "xr.Dataset"
+) -> None:
     import pandas as pd
 
-    arches, classes, cube = fitted
+    measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
     plain = {name: each.to_dict() for name, each in arches.items()}
     content = {
-        "study": study.id, "measure": study.intensity.measure,
-        "unit": cube["intensity"].attrs["units"],
+        "study": study.id, "measure": measure, "unit": cube["intensity"].attrs["units"],
         "design": json.loads(cube.attrs["archfrag_design"]),
         "fits": {name: each["curve"] for name, each in plain.items()},
         "arches": plain, "classes": {name: each.to_dict() for name, each in classes.items()},
     }  # fmt: skip
     text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
-    head, factor = f"{study.intensity.measure} [{study.intensity.unit}]", study.intensity.factor
-    rows = [pd.DataFrame(columns=["arch", head, "probability", "lower", "upper"])]
-    for name, found in fitted.quoted().items():
+    rows = [pd.DataFrame(columns=["arch", f"{measure} [{unit}]", "probability", "lower", "upper"])]
+    for name, found in curves.quoted(cube, arches, classes).items():
         if not isinstance(found.curve, str):
             im = np.array(found.im)
-            rows.append(pd.DataFrame({
-                "arch": name, head: im / factor, "probability": found.curve.probability(im),
-                "lower": found.lower, "upper": found.upper,
-            }))  # fmt: skip
+            values = name, im / factor, found.curve.probability(im), found.lower, found.upper
+            rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
     write_csv(study.folder / CURVE, rows)
+
+
+def load_fits(study: Study) -> Fitted:
+    """What `fit_cube` stored, and the cube; InputError if the file is missing or damaged."""
+    path = study.folder / FITS
+    try:
+        stored = read_json(path)
+        arches, classes = (
+            {name: Answer.from_dict(answer) for name, answer in stored[of].items()}
+            for of in ("arches", "classes")
+        )
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
+        how = "`archfrag fit` makes it"
+        raise InputError(f"{path}: is missing or damaged ({error}); {how}") from None
+    return arches, classes, open_cube(study)
 
 
 def fit_lines(study: Study, fitted: Fitted) -> list[str]:
     """What to tell about curves: those of the first arches and of classes, and cautions."""
-    lines = [fit_text(study, name, each) for name, each in list(fitted.arches.items())[:SHOWN]]
-    if len(fitted.arches) > SHOWN:
-        lines.append(f"{len(fitted.arches) - SHOWN} more arches in {study.folder / FITS}")
-    lines += [f"class {fit_text(study, name, each)}" for name, each in fitted.classes.items()]
-    cautions = cautions_of_cube(study, fitted.cube, fitted.arches)
+    arches, classes, cube = fitted
+    lines = [fit_text(study, name, each) for name, each in list(arches.items())[:SHOWN]]
+    if len(arches) > SHOWN:
+        lines.append(f"{len(arches) - SHOWN} more arches in {study.folder / FITS}")
+    lines += [f"class {fit_text(study, name, each)}" for name, each in classes.items()]
+    cautions = cautions_of_cube(study, cube, arches)
     return [f"fit: {line}" for line in lines] + [f"caution: {each}" for each in cautions]
 
 
@@ -167,151 +163,97 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
     return f"{runs} no verdict: the median is {low} if all collapse, {high} if all stand"
 
 
-def load_fits(study: Study) -> Fitted:
-    """What `fit_cube` stored, and the cube; InputError if the file is missing or damaged."""
-    path = study.folder / FITS
-    try:
-        stored = read_json(path)
-        arches, classes = (
-            {name: Answer.from_dict(answer) for name, answer in stored[of].items()}
-            for of in ("arches", "classes")
-        )
-    except FileNotFoundError:
-        raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
-        raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it again") from None
-    return Fitted(arches, classes, open_cube(study))
-
-
 def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
     """All that a study's cube and curves give reason to caution, levels in the study's unit."""
-    on_levels = cube["intensity"].ndim == 1
-    levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
+    levels, named = None, ["levels of their own"]
+    if cube["intensity"].ndim == 1:
+        levels = cube["intensity"].values
+        named = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     verdicts = cube["verdict"].transpose("arch", "record", "level").values
-    own = dict(zip(cube["arch"].values.astype(str).tolist(), verdicts))
-    named = levels if on_levels else ["levels of their own"]
-    found = [(name, undecided(count_verdicts(verdict), named)) for name, verdict in own.items()]
-    for name, verdict in own.items() if on_levels else ():
-        found.append((name, surviving(verdict, levels[-1])))
-        if not study.design.adaptive:
-            found.append((name, non_monotone(verdict)))
-        found.append((name, coarse_levels(cube["intensity"].values, answers[name].curve)))
-    warned = unit_warnings(study, study.members(cube.sizes["record"])), uncorrected(study)
-    of_design = design_cautions(json.loads(cube.attrs["archfrag_design"]))
-    of_records = filter(None, (scaled_far(cube), events_caution(cube)))
-    of_arches = [f"{name}: {message}" for name, message in found if message]
-    return [*of_arches, *warned[0], *warned[1], *of_design, *of_records]
+    found = [
+        f"{name}: {message}"
+        for name, verdict in zip(cube["arch"].values.astype(str).tolist(), verdicts)
+        for message in arch_cautions(
+            verdict, named, levels, answers[name].curve, study.design.adaptive
+        )
+    ]
+    found += unit_warnings(study, study.members(cube.sizes["record"])) + uncorrected(study)
+    found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
+    return [*found, *record_cautions(cube)]
 
 
-def events_caution(cube: "xr.Dataset") -> str:
-    """Message on records that are all of one earthquake, or of two or three; else empty."""
-    events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
+def arch_cautions(
+    verdict: NDArray[np.int8], named: list[str], levels: NDArray[np.float64] | None,
+    curve: Fragility | str, adaptive: bool = False,
+) -> Iterator[str]:  # fmt: skip
+    """Messages on the runs of an arch, (n_record, n_level), at levels as they are `named`.
+
+    `levels` are those of all records, if they have them in common [SI].
+    """
+    counts, ran = count_verdicts(verdict), (verdict != Verdict.NOT_SIMULATED).any(axis=1).sum()
+    lost = counts.unfinished + counts.solver_failures
+    fraction = lost / np.maximum(counts.runs, 1)
+    if many := np.count_nonzero(fraction > MOST_UNDECIDED):
+        worst = int(fraction.argmax())
+        yield (
+            f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} "
+            f"of {len(named)} levels (most: {lost[worst]} of {counts.runs[worst]} at "
+            f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
+            "be wrong by more than its band"
+        )
+    if levels is None:
+        return
+    collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
+    beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
+    if beyond > MOST_SURVIVING * ran and not collapsed.any():
+        yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
+    elif beyond > MOST_SURVIVING * ran:
+        yield (
+            f"{beyond} of {ran} records do not cause collapse at {named[-1]}, the highest level, "
+            "so the upper part of the curve is extrapolated; add higher levels"
+        )
+    again = (np.maximum.accumulate(collapsed, axis=1) & survived).any(axis=1).sum()
+    if again > MOST_AGAIN * ran and not adaptive:
+        yield (
+            f"{again} of {ran} records do not cause collapse above a level at which they did "
+            "(non-monotone records): near the border a single run proves little, and beta "
+            "includes this scatter"
+        )
+    if not isinstance(curve, str) and len(levels) > 1:
+        above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
+        spacing = float(np.log(levels[above] / levels[above - 1]))
+        if spacing > curve.beta:
+            yield (
+                f"the levels next to the median are {spacing:.2g} apart in ln, more than the "
+                f"dispersion of {curve.beta:.2g}, whose interval may then be too narrow; add "
+                "levels near the median"
+            )
+
+
+def record_cautions(cube: "xr.Dataset") -> Iterator[str]:
+    """Messages on motions that are scaled too far, and on records of one to three earthquakes."""
+    scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
+    largest = scaled.max(["arch", "level"]).values
+    if far := int((largest > MOST_SCALING).sum()):
+        record = int(np.nanargmax(largest))
+        worst = f"{largest[record]:,.0f}" if largest[record] >= 100.0 else f"{largest[record]:.3g}"
+        yield (
+            f"{far} of {largest.size} records were scaled up by more than {MOST_SCALING:g} (most: "
+            f"{cube['record'].values[record]!s}, by {worst}). A weak motion that is scaled up "
+            "differs from a strong one (it is shorter and has less long-period energy); use "
+            "stronger records"
+        )
+    events = cube["event"].values.astype(str)
     names = np.unique(events)
     if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
-        return ""
+        return
     if names.size > 1:
-        return (
+        yield (
             f"the {len(events)} records are of {names.size} earthquakes, too few to show how "
             "earthquakes differ, so bands may be too narrow; add records of other earthquakes"
         )
-    return (
-        f"all records are of one earthquake ({events[0]}): dispersion and bands do not include "
-        "the variation between earthquakes"
-    )
-
-
-def design_cautions(design: Mapping[str, Any]) -> list[str]:
-    """Messages on what a design did not reach, or found against its own assumption."""
-    notes = design.get("arches", {})
-    found = [
-        f"{name}: the median is known to {100 * note['half_width']:.2g} % instead of the "
-        f"{100 * design['precision']['theta']:.2g} % requested: {note['why']}"
-        for name, note in notes.items() if note.get("why")
-    ]  # fmt: skip
-    against = {name: (note["contradictions"], note["checked"])
-               for name, note in notes.items() if note.get("contradictions")}  # fmt: skip
-    if len(against) > MOST_NAMED:
-        count, checked = np.sum(list(against.values()), axis=0).tolist()
-        against = {f"{len(against)} arches": (count, checked)}
-    return found + [
-        f"{name}: {count} of {checked} checks near the border contradict the capacity of their "
-        "record. Such a record has several borders between survival and collapse; the search "
-        "found one of them, not always the lowest. Beta includes the scatter of single runs"
-        for name, (count, checked) in against.items()
-    ]
-
-
-def surviving(verdict: NDArray[np.int8], highest: str) -> str:
-    """Message on records that survive all levels, (n_record, n_level); else empty."""
-    known = int((verdict != Verdict.NOT_SIMULATED).any(axis=1).sum())
-    collapsed = (verdict == Verdict.COLLAPSED).any(axis=1)
-    survived = int(((verdict[:, -1] == Verdict.STANDING) & ~collapsed).sum())
-    if survived <= MOST_SURVIVING * known:
-        return ""
-    if not collapsed.any():
-        return f"no record caused collapse up to {highest}, the highest level; add higher levels"
-    return (
-        f"{survived} of {known} records do not cause collapse at {highest}, the highest level, so "
-        "the upper part of the curve is extrapolated; add higher levels"
-    )
-
-
-def non_monotone(verdict: NDArray[np.int8]) -> str:
-    """Message on records that collapse below a level that they survive; else empty."""
-    known = int((verdict != Verdict.NOT_SIMULATED).any(axis=1).sum())
-    collapsed = np.maximum.accumulate(verdict == Verdict.COLLAPSED, axis=1)
-    again = int((collapsed & (verdict == Verdict.STANDING)).any(axis=1).sum())
-    if again <= MOST_AGAIN * known:
-        return ""
-    return (
-        f"{again} of {known} records do not cause collapse above a level at which they did "
-        "(non-monotone records): near the border a single run proves little, and beta includes "
-        "this scatter"
-    )
-
-
-def coarse_levels(levels: NDArray[np.float64], curve: Fragility | str) -> str:
-    """Message on levels farther apart at the median than the dispersion, in ln; else empty."""
-    if isinstance(curve, str) or len(levels) < 2:
-        return ""
-    above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
-    spacing = float(np.log(levels[above] / levels[above - 1]))
-    if spacing <= curve.beta:
-        return ""
-    return (
-        f"the levels next to the median are {spacing:.2g} apart in ln, more than the dispersion "
-        f"of {curve.beta:.2g}, whose interval may then be too narrow; add levels near the median"
-    )
-
-
-def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
-    """Message on unfinished and failed runs; empty if at no level they are too many."""
-    lost = counts.unfinished + counts.solver_failures
-    fraction = lost / np.maximum(counts.runs, 1)
-    many, worst = int(np.count_nonzero(fraction > MOST_UNDECIDED)), int(fraction.argmax())
-    if not many:
-        return ""
-    return (
-        f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} of "
-        f"{len(levels)} levels (most: {lost[worst]} of {counts.runs[worst]} at {levels[worst]}); "
-        "they count neither as collapse nor as survival, so the curve may be wrong by more than "
-        "its band"
-    )
-
-
-def scaled_far(cube: "xr.Dataset") -> str:
-    """Message on motions that are scaled too far; empty if there is none."""
-    scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
-    largest = scaled.max(["arch", "level"]).values
-    far, too_far = (int((largest > most).sum()) for most in (MOST_SCALING, FAR_TOO_MUCH))
-    if not far:
-        return ""
-    record = int(np.nanargmax(largest))
-    worst = f"{largest[record]:,.0f}" if largest[record] >= 100.0 else f"{largest[record]:.3g}"
-    noise = f", {too_far} by more than {FAR_TOO_MUCH:g}, which also scales up their noise"
-    return (
-        f"{far} of {largest.size} records were scaled up by more than {MOST_SCALING:g} (most: "
-        f"{cube['record'].values[record]!s}, by {worst}){noise if too_far else ''}. A weak "
-        "motion that is scaled up differs from a strong one (it is shorter and has less "
-        "long-period energy); use stronger records"
-    )
+    else:
+        yield (
+            f"all records are of one earthquake ({events[0]}): dispersion and bands do not "
+            "include the variation between earthquakes"
+        )

@@ -61,7 +61,30 @@ class ArchRisk:
     # simulated, where the fitted curve is extrapolated.
     beyond: tuple[float, float]
     splits: dict[str, Contributions]  # by mechanism, magnitude and distance
-    cautions: tuple[str, ...]
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """Messages on parts of the rate of which little is known."""
+        level = "level that was simulated, where the fragility curve is extrapolated"
+        unknown = self.splits["mechanism"].unassigned.sum() / (self.rate.rate or 1.0)
+        parts = {
+            "below the first point of the hazard curve, whose first slope goes on there":
+                self.rate.below,
+            "above the last point of the hazard curve, whose last slope goes on there":
+                self.rate.above,
+            f"below the least {level}": self.beyond[0],
+            f"above the greatest {level}": self.beyond[1],
+            "at which no run collapsed, so that it is of no known mechanism; fractions by "
+            "category are of what is left": unknown,
+        }  # fmt: skip
+        bound = (
+            "most of the rate is from outside the hazard curve, so the part within it is quoted, "
+            "as a lower bound and without a band; use a hazard curve that reaches farther",
+        )  # fmt: skip
+        return (bound if self.rate.is_bound else ()) + tuple(
+            f"{100 * fraction:.0f} % of the rate is from intensities {where}"
+            for where, fraction in parts.items() if fraction > NOTED
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,8 +105,7 @@ def risk_of(
     """Rates of collapse of arches and classes of a study at a site.
 
     `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
-    the rates of its arches. `hazard` is for the study's measure, `years` the time for
-    probabilities of collapse, `confidence` that of all bands.
+    the rates of its arches. `years` is the time for probabilities of collapse.
     """
     names, classes = np.array(list(arch_classes(cube).items())).T
     places = {name: np.flatnonzero((names == name) | (classes == name)) for name in fits}
@@ -106,32 +128,36 @@ def _arch_risk(
         for key in ("verdict", "collapse_joint", "collapse_mode")
     )
     rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-    record = rows % part.sizes["record"]
-    at = part["intensity"].values.astype(float)
+    record, at = rows % part.sizes["record"], part["intensity"].values.astype(float)
     if at.ndim > 1:
         at = at.reshape(verdict.shape)[rows]
-    code = joint * _N_MODE + mode
-    levels, collapsed, code, ends = _on_levels(verdict[rows], code[rows], at)
+    levels, collapsed, code, ends = _on_levels(verdict[rows], (joint * _N_MODE + mode)[rows], at)
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
     names = part["event"].values.astype(str)
     events = shared_events(np.where(names == "", part["record"].values, names)[record])
-    splits = {"mechanism": _mechanisms(code, collapsed)}
+    # Mechanisms are joint and mode; the rare ones together.
+    kinds, counts = np.unique(code[collapsed], return_counts=True)
+    kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
+    labels = [
+        f"joint {kind // _N_MODE}, {CollapseMode(kind % _N_MODE).name.lower().replace('_', '-')}"
+        for kind in kept.tolist()
+    ]
+    category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
+    splits = {"mechanism": (category, (*labels, OTHER))}
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
-        category, labels = value_bins(part[key].values[record], bins, unit)
-        splits[key] = category[:, None], labels
+        of_record, of_bins = value_bins(part[key].values[record], bins, unit)
+        splits[key] = np.broadcast_to(of_record[:, None], collapsed.shape), of_bins
     parts = {
         key: contributions(
-            level_rate, collapsed, np.broadcast_to(category, collapsed.shape), labels,
-            event=events, seed=SEED, confidence=confidence,
+            level_rate, collapsed, *split, event=events, seed=SEED, confidence=confidence
         )
-        for key, (category, labels) in splits.items()
-    }  # fmt: skip
+        for key, split in splits.items()
+    }
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])
-    cautions = _cautions(rate, beyond, parts["mechanism"])
-    return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts, cautions)
+    return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts)
 
 
 def _on_levels(
@@ -159,143 +185,94 @@ def _on_levels(
     return levels, grid, codes, ends
 
 
-def _mechanisms(code: NDArray, collapsed: NDArray[np.bool_]) -> tuple[NDArray, tuple[str, ...]]:
-    """Category of each run by joint and mode; the rare ones together."""
-    kinds, counts = np.unique(code[collapsed], return_counts=True)
-    kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
-    names = [
-        f"joint {kind // _N_MODE}, {CollapseMode(kind % _N_MODE).name.lower().replace('_', '-')}"
-        for kind in kept.tolist()
-    ]
-    category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    return category, (*names, OTHER)
-
-
-def _cautions(
-    rate: CollapseRate, beyond: tuple[float, float], mechanism: Contributions
-) -> tuple[str, ...]:
-    level = "level that was simulated, where the fragility curve is extrapolated"
-    parts = (
-        (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
-        (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
-        (beyond[0], f"below the least {level}"),
-        (beyond[1], f"above the greatest {level}"),
-        (mechanism.unassigned.sum() / (rate.rate or 1.0),
-         "at which no run collapsed, so that it is of no known mechanism; fractions by category "
-         "are of what is left"),
-    )  # fmt: skip
-    bound = (
-        "most of the rate is from outside the hazard curve, so the part within it is quoted, as a "
-        "lower bound and without a band; use a hazard curve that reaches farther",
-    )  # fmt: skip
-    return (bound if rate.is_bound else ()) + tuple(
-        f"{100 * fraction:.0f} % of the rate is from intensities {where}"
-        for fraction, where in parts if fraction > NOTED
-    )  # fmt: skip
-
-
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
     """All of a result in plain numbers; intensities in the unit of the study.
 
     ``arches`` holds classes too; ``classes`` is the number of arches of each.
     """
-    factor = study.intensity.factor
+    factor, hazard = study.intensity.factor, risk.hazard
+    arches: dict[str, Any] = {}
+    for name, arch in risk.arches.items():
+        if isinstance(arch, str):
+            arches[name] = {"none": arch}
+            continue
+        rate = arch.rate
+        probability, *band = rate.probability_in(risk.years)
+        arches[name] = {
+            "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
+            "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
+            "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
+            "return_period": rate.return_period if rate.quoted > 0.0 else None,
+            "probability": probability, "probability_band": band,
+            "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
+            "below_levels": arch.beyond[0], "above_levels": arch.beyond[1],
+            "rate_by_hazard_curve": arch.by_curve,
+            "levels": (arch.levels / factor).tolist(),
+            "edges": (level_edges(arch.levels) / factor).tolist(),
+            "rate_by_level": arch.level_rate.tolist(),
+        }  # fmt: skip
+        for key, found in arch.splits.items():
+            arches[name][f"by_{key}"] = [
+                {
+                    "category": label, "collapses": int(found.counts[i].sum()),
+                    "fraction": float(found.fraction[i]),
+                    "band": [float(found.lower[i]), float(found.upper[i])],
+                    "rate_by_level": found.rate[i].tolist(),
+                }
+                for i, label in enumerate(found.categories) if found.shown[i]
+            ]  # fmt: skip
+        arches[name]["cautions"] = list(arch.cautions)
     curves = {
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
-        for name, curve in risk.hazard.curves.items()
+        for name, curve in hazard.curves.items()
     }
     facts: dict[str, Any] = finite({
-        "study": risk.study, "measure": risk.hazard.measure, "unit": study.intensity.unit,
+        "study": risk.study, "measure": hazard.measure, "unit": study.intensity.unit,
         "years": risk.years,
-        "hazard": {
-            "source": risk.hazard.source, "notes": list(risk.hazard.notes), "curves": curves,
-        },
-        "assumptions": list(ASSUMPTIONS),
-        "arches": {
-            name: {"none": arch} if isinstance(arch, str) else _facts(arch, risk.years, factor)
-            for name, arch in risk.arches.items()
-        },
-        "classes": risk.classes,
+        "hazard": {"source": hazard.source, "notes": list(hazard.notes), "curves": curves},
+        "assumptions": list(ASSUMPTIONS), "arches": arches, "classes": risk.classes,
     }, None)  # fmt: skip
     return facts
 
 
-def _facts(arch: ArchRisk, years: float, factor: float) -> dict[str, Any]:
-    rate = arch.rate
-    probability, *band = rate.probability_in(years)
-    splits = {
-        f"by_{key}": [
-            {
-                "category": name, "collapses": int(found.counts[i].sum()),
-                "fraction": float(found.fraction[i]),
-                "band": [float(found.lower[i]), float(found.upper[i])],
-                "rate_by_level": found.rate[i].tolist(),
-            }
-            for i, name in enumerate(found.categories) if found.shown[i]
-        ]
-        for key, found in arch.splits.items()
-    }  # fmt: skip
-    return {
-        "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
-        "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
-        "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
-        "return_period": rate.return_period if rate.quoted > 0.0 else None,
-        "probability": probability, "probability_band": band,
-        "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
-        "below_levels": arch.beyond[0], "above_levels": arch.beyond[1],
-        "rate_by_hazard_curve": arch.by_curve,
-        "levels": (arch.levels / factor).tolist(),
-        "edges": (level_edges(arch.levels) / factor).tolist(),
-        "rate_by_level": arch.level_rate.tolist(), **splits, "cautions": list(arch.cautions),
-    }  # fmt: skip
-
-
 def risk_text(facts: dict[str, Any]) -> str:
-    """What `risk_facts` gives, as lines for a terminal."""
+    """What `risk_facts` gives but for parts by level, magnitude and distance, for a terminal."""
     hazard = facts["hazard"]
     lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
     lines += [f"note: {note}" for note in hazard["notes"]]
     for name, arch in facts["arches"].items():
-        lines += ["", *_lines(name, arch, facts)]
-    return "\n".join([*lines, "", *(f"assumed: {each}" for each in facts["assumptions"])])
-
-
-def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
-    title = f"class {name}, {facts['classes'][name]} arches" if name in facts["classes"] else name
-    if "none" in arch:
-        return [f"{title}: no rate, since there is no curve: {arch['none']}"]
-    percent, unit = f"{100 * arch['confidence']:.0f} %", facts["unit"]
-    period, bound = arch["return_period"], arch["rate_is_lower_bound"]
-    least, most = ("at least ", "at most ") if bound else ("", "")
-    band, likely = (" (within the hazard curve)", "") if bound else (
-        f" ({percent}: {arch[key][0]:.3g} to {arch[key][1]:.3g})"
-        for key in ("rate_band", "probability_band")
-    )  # fmt: skip
-    lines = [
-        f"{title}: median {arch['theta']:.4g} {unit} of {facts['measure']}, dispersion "
-        f"{arch['beta']:.3g}",
-        f"  rate of collapse of these medians {least}{arch['rate']:.3g} a year{band}, "
-        + ("never" if period is None else f"return period {most}{period:.4g} years"),
-    ]
-    if not bound:
-        mean = f"{arch['rate_mean']:.3g} a year"
-        lines.append(f"  mean over theta and beta as uncertain as they are {mean}")
-    chance = f"{arch['probability']:.3g}{likely}"
-    lines.append(f"  probability in {facts['years']:g} years {least}{chance}")
-    others = list(arch["rate_by_hazard_curve"].items())[1:]
-    lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
-    lines.append(f"  {'from ' + unit:>14s} {'rate':>10s} {'fraction':>9s}")
-    total = sum(arch["rate_by_level"]) or 1.0
-    lines += [
-        f"  {start:14.3g} {rate:10.2e} {rate / total:9.3f}"
-        for start, rate in zip([0.0, *arch["edges"]], arch["rate_by_level"])
-    ]
-    for key in ("mechanism", "magnitude", "distance"):
-        lines.append(f"  by {key}")
-        for part in arch[f"by_{key}"]:
-            count = ", 1 collapse"
+        count = facts["classes"].get(name)
+        title = f"\nclass {name}, {count} arches" if count else f"\n{name}"
+        if "none" in arch:
+            lines.append(f"{title}: no rate, since there is no curve: {arch['none']}")
+            continue
+        bound, period = arch["rate_is_lower_bound"], arch["return_period"]
+        least, most = ("at least ", "at most ") if bound else ("", "")
+        returns = "never" if period is None else f"return period {most}{period:.4g} years"
+        chance = f"probability in {facts['years']:g} years {least}{arch['probability']:.3g}"
+        lines += [
+            f"{title}: median {arch['theta']:.4g} {facts['unit']} of {facts['measure']}, "
+            f"dispersion {arch['beta']:.3g}",
+            f"  rate of collapse of these medians {least}{arch['rate']:.3g} a year, {returns}",
+            f"  {chance}",
+        ]
+        percent = f"{100 * arch['confidence']:.0f} %"
+        if not bound:
+            rates, chances = (
+                "{:.3g} to {:.3g}".format(*arch[key]) for key in ("rate_band", "probability_band")
+            )
+            lines += [
+                f"  {percent} intervals: rate {rates} a year, probability {chances}",
+                "  mean rate over theta and beta as uncertain as they are "
+                f"{arch['rate_mean']:.3g} a year",
+            ]
+        others = list(arch["rate_by_hazard_curve"].items())[1:]
+        lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
+        for part in arch["by_mechanism"]:
+            seen = ", 1 collapse"
             if part["collapses"] > 1:  # else there is no band
-                a, b = part["band"]
-                count = f" ({percent}: {a:.3f} to {b:.3f}), {part['collapses']} collapses"
-            lines.append(f"    {part['category']:24s} {part['fraction']:6.3f}{count}")
-    return lines + [f"  caution: {caution}" for caution in arch["cautions"]]
+                likely = "{:.3f} to {:.3f}".format(*part["band"])
+                seen = f" ({percent}: {likely}), {part['collapses']} collapses"
+            lines.append(f"  by {part['category']}: {part['fraction']:.3f} of the rate{seen}")
+        lines += [f"  caution: {caution}" for caution in arch["cautions"]]
+    return "\n".join([*lines, "", *(f"assumed: {each}" for each in facts["assumptions"])])

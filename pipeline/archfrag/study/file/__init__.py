@@ -7,9 +7,8 @@ import os
 import re
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-import pandas as pd
 import yaml
 from pydantic import (
     AfterValidator,
@@ -24,19 +23,24 @@ from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError, StudyError
 
-_SHOWN = 80  # characters of a value
+if TYPE_CHECKING:
+    import pandas as pd
+
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+# Keys of earlier versions, with what to write instead.
+_FORMER = {
+    "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same numbers "
+    "as options, and write index: FOLDER/index.csv",
+}
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
-    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"),
-                    "must be a mapping of keys to values"),
-    "list_type": "must be a list",
+    "union_tag_not_found": "must be given",
+    "model_type": "must be a mapping of keys to values",
     "string_type": "must be text; put it in quotes",
     "string_unicode": "must be text in UTF-8",
-    "string_pattern_mismatch": (
-        "must begin with a letter or a digit and hold only letters, digits and _ . + -"
-    ),
-}  # fmt: skip
+    "string_pattern_mismatch": "must begin with a letter or a digit and hold only letters, digits "
+    "and _ . + -",
+}
 
 
 class Section(BaseModel):
@@ -44,26 +48,34 @@ class Section(BaseModel):
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False,
-        use_attribute_docstrings=True,
+        use_attribute_docstrings=True, defer_build=True,
     )  # fmt: skip
 
-    gone: ClassVar[dict[str, str]] = {}  # keys of earlier versions, with what to write instead
-
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Keys that a block may have; they may depend on what stands in it."""
-        return cls.model_fields
+    # Where keys depend on the value of one, or on whether a key is there: that one, keys that
+    # always may be there, and by the value or the key those that must and may be there too.
+    kind_key: ClassVar[str] = ""
+    common: ClassVar[tuple[str, ...]] = ()
+    kinds: ClassVar[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {}
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_key(cls, given: Any) -> Any:
-        allowed = list(cls.allowed_keys(given)) if isinstance(given, dict) else []
-        for key in given if isinstance(given, dict) else ():
-            if key in cls.gone:
-                raise refuse(f"no longer exists; {cls.gone[key]}", key)
+    def _check_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        by_key = next((key for key in cls.kinds if key in given), None)
+        own = (cls.kind_key,) if cls.kinds and by_key is None else ()
+        kind = by_key or str(given.get(cls.kind_key))
+        needs, may = cls.kinds.get(kind, (own, tuple(cls.model_fields)))
+        allowed = dict.fromkeys((*own, *cls.common, *needs, *may))
+        required = [name for name, about in cls.model_fields.items() if about.is_required()]
+        for key in given:
+            if key in _FORMER and key not in allowed:
+                raise refuse(f"no longer exists; {_FORMER[key]}", key)
             if key not in allowed:
                 hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
                 raise refuse(f"is not a known key; {hint}", _shown(str(key)))
+        if missing := [k for k in dict.fromkeys((*required, *needs)) if given.get(k) is None]:
+            raise refuse("must be given", *missing)
         return given
 
 
@@ -97,43 +109,33 @@ def key_path(parts: Sequence[Any]) -> str:
 def first_message(
     error: ValidationError, given: Any, written: Callable[[Sequence[Any]], str] = key_path
 ) -> str:
-    """Message on the first thing that is wrong: key, value and rule; all keys that are missing.
+    """Message on the first thing that is wrong: key, value and rule.
 
     `given` is what was validated; `written` tells how a list of keys and numbers is written.
     """
-    problems = error.errors()
-    kind, value, context = problems[0]["type"], problems[0]["input"], problems[0].get("ctx", {})
-    place = _place(problems[0]["loc"], given)
-    keys, text = context.get("keys"), context.get("text", "must be given")
-    if keys:
-        return f"{', '.join(written([*place, key]) for key in keys)} {text}"
-    if kind == "missing":
-        locations = [problem["loc"] for problem in problems if problem["type"] == kind]
-        lost = [written([*_place(location, given), location[-1]]) for location in locations]
-        return f"{', '.join(lost)} {text}"
-    if kind.startswith("union_tag"):
-        key = written([*place, context["discriminator"].strip("'")])
-        tags = context.get("expected_tags", "").replace("'", "")
-        return f"{key} = {context['tag']} must be one of {tags}" if tags else f"{key} {text}"
-    rule = re.sub("^.*? should ", "must ", _RULES.get(kind, problems[0]["msg"]))
-    shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
-    return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
-
-
-def _place(location: tuple[Any, ...], given: Any) -> list[Any]:
-    """The parts of a location that are keys of the file, without names of union members."""
-    parts = []
-    for part in location:
+    first = error.errors()[0]
+    kind, value, context = first["type"], first["input"], first.get("ctx", {})
+    place: list[Any] = []
+    for part in first["loc"]:  # without names of union members, which are no keys of the file
         with contextlib.suppress(LookupError, TypeError):
             given = given[part]
-            parts.append(part)
-    return parts
+            place.append(part)
+    if keys := context.get("keys"):
+        return f"{', '.join(written([*place, key]) for key in keys)} {context['text']}"
+    shown = "" if isinstance(value, Mapping) else f" = {_shown(value, kind.endswith('_type'))}"
+    rule = re.sub("^.*? should ", "must ", _RULES.get(kind, first["msg"]))
+    if kind.startswith("union_tag"):
+        place.append(context["discriminator"].strip("'"))
+        if "tag" in context:
+            shown = f" = {context['tag']}"
+            rule = f"must be one of {context['expected_tags']}".replace("'", "")
+    return f"{written(place) or 'the file'}{shown} {rule.replace(' after validation', '')}"
 
 
 def _shown(value: Any, quotes: bool = False) -> str:
     plain = isinstance(value, str) and value.isprintable() and not quotes
     text = value if plain else "empty" if value is None else reprlib.repr(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+    return text if len(text) <= 80 else f"{text[:80]}…"
 
 
 class _Loader(yaml.SafeLoader):
@@ -165,21 +167,17 @@ def parse_value(text: str, place: str) -> Any:
     """Read a value in YAML; StudyError with the `place` and the line if it is not valid."""
     try:
         return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = "" if mark is None else f"line {mark.line + 1}: "
-        what = f"{line}{error.problem}; check indentation, colons and quotes"
-        raise StudyError(f"{place}: {what}") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        why = " ".join(str(error).split())[:200]
-        raise StudyError(f"{place}: is not valid YAML ({why})") from error
+        why = " ".join(str(getattr(error, "problem", None) or error).split())[:200]
+        mark = getattr(error, "problem_mark", None)
+        line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
+        raise StudyError(f"{place}: {line}: {why}; check indentation and quotes") from error
 
 
-def read_csv(text: str) -> pd.DataFrame:
-    """Text in CSV as a table of text; lines that begin with # are comments.
+def read_csv(text: str) -> "pd.DataFrame":
+    """CSV as a table of text, lines that begin with # left out; InputError if it is not CSV."""
+    import pandas as pd  # takes a third of a second
 
-    InputError if it is not CSV.
-    """
     content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
     try:
         table = pd.read_csv(content, dtype=str, keep_default_na=False)

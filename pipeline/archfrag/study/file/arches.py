@@ -1,39 +1,35 @@
 """Arches as a study file gives them: one block, whose keys follow from its profile."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
-from archfrag.errors import StudyError
 from archfrag.study.file import PathText, Section, refuse
 from archfrag.study.file.vary import Vary
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
 
-_SPANNED = ("span", "rise", "thickness", "voussoirs")
+_SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
 _DRAWN = ("thickness_factor", "tolerance", "dead_load")
 # Keys that each profile needs, and keys that it may have.
 PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "circular": (
-        ("radius", "thickness", "embrace", "voussoirs"), ("sector", "joints", "dead_load"),
-    ),
+    "circular": (("radius", "thickness", "embrace", "voussoirs", "friction"),
+                 ("sector", "joints", "dead_load")),
     "segmental": (_SPANNED, ("sector", "joints", "dead_load")),
     **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", "dead_load"))),
-    "from_joints": (("intrados", "extrados"), ("free_end", "dead_load")),
-    "block": (("width", "height"), ()),
-    "polygons": (("outlines",), ("ground", *_DRAWN)),
+    "from_joints": (("intrados", "extrados", "friction"), ("free_end", "dead_load")),
+    "block": (("width", "height", "friction"), ()),
+    "polygons": (("outlines", "friction"), ("ground", *_DRAWN)),
 }  # fmt: skip
 _MATERIAL = ("friction", "density", "depth")
-_COMMON = ("id", "profile", *_MATERIAL, "recess", "vary")
-_DRAWING = ("id", *_MATERIAL, "recess", "vary", "drawing", "layer", "unit", *_DRAWN)
+_COMMON = ("id", *_MATERIAL, "recess", "vary")
 # Columns of a table that are keys of its arches.
 COLUMNS = tuple(dict.fromkeys(
-    (*_COMMON, *(key for name, (needs, may) in PROFILES.items() if name != "polygons"
-                 for key in (*needs, *may)))
+    ("profile", *_COMMON, *(key for name, both in PROFILES.items() if name != "polygons"
+                            for key in sum(both, ())))
 ))  # fmt: skip
 
 
@@ -81,6 +77,13 @@ class Recess(Section):
 class ArchEntry(Section):
     """An arch, column or block from a profile or a drawing, or many from the rows of a table."""
 
+    kind_key, common = "profile", _COMMON
+    kinds: ClassVar = {
+        "table": ((), ("table", *COLUMNS)),
+        "drawing": (("friction",), ("drawing", "layer", "unit", *_DRAWN)),
+        **PROFILES,
+    }
+
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
     profile: Literal[
@@ -89,11 +92,10 @@ class ArchEntry(Section):
     ] | None = None  # fmt: skip
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
-    """Table (CSV) with an arch in each row, relative to the study file: a column id, columns named
-    like the keys here, and attributes, which are text. Other keys hold for rows without them."""
+    """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and
+    attributes, which are text. Keys of this entry hold where a cell is empty."""
     drawing: PathText | None = None
-    """DXF file, relative to the study file, with blocks as closed polylines on one layer and
-    lines where they stand on the ground."""
+    """DXF file: blocks as closed polylines on one layer, and lines where they stand on ground."""
     layer: str | None = None
     """Layer of the blocks of a drawing; the only one with polylines if not given."""
     unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
@@ -145,26 +147,9 @@ class ArchEntry(Section):
     vary: Vary | None = None
     """Uncertain keys of the arch: sampled arches replace it."""
 
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Those of the profile; those of a drawing or a table; of an unknown profile all."""
-        if "table" in given:
-            return ("table", *COLUMNS)
-        if "drawing" in given:
-            return _DRAWING
-        needs, may = PROFILES.get(str(given.get("profile")), ((), tuple(cls.model_fields)))
-        return dict.fromkeys((*_COMMON, *needs, *may))
-
     @model_validator(mode="after")
-    def _is_complete(self) -> Self:
-        if self.table is not None:
-            return self
-        needs: tuple[str, ...] = ("friction",)
-        if self.drawing is None:
-            needs = ("profile", *PROFILES.get(self.profile or "", ((), ()))[0], *needs)
-        if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse("must be given", *missing)
-        for key, distribution in () if self.vary is None else self.vary.of.items():
+    def _have_what_varies(self) -> Self:
+        for key, distribution in self.vary.of.items() if self.vary and not self.table else ():
             if distribution.relative and getattr(self, key, None) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
@@ -176,10 +161,7 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def read(self) -> "ArchEntry":
-        """The same arch with what its drawing holds in place of the file; itself if it has none.
-
-        GeometryError if the drawing cannot be read or is not an arch.
-        """
+        """The arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
         from archfrag.arch.drawing import read_drawing
@@ -188,25 +170,18 @@ class ArchEntry(Section):
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
         given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
-        given |= {name: [each.tolist() for each in getattr(drawn, name)]
+        blocks = {name: [each.tolist() for each in getattr(drawn, name)]
                   for name in ("outlines", "ground")}  # fmt: skip
-        return ArchEntry.model_validate({**given, "profile": "polygons"})
+        return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
 
     def build(self) -> "Arch":
-        """The arch; of one that varies, that of its own values.
-
-        GeometryError if it cannot exist; StudyError for a table, which has several arches.
-        """
+        """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
         from archfrag import arch
 
-        if self.table is not None:
-            raise StudyError(f"{self.id}: is a table of arches; name one of its arches")
-        entry = self.read()
-        assert entry.profile is not None
-        needs, may = PROFILES[entry.profile]
-        values = {key: getattr(entry, key) for key in (*needs, *may, *_MATERIAL)}
-        makers: dict[str, Any] = {"block": arch.Block, "polygons": arch.Arch.from_polygons}
-        make = makers.get(entry.profile) or getattr(arch.Arch, entry.profile)
+        entry, makers = self.read(), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
+        name = str(entry.profile)
+        make: Any = makers.get(name) or getattr(arch.Arch, name)
+        values = {key: getattr(entry, key) for key in (*sum(PROFILES[name], ()), *_MATERIAL)}
         built: Arch = make(**{key: value for key, value in values.items() if value is not None})
         if entry.recess is None:
             return built

@@ -5,18 +5,15 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
-from archfrag.files import counted, read_text
+from archfrag.files import read_text
 from archfrag.study.file import first_message, meant, parse_value, read_csv
 from archfrag.study.file.arches import COLUMNS, ArchEntry
 from archfrag.study.file.vary import VARIABLE
@@ -35,8 +32,7 @@ class Member:
     entry: ArchEntry  # the arch as a study file could have given it; its `id` is unique
     # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
     arch_class: str
-    place: str  # where it comes from, for messages
-    number: int = 0  # of the sample, from 1; 0 if it was not drawn
+    place: str  # where it comes from and what was drawn for it, for messages
     record: int | None = None  # place of the one record that it meets, from 0; None: it meets all
     # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
@@ -46,12 +42,6 @@ class Member:
     def id(self) -> str:
         """Name of the arch in results."""
         return self.entry.id
-
-    @property
-    def drawn(self) -> str:
-        """What was drawn for it, in words."""
-        shown = (f"{name} = {value:.6g}" for name, value in self.values.items())
-        return f"sample {self.number} ({', '.join(shown) or 'joints'})"
 
     @cached_property
     def chain(self) -> str:
@@ -85,39 +75,23 @@ class Members(tuple[Member, ...]):
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """Numbers in which arches of a class differ: name to (n_arch,); nan where fixed."""
-        table = pd.DataFrame([member.values for member in self])
-        return {str(name): column.to_numpy(float) for name, column in table.items()}
+        names = dict.fromkeys(name for member in self for name in member.values)
+        return {n: np.array([member.values.get(n, np.nan) for member in self]) for n in names}
 
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
-        table = pd.DataFrame([member.attributes for member in self], dtype=object).fillna("")
-        return {str(name): column.tolist() for name, column in table.items()}
+        names = dict.fromkeys(name for member in self for name in member.attributes)
+        return {name: [member.attributes.get(name, "") for member in self] for name in names}
 
     def checked(self) -> "Members":
         """All arches; if there are very many, some of them at equal distances."""
         return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
 
-    def summaries(self) -> tuple[str, ...]:
-        """Classes whose arches were drawn or come from a table: how many, and how they differ."""
-        found = []
-        for name, alike in groupby(self, attrgetter("arch_class")):
-            own = Members(alike)
-            if own.ids == [name]:
-                continue
-            parts = [f"{name}: {counted(len(own), 'arch')}"]
-            for key, values in own.parameters().items():
-                low, high = np.nanmin(values), np.nanmax(values)
-                parts.append(f"{key} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
-            parts += [f"{len(set(texts))} of {key}" for key, texts in own.attributes().items()]
-            found.append(", ".join(parts))
-        return tuple(found)
-
 
 def shown(theta: Sequence[float]) -> list[int]:
     """Places of the arches that a report shows one by one, by their median capacities.
 
-    All of up to `SHOWN`; of many the weakest, the middle and the strongest. A capacity is nan
-    where there is no curve.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest. nan: no curve.
     """
     if len(theta) <= SHOWN:
         return list(range(len(theta)))
@@ -142,13 +116,13 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
     for i, entry in enumerate(entries):
         where, vary = f"arches[{i}] ({entry.id})", entry.vary
         try:
-            table = entry.table is not None
-            bases = _rows(entry, where) if table else [Member(entry.read(), entry.id, where)]
+            plain = entry.table is None
+            bases = [Member(entry.read(), entry.id, where)] if plain else [*_rows(entry, where)]
             each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
             if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
                 most = f"a study must have at most {MOST_MEMBERS}"
                 raise StudyError(f"{where}: makes {count} arches with those before it; {most}")
-            new = [member for base in bases for member in _drawn(base, n_record, table)]
+            new = [member for base in bases for member in _drawn(base, n_record or 0)]
         except GeometryError as error:
             raise StudyError(f"{where}: {error}") from None
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
@@ -159,22 +133,25 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
     return Members(found)
 
 
-def _drawn(base: Member, n_record: int | None, table: bool) -> Iterator[Member]:
+def _drawn(base: Member, n_record: int) -> Iterator[Member]:
     """The samples of an arch, or itself if it does not vary."""
     vary = base.entry.vary
     if vary is None:
         yield base
         return
-    records = [None] if vary.crossed else range(n_record or 0)
+    records = [None] if vary.crossed else range(n_record)
     owners = [record for record in records for _ in range(vary.samples)]
     # Rows of a table are drawn independently, whatever other rows there are.
-    stream = (zlib.crc32(base.id.encode()),) if table else ()
+    stream = () if base.id == base.arch_class else (zlib.crc32(base.id.encode()),)
     plain = base.entry.model_dump(exclude_none=True, exclude={"vary"})
     n_joint = 0 if vary.joints is None else base.entry.build().n_joint
     drawn = vary.draw(plain, n_joint, len(owners), stream)
     for number, ((given, values), record) in enumerate(zip(drawn, owners), start=1):
-        new = replace(base, number=number, record=record, values=base.values | values)
-        yield replace(new, entry=_entry(given, f"{base.place}: {new.drawn}"))
+        own = base.values | values
+        told = ", ".join(f"{name} = {value:.6g}" for name, value in own.items()) or "joints"
+        place = f"{base.place}: sample {number} ({told})"
+        entry = _entry(given, place)
+        yield replace(base, entry=entry, place=place, record=record, values=own)
 
 
 def _entry(given: dict[str, Any], place: str) -> ArchEntry:
@@ -184,11 +161,10 @@ def _entry(given: dict[str, Any], place: str) -> ArchEntry:
         raise StudyError(f"{place}: {first_message(error, given)}") from None
 
 
-def _rows(entry: ArchEntry, where: str) -> list[Member]:
+def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
     """The arches of a table; keys of the entry fill the cells that a row leaves empty."""
-    path = Path(entry.table or "")
-    place = f"{where}: {path}"
-    text = read_text(path, LARGEST_TABLE, StudyError, f"{where}: the table")
+    place = f"{where}: {entry.table}"
+    text = read_text(Path(entry.table or ""), LARGEST_TABLE, StudyError, f"{where}: the table")
     try:
         table = read_csv(text)
     except InputError as error:
@@ -202,41 +178,32 @@ def _rows(entry: ArchEntry, where: str) -> list[Member]:
     if (twice := table["id"].duplicated()).any():
         raise StudyError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
-    found = []
+    keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
+    numeric = [key for key in keys if key in ("voussoirs", *VARIABLE)]
     for row in table.to_dict("records"):
-        cells = {str(key): text for key, text in row.items()}
-        own = {key: _value(text, f"{place}, column {key}") for key, text in cells.items()
-               if key in COLUMNS and key != "id" and text}  # fmt: skip
-        place_of_row = f"{place}, arch {cells['id']}"
-        arch = _entry({**defaults, **own, "id": cells["id"]}, place_of_row)
+        own: dict[str, Any] = {}
+        for key in filter(row.get, keys):
+            try:  # numbers as spreadsheets write them, such as 7.0 for 7
+                number = float(row[key])
+                own[key] = int(number) if number.is_integer() else number
+            except ValueError:
+                own[key] = parse_value(row[key], f"{place}, column {key}")
+        place_of_row = f"{place}, arch {row['id']}"
+        arch = _entry({**defaults, **own, "id": row["id"]}, place_of_row)
         # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {key: getattr(arch, key) for key in cells if key in ("voussoirs", *VARIABLE)}
+        values = {key: getattr(arch, key) for key in numeric}
         numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
-        attributes = {key: text for key, text in cells.items() if key not in COLUMNS}
-        found.append(Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes))
-    return found
-
-
-def _value(text: str, place: str) -> Any:
-    """Content of a cell: YAML, but for numbers as spreadsheets write them, such as 7.0 for 7."""
-    try:
-        number = float(text)
-    except ValueError:
-        return parse_value(text, place)
-    return int(number) if number.is_integer() else number
+        attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
+        yield Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes)
 
 
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; StudyError names the first that cannot."""
-    wrong: dict[str, GeometryError] = {}
     for member in given:
         try:
             member.entry.build()
         except GeometryError as error:
-            wrong[member.id] = error
-    if wrong:
-        why = next(iter(wrong.values()))
-        raise StudyError(f"{_first(given, list(wrong))}: cannot exist: {why}") from why
+            raise StudyError(f"{member.place}: cannot exist: {error}") from error
 
 
 def check_standing(given: Members) -> None:
@@ -244,16 +211,7 @@ def check_standing(given: Members) -> None:
     from archfrag.simulate import onset
 
     check_buildable(given)
-    if wrong := [member.id for member in given if not onset(member.entry.build()).stands]:
-        how = "make it thicker, raise the friction, or narrow the distributions of what varies"
-        raise StabilityError(f"{_first(given, wrong)}: does not stand under its own weight; {how}")
-
-
-def _first(given: Members, wrong: Sequence[str]) -> str:
-    """The first wrong arch, for messages; of a sample also how many others are wrong."""
-    first = given[given.ids.index(wrong[0])]
-    if not first.number:
-        return first.place
-    alike = [member.id for member in given if member.place == first.place]
-    count = len(set(alike) & set(wrong))
-    return f"{first.place}: {count} of {len(alike)} samples, the first is {first.drawn}"
+    for member in given:
+        if not onset(member.entry.build()).stands:
+            how = "make it thicker, raise the friction, or narrow the distributions of what varies"
+            raise StabilityError(f"{member.place}: does not stand under its own weight; {how}")

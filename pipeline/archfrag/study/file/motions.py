@@ -1,7 +1,7 @@
 """What a study file says of its motions: record files, and steps that process them in order."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
@@ -16,35 +16,28 @@ if TYPE_CHECKING:
 Frequency = Annotated[float, Field(gt=0.0, le=1e4)]
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
-Tail = Annotated[float, Field(gt=0.0, le=0.5)]
-
-
-def _list(kind: Any, count: int) -> Any:
-    return Annotated[list[kind], Field(min_length=count, max_length=count)]
-
-
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+TWO, FOUR = Field(min_length=2, max_length=2), Field(min_length=4, max_length=4)
 # Steps by name: what is done, and of each setting its type, its default and its meaning.
 STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
     "demean": ("Subtract the mean of the record.", {}),
     "detrend": ("Subtract the straight line that fits best.", {}),
     "taper": ("Bring the ends to zero by half a cosine wave.", {
-        "fraction": (Tail, 0.05, "Of the record, at each end."),
+        "fraction": (Annotated[float, Field(gt=0.0, le=0.5)], 0.05, "Of the record, at each end."),
         "side": (Literal["both", "left", "right"], "both", "Which ends."),
     }),
-    "bandpass": (
-        "Butterworth filter; without one corner a low-pass, without the other a high-pass.", {
+    "bandpass": ("Butterworth filter; a low-pass or a high-pass if one corner is left out.", {
         "lowest": (Frequency, None, "Lower corner [Hz]."),
         "highest": (Frequency, None, "Upper corner [Hz]."),
         "order": (Annotated[int, Field(ge=1, le=10)], 4, "Order of one pass."),
-        "causal": (bool, False, "Forwards only; forwards and backwards, without a shift of "
-                   "phase, if not."),
+        "causal": (bool, False, "Forwards only; if not, also backwards, without a phase shift."),
     }),
     "trim": ("Keep the strong part: by the Arias intensity, by a threshold, or by times.", {
-        "arias": (_list(Annotated[float, Field(ge=0.0, le=1.0)], 2), None, "Fractions of the "
-                  "Arias intensity between which to keep, e.g. [0.001, 0.999]."),
-        "threshold_g": (Annotated[float, Field(gt=0.0, le=10.0)], None, "Keep from the first to "
-                        "the last time that this acceleration is reached [g]."),
-        "times": (_list(Seconds, 2), None, "From and to, counted from the first sample [s]."),
+        "arias": (Annotated[list[Fraction], TWO], None,
+                  "Fractions of the Arias intensity between which to keep, e.g. [0.001, 0.999]."),
+        "threshold_g": (Annotated[float, Field(gt=0.0, le=10.0)], None,
+                        "Keep from the first to the last time with this acceleration [g]."),
+        "times": (Annotated[list[Seconds], TWO], None, "From and to, from the first sample [s]."),
         "margin": (Seconds, 0.0, "Kept before and after what arias or threshold_g find [s]."),
     }),
     "resample": ("Give all records one time step, band-limited.", {
@@ -54,31 +47,21 @@ STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
         "order": (Annotated[int, Field(ge=1, le=5)], 2, "Of the polynomial."),
     }),
     "response": ("Remove the instrument's response by its StationXML (obspy).", {
-        "water_level": (Annotated[float, Field(ge=0.0, le=300.0)], 60.0, "How far below its "
-                        "largest value the response counts at most [dB]."),
-        "band": (_list(Frequency, 4), None, "What to keep: f1, f2, f3, f4 [Hz], cosine tapers "
-                 "between the first and the last two."),
+        "water_level": (Annotated[float, Field(ge=0.0, le=300.0)], 60.0,
+                        "How far below its largest value the response counts at most [dB]."),
+        "band": (Annotated[list[Frequency], FOUR], None,
+                 "f1, f2, f3, f4 [Hz] to keep: cosine tapers between the first and last two."),
     }),
     "rotate": ("Make one motion of two horizontal components, in the plane of the arch.", {
         "azimuth": (Degrees, None, "Of the arch's +x, clockwise from north [degrees]."),
-        "angle": (Degrees, None, "From the first component towards the other, where azimuths are "
-                  "not known [degrees]."),
+        "angle": (Degrees, None,
+                  "From the first component to the other, if azimuths are not known [degrees]."),
     }),
     "choose": ("Use some horizontal components only.", {
-        "components": (Annotated[list[str], Field(min_length=1)], ..., "Codes, or their last "
-                       "letters."),
+        "components": (Annotated[list[str], Field(min_length=1)], ...,
+                       "Codes, or their last letters."),
     }),
 }  # fmt: skip
-
-
-def _model(name: str) -> Any:
-    """Type of the settings of a step."""
-    text, settings = STEPS[name]
-    fields: dict[str, Any] = {
-        key: (kind | None if default is None else kind, Field(default, description=about))
-        for key, (kind, default, about) in settings.items()
-    }
-    return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
 
 
 class Step(Section):
@@ -106,14 +89,20 @@ class Step(Section):
         return found
 
 
+def _settings(name: str) -> Any:
+    """Type of the settings of a step."""
+    text, settings = STEPS[name]
+    fields: dict[str, Any] = {
+        key: (kind | None if default is None else kind, Field(default, description=about))
+        for key, (kind, default, about) in settings.items()
+    }
+    return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
+
+
 _AnyStep: Any = create_model(
-    "Step", __base__=Step, __doc__=Step.__doc__, **{name: (_model(name), None) for name in STEPS}
-)  # type: ignore[call-overload]
-Steps = Annotated[list[_AnyStep], Field(max_length=50)]
-
-
-def _words(given: Any) -> Any:
-    return given.replace(",", " ").split() if isinstance(given, str) else given
+    "Step", __base__=Step, __doc__=Step.__doc__,
+    **{name: (_settings(name), None) for name in STEPS},
+)  # type: ignore[call-overload]  # fmt: skip
 
 
 class FileSet(Section):
@@ -128,7 +117,10 @@ class FileSet(Section):
     columns: str | None = None
     """Columns of plain text: time=1,acceleration=2 or acceleration=1,dt=0.01; dt=0.01 alone reads
     all numbers, row after row; also vertical=COLUMN and skip=LINES."""
-    accept: Annotated[list[Acceptable], BeforeValidator(_words)] = Field(default_factory=list)
+    accept: Annotated[
+        list[Acceptable],
+        BeforeValidator(lambda given: given.split() if isinstance(given, str) else given),
+    ] = Field(default_factory=list)
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
     header (its peak is off by a tenth)."""
 
@@ -150,13 +142,8 @@ class Motions(Section):
     vertical: bool = False
     """Whether vertical components move the arches too, from the same file or from a matching file
     next to it, scaled as the horizontal one. Every record must then have one."""
-    processing: Steps = Field(default_factory=list)
+    processing: Annotated[list[_AnyStep], Field(max_length=50)] = Field(default_factory=list)
     """Steps applied to each record before it is measured and scaled, in this order."""
-
-    gone: ClassVar = {
-        "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same "
-        "numbers as options, and write index: FOLDER/index.csv"
-    }
 
 
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
@@ -165,13 +152,14 @@ def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None
 
     name, settings = step.name, step.settings
     if name == "trim":
-        kind = [key for key in ("arias", "threshold_g", "times") if settings[key] is not None]
-        if len(kind) != 1:
+        limits = {key: settings[key] for key in ("arias", "threshold_g", "times")}
+        kinds = [key for key, value in limits.items() if value is not None]
+        if len(kinds) != 1:
             raise InputError("one of arias, threshold_g and times is needed")
-        value, margin = settings[kind[0]], settings["margin"]
-        if kind == ["arias"]:
+        value, margin = limits[kinds[0]], settings["margin"]
+        if kinds == ["arias"]:
             changed = process.trim_by_arias(motion, value[0], value[1], margin)
-        elif kind == ["threshold_g"]:
+        elif kinds == ["threshold_g"]:
             changed = process.trim_by_threshold(motion, value * STANDARD_GRAVITY, margin)
         else:
             changed = process.cut(motion, *value)

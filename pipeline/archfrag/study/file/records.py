@@ -1,26 +1,17 @@
-"""The records of a study: read, processed, measured and stored once for all workers."""
+"""The motions of a study: measured, and stored once for all workers."""
 
-import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.files import cannot_write, make_folder, sha256_of
-from archfrag.study.file.motions import apply_step
+from archfrag.errors import InputError, StudyError
+from archfrag.files import make_folder, sha256_of
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import (
-    Source,
-    check_known,
-    find_sources,
-    needs_pairs,
-    study_inputs,
-)
+from archfrag.study.file.sources import read_sources, study_inputs
 from archfrag.study.files import canonical_json, read_json, sha256_if_there, write_text
 
 if TYPE_CHECKING:
@@ -57,126 +48,6 @@ class PreparedRecord:
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
-def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other, processed as it asks."""
-    taken: dict[str, Path] = {}
-    select = study.motions.select
-    for path, motion in _motions(study):
-        if motion.id in taken:
-            whose = f"already belongs to {taken[motion.id]}; each record needs its own"
-            raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
-        taken[motion.id] = path
-        if select is None or motion.id in select:
-            yield motion
-    check_known(select or (), taken)
-
-
-def _motions(study: Study) -> Iterator[tuple[Path, "Motion"]]:
-    """Each motion with its file."""
-    steps = {step.name: step.settings for step in study.motions.processing}
-    chosen = [code.upper() for code in steps.get("choose", {}).get("components", ())]
-    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
-    used, turned = set[Any](), set[Any]()
-    for source in find_sources(study):
-        facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
-        motions = _read(source)
-        every = tuple(motions) if needs_pairs(study) else ()
-        while motions:  # the memory of those that are done is free again
-            motion = motions.pop(0)
-            about = motion.metadata
-            code = str(about.get("component", ""))
-            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
-            record = shared if any(shared) else source.path
-            if chosen and not {code.upper(), code[-1:].upper()} & set(chosen):
-                left_out.setdefault(record, f"{source.path}: record {motion.id} ({code})")
-                continue
-            used.add(record)
-            if (source.path, code) in turned:  # the other component of a motion that was rotated
-                continue
-            motion = _with_components(study, motion, every, source)
-            if "rotate" in steps:
-                same = motion.metadata.get("file_transverse", "") == source.path.name
-                file = source.path if same else source.transverse
-                turned.add((file, motion.metadata.get("component_transverse", "")))
-            motion = _processed(study, motion, source)
-            yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
-    for record, name in left_out.items():
-        if record not in used:
-            codes = ", ".join(steps["choose"]["components"])
-            text = f"has none of the components {codes} that motions.processing chooses"
-            raise RecordError(f"{name}: {text}")
-
-
-def _read(source: Source) -> list["Motion"]:
-    from archfrag.motions.read import load_motion, read_motions
-
-    if source.entry is not None:
-        return [load_motion(source.entry)]
-    names = ("unit", "inventory", "accept", "columns", "name")
-    return read_motions(source.path, **{name: getattr(source, name) for name in names})
-
-
-def _with_components(
-    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
-) -> "Motion":
-    """Give a motion the components that the study asks for, and no others."""
-    from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
-    from archfrag.motions.read import read_vertical
-
-    alone = motion
-    if not study.motions.vertical and motion.vertical is not None:
-        labels = {**motion.metadata, "vertical_component": ""}
-        log = (*motion.log, "Vertical component left out.")
-        motion = motion._replaced(vertical=None, metadata=labels, log=log)
-    elif study.motions.vertical and motion.vertical is None:
-        vertical = None
-        if source.vertical is not None:
-            vertical = read_vertical(
-                source.vertical, source.unit, inventory=source.inventory, accept=source.accept
-            )
-        motion = with_vertical(motion, _partner(vertical, motion, source, "vertical"))
-    if not needs_pairs(study):
-        return motion
-    other = other_horizontal(alone, every)
-    if other is None and source.transverse is not None:
-        found = _read(replace(source, path=source.transverse, entry=None, name=None))
-        other = found[0] if len(found) == 1 else None
-    other = _partner(other, motion, source, "other horizontal")
-    motion = with_transverse(motion, other)
-    return motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
-
-
-def _partner(
-    partner: "Motion | None", motion: "Motion", source: Source, component: str
-) -> "Motion":
-    """Another component, without its header's event and station where an index states them."""
-    if partner is None:
-        raise RecordError(
-            f"{source.path}: record {motion.id} has no {component} component, which the study "
-            "needs. It must be in this file, in one whose name differs in the direction only (N "
-            "and E; 090, 180 and UP), or in the one other row of an index with this event and "
-            "station"
-        )
-    if source.entry is None:
-        return partner
-    unknown = dict.fromkeys(("event", "date", "station"), "")
-    return partner._replaced(metadata={**partner.metadata, **unknown})
-
-
-def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
-    for number, step in enumerate(study.motions.processing):
-        try:
-            motion = apply_step(step, motion, source.path, source.inventory)
-        except InputError as error:
-            key = f"motions.processing[{number}] ({step.name})"
-            raise RecordError(f"{source.path}: {key}: {error}") from None
-        if step.name == "rotate":
-            one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
-            common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
-            motion = motion._replaced(id=common or f"{one}+{other}")
-    return motion
-
-
 def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
     """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
     from archfrag.motions.measures import factor_of, measure_all
@@ -197,55 +68,36 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    inputs = study_inputs(study)
-    folder = make_folder(study.work / FOLDER)
-    try:
-        records = [_stored(motion, study) for motion in read_sources(study)]
-        if not records:
-            raise StudyError("motions: the study has no record; give an index or files")
-        if (select := study.motions.select) is not None:
-            records.sort(key=lambda record: select.index(record.id))
-        manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
-                    "records": [asdict(record) for record in records]}  # fmt: skip
-        write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    finally:  # no stored motions stay that the manifest does not name
-        with contextlib.suppress(InputError, OSError):
-            kept = {study.work / record.file for record in read_manifest(study)["records"]}
-            for path in set(folder.glob("*.npz")) - kept:
-                path.unlink()
-    return records
-
-
-def _stored(motion: "Motion", study: Study) -> PreparedRecord:
-    """Store a motion under the SHA-256 of the file, and describe it."""
     from archfrag.motions.motion import save_motions
 
-    (factor, measures), about = measured(motion, study), motion.metadata
-    new = study.work / FOLDER / "new.npz"
-    save_motions(new, [motion])
-    prepared = sha256_of(new)
-    file = f"{FOLDER}/{prepared[:16]}.npz"
-    os.replace(new, study.work / file)
-    samples = hashlib.sha256(float(motion.dt).hex().encode())
-    for part in (motion.acceleration, motion.vertical):
-        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    return PreparedRecord(
-        motion.id, file, about["file"], about["file_sha256"], prepared, motion.dt,
-        motion.duration, _number(about.get("Mw") or about.get("magnitude")),
-        _number(about.get("distance_km")), factor, measures,
-        event=str(about.get("event") or about.get("event_id") or ""),
-        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        raw=is_raw(motion), samples=samples.hexdigest(),
-    )  # fmt: skip
-
-
-def _number(value: Any) -> float | None:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return None
+    inputs, records = study_inputs(study), list[PreparedRecord]()
+    folder = make_folder(study.work / FOLDER)
+    for motion in read_sources(study):
+        (factor, measures), about = measured(motion, study), motion.metadata
+        save_motions(folder / "new.npz", [motion])
+        prepared = sha256_of(folder / "new.npz")
+        os.replace(folder / "new.npz", folder / f"{prepared[:16]}.npz")
+        samples = hashlib.sha256(float(motion.dt).hex().encode())
+        for part in (motion.acceleration, motion.vertical):
+            samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+        records.append(PreparedRecord(
+            motion.id, f"{FOLDER}/{prepared[:16]}.npz", about["file"], about["file_sha256"],
+            prepared, motion.dt, motion.duration, about.get("Mw") or about.get("magnitude"),
+            about.get("distance_km"), factor, measures,
+            event=str(about.get("event") or about.get("event_id") or ""),
+            accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
+            raw=is_raw(motion), samples=samples.hexdigest(),
+        ))  # fmt: skip
+    if not records:
+        raise StudyError("motions: the study has no record; give an index or files")
+    if (select := study.motions.select) is not None:
+        records.sort(key=lambda record: select.index(record.id))
+    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
+                "records": [asdict(record) for record in records]}  # fmt: skip
+    write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
+    for path in set(folder.glob("*.npz")) - {study.work / record.file for record in records}:
+        path.unlink()
+    return records
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
@@ -262,19 +114,14 @@ def read_manifest(study: Study) -> dict[str, Any]:
 
 
 def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored.
-
-    InputError if there are none yet, they are of other records or another measure, or a stored
-    motion is not the one that was prepared.
-    """
-    manifest, path = read_manifest(study), study.work / MANIFEST
+    """Records that `prepare_motions` stored; InputError if they are not the study's or damaged."""
+    manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
-        raise InputError(f"{path}: was made for {other}; {_AGAIN}")
-    records: list[PreparedRecord] = manifest["records"]
-    for record in records:
+        raise InputError(f"{study.work / MANIFEST}: was made for {other}; {_AGAIN}")
+    for record in manifest["records"]:
         _check_stored(study.work, record)
-    return records
+    return list(manifest["records"])
 
 
 def load_record(work: Path, record: PreparedRecord) -> "Motion":

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -17,8 +16,7 @@ from archfrag.study.file import PathText, Section, first_message, parse_value, r
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, expand, needs_records
 from archfrag.study.file.motions import Motions
-from archfrag.study.runs import Stripes
-from archfrag.study.runs.ida import AnyDesign
+from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 # Keys whose values are paths, or lists of them.
@@ -63,8 +61,7 @@ class Intensity(Section):
     """PGA, PGV, PGD, Arias, CAV, HI, or, with periods from 0.01 to 20 s, Sa(T) or AvgSA(T1,T2);
     RotD50() or RotD100() of PGA, PGV or Sa(T)."""
     unit: str
-    """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities, m
-    or cm for lengths."""
+    """Unit of the levels: of accelerations g, m/s2, cm/s2 or gal, else m/s or cm/s, m or cm."""
     levels: Annotated[
         Annotated[list[Level], Field(min_length=1, max_length=MOST_LEVELS), Tag("list")]
         | Annotated[LevelRange, Tag("range")],
@@ -77,16 +74,14 @@ class Intensity(Section):
     def _agree(self) -> Self:
         from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 
+        low, high = PERIODS
         try:
-            periods = parse_measure(self.measure).periods
+            if not all(low <= period <= high for period in parse_measure(self.measure).periods):
+                raise InputError(f"must have periods from {low:g} to {high:g} s")
+            if not scaling_exponent(self.measure):
+                raise InputError("no motion can be scaled to it")
         except InputError as error:
             raise refuse(f"= {self.measure}: {error}", "measure") from None
-        low, high = PERIODS
-        if not all(low <= period <= high for period in periods):
-            rule = f"must have periods from {low:g} to {high:g} s"
-            raise refuse(f"= {self.measure} {rule}", "measure")
-        if not scaling_exponent(self.measure):
-            raise refuse(f"= {self.measure}: no motion can be scaled to it", "measure")
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if self.unit not in allowed:
             text = f"must be one of {', '.join(allowed)}, the units of {self.measure}"
@@ -144,14 +139,10 @@ class Method(Section):
 
 
 class LimitStates(Section):
-    """Damage before collapse, from the same runs.
-
-    Motion, the first impact, loss of contact at a joint and collapse need no number.
-    """
+    """Damage before collapse; motion, first impact, lost contact and collapse need no number."""
 
     rotation: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
-    """Peak rotation over the static limit: the rotation at which the mechanism of onset is in
-    unstable equilibrium."""
+    """Peak rotation over that at which the mechanism of onset is in unstable equilibrium."""
     residual: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
     """Residual displacement over the mean length of the joints."""
 
@@ -169,8 +160,7 @@ class RiskKeys(Section):
     """A hazard curve, for the rate of collapse."""
 
     hazard: PathText
-    """CSV of intensity and annual rate or probability, or a file of OpenQuake; relative to the
-    study file."""
+    """CSV of intensity and annual rate or probability, or a file of OpenQuake."""
     unit: str | None = None
     """Unit of its intensities if the file does not state it."""
     years: Annotated[float, Field(gt=0.0, le=1e4)] = 50.0
@@ -183,12 +173,10 @@ class Execution(Section):
     """Where and in what portions the study runs; never changes a result."""
 
     workers: Annotated[int, Field(ge=1)] | None = None
-    """Number of one-thread processes; as many as cores by default. A batch makes its first five
-    seconds of runs without them."""
+    """Number of one-thread processes; as many as cores by default."""
     scheduler: str | None = None
     """Address of a running dask scheduler, to use instead of own workers. It executes any code
-    sent to it under your account: use tls:// with the certificates of dask's configuration, or
-    a private network."""
+    sent to it: use tls:// with the certificates of dask's configuration, or a private network."""
     chunk: Annotated[int, Field(ge=1)] | None = None
     """Runs in one part file; depends on the number of runs if not given."""
     batches: Annotated[int, Field(ge=1, le=999)] = 1
@@ -217,6 +205,8 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
+    _expanded: dict[int | None, Members] = {}  # noqa: RUF012  # each study gets a copy
+
     @property
     def folder(self) -> Path:
         """Folder of the results: what is for people."""
@@ -230,23 +220,16 @@ class Study(Section):
     def members(self, n_record: int | None = None) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
         key = n_record if needs_records(self.arches) else None
-        of, found = self._expanded.get(key, (None, Members()))
-        if of is not self.arches:  # not yet, or of the study that this one is a copy of
-            found = expand(self.arches, key)
-            self._expanded[key] = self.arches, found
-        return found
-
-    @cached_property
-    def _expanded(self) -> dict[int | None, tuple[Any, Members]]:
-        return {}
+        if key not in self._expanded:
+            self._expanded[key] = expand(self.arches, key)
+        return self._expanded[key]
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
-    `overrides` are texts ``key.key=value``, the value in YAML, over the file's; paths in them are
-    relative to the current folder. StudyError is one message with the file, the key, its value
-    and what is allowed.
+    `overrides` are texts ``key.key=value``, the value in YAML; paths in them are relative to the
+    current folder. StudyError is one message with file, key, value and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
@@ -288,12 +271,12 @@ def _override(given: dict[str, Any], text: str) -> None:
         raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
     name = next((part for part in reversed(parts) if not part.isdigit()), "")
-    *outer, last = parts
     block: Any = given
     try:
-        for part in outer:
+        for part in parts[:-1]:
             block = block.setdefault(part, {}) if isinstance(block, dict) else block[int(part)]
-        block[last if isinstance(block, dict) else int(last)] = _from_here(value, name)
+        last = parts[-1] if isinstance(block, dict) else int(parts[-1])
+        block[last] = _from_here(value, name)
     except (IndexError, TypeError, ValueError):
         what = "a list is counted from 0, and only a block or a list has keys"
         raise StudyError(f"--set {text}: the study has no such place; {what}") from None

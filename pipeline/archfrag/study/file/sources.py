@@ -1,32 +1,27 @@
-"""The record files of a study: found by an index or by patterns, each with how to read it."""
+"""The records of a study: found by an index or by patterns, read and processed."""
 
 import fnmatch
 import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.files import sha256_of
+from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
-from archfrag.motions.index import (
-    INDEX_NAME,
-    IndexEntry,
-    find_entry,
-    goes_with_records,
-    load_index,
-)
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import meant
-from archfrag.study.file.motions import FileSet
+from archfrag.study.file.motions import FileSet, apply_step
 from archfrag.study.file.schema import Study
 from archfrag.study.files import KINDS, Inputs, sha256_if_there
 
 if TYPE_CHECKING:
-    from archfrag.motions.formats.columns import Columns
+    from archfrag.motions.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -34,14 +29,12 @@ class Source:
     """A record file, and how to read it."""
 
     path: Path
-    unit: str | None = None
-    inventory: str | None = None
-    accept: tuple[str, ...] = ()
-    columns: "Columns | None" = None
+    options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
+    entry: index.IndexEntry | None = None  # row of the study's index
     name: str | None = None  # what ids begin with, where the file's own name is not enough
-    entry: IndexEntry | None = None  # row of the study's index
-    vertical: Path | None = None  # file of that component, if asked for and not in the record's
-    transverse: Path | None = None  # file of the other horizontal component, if it is needed
+    # Files of the components "vertical" and "transverse" (the other horizontal) that are asked
+    # for, unless they are in the record's own.
+    others: dict[str, Path] = field(default_factory=dict)
 
 
 def needs_pairs(study: Study) -> bool:
@@ -51,19 +44,16 @@ def needs_pairs(study: Study) -> bool:
 
 
 def find_sources(study: Study) -> list[Source]:
-    """Find the record files of a study, in the order of its results.
+    """Find the record files of a study.
 
-    StudyError or RecordError if a file or an id is missing, or a file is found twice with
-    different settings.
+    StudyError or RecordError for a file or id that is missing, or is there with two settings.
     """
     asked = study.motions
-    rows = [] if asked.index is None else load_index(asked.index)
-    used = rows
-    if asked.select is not None and not asked.files:
-        table = {row.id: row for row in rows}
-        check_known(asked.select, table)
-        used = [table[name] for name in dict.fromkeys(asked.select)]
-    indexed = [Source(row.path, row.unit or None, accept=row.accept, entry=row) for row in used]
+    rows = [] if asked.index is None else index.load_index(asked.index)
+    select = None if asked.files else asked.select  # of files the ids are known when read
+    check_known(select or (), [row.id for row in rows])
+    indexed = [Source(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+               for row in rows if select is None or row.id in select]  # fmt: skip
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
         key = f"motions.files[{number}]"
@@ -72,12 +62,17 @@ def find_sources(study: Study) -> list[Source]:
             if given.setdefault(source.path, source) != source:
                 other = "another unit, inventory, columns or accept"
                 raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
-    for source in (*indexed, *given.values()):
+    every = [*indexed, *given.values()]
+    for source in every:
         check_file(source.path)
-        if source.inventory is not None:
-            check_file(Path(source.inventory))
-    found = _without_verticals(indexed) + _with_names(_without_verticals(list(given.values())))
-    return _with_partners(found, study, rows)
+        if inventory := source.options.get("inventory"):
+            check_file(Path(inventory))
+    # Without those that hold only the vertical component of another one's record.
+    verticals = vertical_files(sorted({source.path for source in every}))
+    sites = {_site(source.entry) for source in every if not _is_vertical(source.entry)} - {None}
+    found = [source for source in every if source.path not in verticals
+             and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
+    return _with_partners(_with_names(found), study, rows)
 
 
 def study_inputs(study: Study) -> Inputs:
@@ -85,16 +80,14 @@ def study_inputs(study: Study) -> Inputs:
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
-    sources, index = find_sources(study), study.motions.index
-    others = (path for s in sources for path in (s.vertical, s.transverse) if path is not None)
-    records = [*(source.path for source in sources), *others]
+    sources, given = find_sources(study), study.motions.index
+    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     places = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
-    if index is not None:
-        given = Path(index)
-        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
+    indices = [place / index.INDEX_NAME for each in places for place in (each, each.parent)]
+    if given is not None:
+        indices.insert(0, Path(given, index.INDEX_NAME if os.path.isdir(given) else ""))
     names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
+    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for place in places:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         every = sorted(place.glob("*.xml"))
@@ -116,38 +109,35 @@ def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
 
 
 def _from_files(files: FileSet, key: str) -> list[Source]:
-    from archfrag.motions.formats.columns import parse_columns
-
-    pattern = Path(files.path)
-    paths = [pattern]
+    pattern, paths = Path(files.path), [Path(files.path)]
     if glob.has_magic(files.path) and not pattern.is_file():
         # Folders match as they are written, names in any case.
-        place, name = str(pattern.parent), fnmatch.translate(pattern.name)
+        place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
         folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
         every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
-        alike = [path for path in every if re.match(name, path.name, re.IGNORECASE)]
-        paths = sorted(path for path in alike if not goes_with_records(path))
+        paths = sorted(p for p in every if name.match(p.name) and not index.goes_with_records(p))
         if not paths:
             raise StudyError(f"{key}: no file matches {files.path}")
-    try:
-        columns = None if files.columns is None else parse_columns(files.columns)
-    except InputError as error:
-        raise StudyError(f"{key}: {error}") from None
-    known = files.unit, files.inventory, tuple(files.accept), columns
-    return [Source(path, *known) for path in paths]
+    options = files.model_dump(exclude={"path"})
+    if files.columns is not None:
+        from archfrag.motions.formats.columns import parse_columns
+
+        try:
+            options["columns"] = parse_columns(files.columns)
+        except InputError as error:
+            raise StudyError(f"{key}: {error}") from None
+    return [Source(path, options) for path in paths]
 
 
 def _with_names(sources: list[Source]) -> list[Source]:
-    """Give sources whose ids would be equal the names of their folders too.
-
-    Folders that they have in common do not count, so that a study can be moved.
-    """
-    from archfrag.motions.read import record_name
-
-    stems = Counter(source.path.stem for source in sources)
+    """Give sources whose ids would be equal the names of their folders too, but common ones."""
+    plain = [source for source in sources if source.entry is None]
+    stems = Counter(source.path.stem for source in plain)
     alike: dict[str, list[Path]] = {}
-    for source in sources:
-        if stems[source.path.stem] > 1 and find_entry(source.path) is None:
+    for source in plain:
+        if stems[source.path.stem] > 1 and index.find_entry(source.path) is None:
+            from archfrag.motions.read import record_name  # imports obspy
+
             alike.setdefault(record_name(source.path), []).append(source.path)
     names: dict[Path, str] = {}
     for name, paths in alike.items():
@@ -159,25 +149,12 @@ def _with_names(sources: list[Source]) -> list[Source]:
     return [replace(source, name=names.get(source.path)) for source in sources]
 
 
-def _without_verticals(sources: Sequence[Source]) -> list[Source]:
-    """Sources without those that hold only the vertical component of another one's record."""
-    by_name = vertical_files(sorted({source.path for source in sources}))
-    horizontals = [s.entry for s in sources if s.entry is not None and not _is_vertical(s.entry)]
-    return [
-        source
-        for source in sources
-        if source.path not in by_name
-        and not (_is_vertical(source.entry) and _of_record(source.entry, horizontals))
-    ]
-
-
 def _with_partners(
-    sources: list[Source], study: Study, rows: Sequence[IndexEntry]
+    sources: list[Source], study: Study, rows: Sequence[index.IndexEntry]
 ) -> list[Source]:
     """Sources with the files of the other components that are asked for.
 
-    A row of the index with the same event and station comes before a file of nearly the same
-    name; what is in the record's own file comes before both when it is read.
+    A row of the index with the same event and station comes before a file of nearly the same name.
     """
     asked = {"transverse": needs_pairs(study), "vertical": study.motions.vertical}
     if not any(asked.values()):
@@ -185,26 +162,123 @@ def _with_partners(
     by_name = {place: partners(folder_names(place)) for place in {s.path.parent for s in sources}}
     found = []
     for source in sources:
-        files: dict[str, Path] = {}
-        for (kind, requested), names in zip(asked.items(), by_name[source.path.parent]):
-            of_kind = [row for row in rows if _is_vertical(row) == (kind == "vertical")]
-            alike = _of_record(source.entry, of_kind)
-            if requested and len(alike) == 1:
-                files[kind] = alike[0].path
-            elif requested and source.path.name in names:
-                files[kind] = source.path.with_name(names[source.path.name])
-        found.append(replace(source, **files))  # type: ignore[arg-type]
+        others, site = {}, _site(source.entry)
+        alike = [row for row in rows if site and _site(row) == site and row is not source.entry]
+        for kind, names in zip(asked, by_name[source.path.parent]):
+            paths = [row.path for row in alike if _is_vertical(row) == (kind == "vertical")]
+            if len(paths) != 1 and (named := names.get(source.path.name)):
+                paths = [source.path.with_name(named)]
+            if asked[kind] and len(paths) == 1:
+                others[kind] = paths[0]
+        found.append(replace(source, others=others))
     return found
 
 
-def _is_vertical(row: IndexEntry | None) -> bool:
+def _is_vertical(row: index.IndexEntry | None) -> bool:
     return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
 
 
-def _of_record(row: IndexEntry | None, rows: Sequence[IndexEntry]) -> list[IndexEntry]:
-    """Other rows of the same event and station, if both are known."""
-    if row is None:
-        return []
-    own = {key: row.metadata.get(key) for key in ("event", "station")}
-    alike = [each for each in rows if {key: each.metadata.get(key) for key in own} == own]
-    return [each for each in alike if each is not row] if all(own.values()) else []
+def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
+    """Event and station of a row of an index, if both are known."""
+    found = (row.metadata.get("event"), row.metadata.get("station")) if row else (None, None)
+    return found if all(found) else None
+
+
+def read_sources(study: Study) -> Iterator["Motion"]:
+    """Read the motions of a study one after the other, processed as it asks."""
+    select, steps = study.motions.select, {s.name: s.settings for s in study.motions.processing}
+    chosen = steps.get("choose", {}).get("components", ())
+    taken: dict[str, Path] = {}
+    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
+    used, turned = set[Any](), set[Any]()
+    for source in find_sources(study):
+        path, every = source.path, _read(source)
+        facts = {"file": path.name, "file_sha256": sha256_of(path)}
+        for motion in every:
+            about, code = motion.metadata, str(motion.metadata.get("component", ""))
+            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
+            record = shared if any(shared) else path
+            if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
+                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+                continue
+            used.add(record)
+            if (path, code) in turned:  # the other component of a motion that was rotated
+                continue
+            motion = _with_components(study, motion, every, source)
+            if "rotate" in steps:
+                same = motion.metadata.get("file_transverse", "") == path.name
+                file = path if same else source.others.get("transverse")
+                turned.add((file, motion.metadata.get("component_transverse", "")))
+            motion = _processed(study, motion, source)
+            if motion.id in taken:
+                whose = f"already belongs to {taken[motion.id]}; each record needs its own"
+                raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
+            taken[motion.id] = path
+            if select is None or motion.id in select:
+                yield motion._replaced(metadata={**motion.metadata, **facts})
+    if lost := [name for record, name in left_out.items() if record not in used]:
+        text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
+        raise RecordError(f"{lost[0]}: {text}")
+    check_known(select or (), taken)
+
+
+def _read(source: Source) -> list["Motion"]:
+    from archfrag.motions.read import load_motion, read_motions
+
+    if source.entry is not None:
+        return [load_motion(source.entry)]
+    return read_motions(source.path, name=source.name, **source.options)
+
+
+def _with_components(
+    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
+) -> "Motion":
+    """Give a motion the components that the study asks for, and no others."""
+    from archfrag.motions.partners import other_horizontal, with_transverse, with_vertical
+    from archfrag.motions.read import read_vertical
+
+    others: dict[str, Motion | None] = {}
+    if study.motions.vertical and motion.vertical is None:
+        file = source.others.get("vertical")
+        others["vertical"] = None if file is None else read_vertical(file, **source.options)
+    if needs_pairs(study):
+        other, file = other_horizontal(motion, every), source.others.get("transverse")
+        if other is None and file is not None:
+            found = _read(replace(source, path=file, entry=None, name=None))
+            other = found[0] if len(found) == 1 else None
+        others["other horizontal"] = other
+    if motion.vertical is not None and not study.motions.vertical:
+        labels = {**motion.metadata, "vertical_component": ""}
+        log = (*motion.log, "Vertical component left out.")
+        motion = motion._replaced(vertical=None, metadata=labels, log=log)
+    for component, other in others.items():
+        if other is None:
+            raise RecordError(
+                f"{source.path}: record {motion.id} has no {component} component, which the study "
+                "needs. It must be in this file, in one whose name differs in the direction only "
+                "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
+                "and station"
+            )
+        if source.entry is not None:  # an index states what the headers may spell differently
+            labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
+            other = other._replaced(metadata=labels)
+        if component == "vertical":
+            motion = with_vertical(motion, other)
+        else:
+            motion = with_transverse(motion, other)
+            motion = motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
+    return motion
+
+
+def _processed(study: Study, motion: "Motion", source: Source) -> "Motion":
+    for number, step in enumerate(study.motions.processing):
+        try:
+            motion = apply_step(step, motion, source.path, source.options.get("inventory"))
+        except InputError as error:
+            key = f"motions.processing[{number}] ({step.name})"
+            raise RecordError(f"{source.path}: {key}: {error}") from None
+        if step.name == "rotate":
+            one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
+            common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
+            motion = motion._replaced(id=common or f"{one}+{other}")
+    return motion

@@ -1,7 +1,7 @@
 """Uncertain keys of an arch: their distributions, correlations and sampling."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -17,13 +17,6 @@ VARIABLE = (
     "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
     "friction", "dead_load", "thickness_factor",
 )  # fmt: skip
-# Keys that each distribution needs, and keys that it may have.
-DISTRIBUTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "normal": (("mean",), ("cov", "sd", "lower", "upper")),
-    "lognormal": (("median", "beta"), ("lower", "upper")),
-    "uniform": (("start", "stop"), ()),
-    "triangular": (("start", "mode", "stop"), ()),
-}
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(gt=0.0, le=1e12)]
 Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
@@ -31,6 +24,14 @@ Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 
 class Distribution(Section):
     """Distribution of one key, in the unit of the key."""
+
+    kind_key, common = "distribution", ("relative",)
+    kinds: ClassVar = {
+        "normal": (("mean",), ("cov", "sd", "lower", "upper")),
+        "lognormal": (("median", "beta"), ("lower", "upper")),
+        "uniform": (("start", "stop"), ()),
+        "triangular": (("start", "mode", "stop"), ()),
+    }
 
     distribution: Literal["normal", "lognormal", "uniform", "triangular"]
     mean: Value | None = None
@@ -56,18 +57,8 @@ class Distribution(Section):
     relative: bool = False
     """Whether values are factors on the key of the arch, which may be a list."""
 
-    @classmethod
-    def allowed_keys(cls, given: Mapping[str, Any]) -> Iterable[str]:
-        """Those of the distribution; of an unknown one all."""
-        name = str(given.get("distribution"))
-        needs, may = DISTRIBUTIONS.get(name, (tuple(cls.model_fields), ()))
-        return dict.fromkeys(("distribution", *needs, *may, "relative"))
-
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        needs = DISTRIBUTIONS[self.distribution][0]
-        if missing := [key for key in needs if getattr(self, key) is None]:
-            raise refuse("must be given", *missing)
         if self.distribution == "normal" and (self.cov is None) == (self.sd is None):
             raise refuse("must have one of cov and sd")
         if self.cov is not None and self.mean is not None and self.mean <= 0.0:
@@ -75,7 +66,7 @@ class Distribution(Section):
         ends = [value for value in (self.start, self.mode, self.stop) if value is not None]
         if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
             values = ", ".join(f"{end:g}" for end in ends)
-            raise refuse(f"must have {' <= '.join(needs)}, not {values}")
+            raise refuse(f"must increase from start to stop, not {values}")
         try:
             self.marginal().quantile(0.5)
         except InputError as error:
@@ -126,27 +117,25 @@ class JointScatter(Section):
         """Draw the keys of an arch whose joints differ from each other."""
         from archfrag.arch.uncertain import to_digits
 
-        drawn = {}
+        keys: dict[str, Any] = {}
         # All are drawn, so that one key more leaves the others' numbers as they are.
         for name, distribution in self:
             points = np.clip(generator.random(n_joint), 2.0**-32, 1.0 - 2.0**-32)
-            if distribution is not None:
-                drawn[name] = to_digits(distribution.marginal().quantile(points))
-        keys: dict[str, Any] = {}
-        if "friction" in drawn:
-            friction = np.asarray(given["friction"]) * drawn["friction"]
-            keys["friction"] = to_digits(friction).tolist()
-        for side in ("intrados", "extrados"):
-            if f"recess_{side}" in drawn:
-                own = {side: drawn[f"recess_{side}"].tolist()}
-                keys["recess"] = given.get("recess", {}) | keys.get("recess", {}) | own
-        if "position" in drawn:  # the springings stay where they are
-            end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
-            step = end / count
-            joints = given.get("joints") or [*(step * j for j in range(count)), end]
-            moved = np.asarray(joints[1:-1]) + step * drawn["position"][1:-1]
-            inner = (float(f"{joint:.12g}") for joint in moved)
-            keys["joints"] = [float(joints[0]), *inner, float(joints[-1])]
+            if distribution is None:
+                continue
+            values = to_digits(distribution.marginal().quantile(points))
+            if name == "friction":
+                keys[name] = to_digits(np.asarray(given[name]) * values).tolist()
+            elif name == "position":  # the springings stay where they are
+                end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
+                step = end / count
+                joints = given.get("joints") or [*(step * j for j in range(count)), end]
+                moved = np.asarray(joints[1:-1]) + step * values[1:-1]
+                inner = (float(f"{joint:.12g}") for joint in moved)
+                keys["joints"] = [float(joints[0]), *inner, float(joints[-1])]
+            else:
+                side = {name.removeprefix("recess_"): values.tolist()}
+                keys["recess"] = keys.get("recess", given.get("recess", {})) | side
         return keys
 
 
@@ -172,13 +161,13 @@ class Vary(Section):
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
+        from archfrag.arch.uncertain import correlation_factor
+
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
             raise refuse("must have a key of or joints: nothing varies")
         if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
-        from archfrag.arch.uncertain import correlation_factor
-
         try:
             correlation_factor(list(self.of), self.correlation)
         except InputError as error:
@@ -190,19 +179,18 @@ class Vary(Section):
     ) -> Iterator[tuple[dict[str, Any], dict[str, float]]]:
         """Draw arches: all keys of each, and the values of those that were drawn.
 
-        Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`). What differs from joint to
-        joint is drawn by plain random numbers, which are the same for the n-th sample of a seed
-        whatever the number of samples: no design of a few points is even in as many coordinates
-        as there are joints, and an arch averages over its joints. `plain` has the keys of the arch
-        itself; `stream` distinguishes its numbers from those of other arches.
+        Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from
+        joint to joint by plain random numbers, the same for the n-th sample of a seed whatever
+        the number of samples: no design of a few points is even in as many coordinates as there
+        are joints. `plain` has the keys of the arch itself; `stream` makes its numbers its own.
         """
         from archfrag.arch.uncertain import sample, to_digits
 
         seed = (self.seed, *stream)
-        marginals = {key: distribution.marginal() for key, distribution in self.of.items()}
         values = sample(
-            marginals, count, scheme=self.scheme, seed=seed, correlation=self.correlation
-        )
+            {key: distribution.marginal() for key, distribution in self.of.items()}, count,
+            scheme=self.scheme, seed=seed, correlation=self.correlation,
+        )  # fmt: skip
         for i in range(count):
             given, drawn = {**plain, "id": f"{plain['id']}-{i + 1:04d}"}, {}
             for key, distribution in self.of.items():
@@ -214,8 +202,7 @@ class Vary(Section):
             if "embrace" in self.of and "joints" in plain:
                 # Joints in degrees keep their parts of an angle of embrace that varies.
                 ratio = given["embrace"] / plain["embrace"]
-                inner = (joint * ratio for joint in plain["joints"][:-1])
-                given["joints"] = [*inner, given["embrace"]]
+                given["joints"] = [*(j * ratio for j in plain["joints"][:-1]), given["embrace"]]
             if self.joints is not None:
                 # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
                 generator = np.random.default_rng([*seed, i, 1])

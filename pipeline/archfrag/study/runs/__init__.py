@@ -1,162 +1,23 @@
-"""The runs of a study, and the designs that ask for them and estimate the curve from verdicts.
+"""The runs of a study, and all designs that ask for them, each in a file of its own."""
 
-A design asks by a generator for each arch, which yields the runs requested, is sent their verdicts
-and returns facts for the report. What it asks for follows from the verdicts alone: the same study
-asks for the same runs whatever the workers, and a study that was stopped goes on by asking again.
-"""
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from pydantic import Field, TypeAdapter
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from archfrag.study.runs.cloud import Cloud
+from archfrag.study.runs.design import Design
+from archfrag.study.runs.ida import Ida
+from archfrag.study.runs.stripes import Stripes
 
-from archfrag.fragility.counts import Brackets
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file import Section
+__all__ = ["AnyDesign", "Design", "Stripes", "design_of"]
 
-if TYPE_CHECKING:
-    from archfrag.fragility.quoted import QuotedBand
-
-# A run: `place` is the number of the study's level, 0 where a run has a level of its own.
-CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
-Cases = NDArray[np.void]
-Verdicts = NDArray[np.int8]
-Requests = Generator[Cases, Verdicts, dict[str, Any]]
+# By the key `design` of a study file.
+AnyDesign = Annotated[Stripes | Ida | Cloud, Field(discriminator="kind")]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Records and levels of one arch's part of a study."""
-
-    arch: int
-    records: NDArray[np.int64]  # (n_record,): their numbers
-    levels: FloatArray  # (n_level,): [SI]
-    unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
-    power: float  # a level grows with the factor to the power 1 / `power`
-    # (n_record, n_measure): logarithms of other intensity measures of the records where the
-    # study's own is 1.
-    measures: FloatArray
-    # (n_record,): labels of the records' earthquakes, where several have one in common.
-    groups: NDArray[np.str_] | None = None
-
-    def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
-        """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
-        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
-        cases = np.empty(row.size, CASE)
-        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], place
-        cases["level"] = self.levels[place] if level is None else level
-        return cases
-
-
-class Design(Section):
-    """Which runs are made, and how the curve follows from them."""
-
-    kind: str
-    on_levels: ClassVar[bool] = True  # whether runs are made at the study's levels
-    adaptive: ClassVar[bool] = False  # whether runs requested depend on verdicts of others
-    text: ClassVar[str] = ""  # for the report
-
-    def requests(self, grid: Grid) -> Requests:
-        """Ask for the runs of one arch."""
-        raise NotImplementedError
-
-    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch, and whether that is meant exactly, about or at most."""
-        raise NotImplementedError
-
-    def estimate(
-        self, found: Brackets, im: ArrayLike, confidence: float = 0.9,
-        groups: ArrayLike | None = None, unit: str = "event",
-    ) -> "QuotedBand":  # fmt: skip
-        """Curve and band; arguments and errors are those of `quoted_band`."""
-        from archfrag.fragility.quoted import quoted_band
-
-        return quoted_band(found, im, confidence=confidence, groups=groups, unit=unit)
-
-    def likelihood(self, found: Brackets) -> Fragility:
-        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
-        from archfrag.fragility.fit import fit_stripes
-
-        decided = found.collapsed | found.survived
-        level, place = np.unique(found.levels[decided], return_inverse=True)
-        collapsed = np.bincount(place, found.collapsed[decided], level.size)
-        return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
-
-
-class Stripes(Design):
-    """Every record at every level."""
-
-    kind: Literal["stripes"] = "stripes"
-    text = "every record at every level"
-
-    def requests(self, grid: Grid) -> Requests:
-        """Ask for all runs at once."""
-        n_record, n_level = grid.records.size, grid.levels.size
-        verdicts = yield grid.cases(*np.divmod(np.arange(n_record * n_level), n_level))
-        return {"runs": len(verdicts)}
-
-    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch."""
-        return n_record * n_level, "exactly"
-
-
-class Cloud(Design):
-    """Every record once, as it is or by one factor."""
-
-    kind: Literal["cloud"]
-    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
-    """On every record."""
-    on_levels = False
-    text = "every record once"
-
-    def requests(self, grid: Grid) -> Requests:
-        """Ask for all runs at once."""
-        level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
-        verdicts = yield grid.cases(np.arange(level.size), 0, level)
-        return {"runs": len(verdicts), "records": len(verdicts)}
-
-    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
-        """Runs of an arch."""
-        return n_record, "exactly"
-
-    def estimate(
-        self, found: Brackets, im: ArrayLike, confidence: float = 0.9,
-        groups: ArrayLike | None = None, unit: str = "event",
-    ) -> "QuotedBand":  # fmt: skip
-        """Curve and band from single runs, each with a motion of its own."""
-        from archfrag.fragility.quoted import quoted_runs
-
-        decided = found.collapsed | found.survived
-        level, collapsed = found.levels[decided], found.collapsed[decided]
-        return quoted_runs(level, collapsed, im, confidence=confidence)
-
-
-def ask(
-    requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
-) -> tuple[Cases, dict[int, dict[str, Any]]]:
-    """Ask the designs of all arches, by `Design.requests`, until none requests a run.
-
-    `decide` takes the runs of one iteration and returns their verdicts in the same order. Returned
-    are all runs requested, and what each design returned, by arch.
-    """
-    requested, notes = [np.empty(0, CASE)], {}
-    answers: list[tuple[int, Verdicts | None]] = [(arch, None) for arch in requests]
-    while True:
-        iteration: dict[int, Cases] = {}
-        for arch, verdicts in answers:
-            try:
-                cases = requests[arch].send(verdicts)  # type: ignore[arg-type]  # None starts it
-                while not len(cases):
-                    cases = requests[arch].send(np.empty(0, np.int8))
-                iteration[arch] = cases
-            except StopIteration as over:
-                notes[arch] = over.value
-        if not iteration:
-            return np.concatenate(requested), notes
-        requested.append(np.concatenate(list(iteration.values())))
-        verdicts = decide(requested[-1])
-        ends = np.cumsum([len(cases) for cases in iteration.values()])
-        answers = list(zip(iteration, np.split(verdicts, ends[:-1])))
+def design_of(facts: Mapping[str, Any]) -> Design:
+    """The design of a cube, whose facts may hold those of its arches too."""
+    keys = {key: value for key, value in facts.items() if key != "arches"}
+    found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
+    return found

@@ -15,9 +15,10 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -27,14 +28,11 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.records import PreparedRecord, load_record
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import Method, Study
 from archfrag.study.files import add_to_log, available_cores, machine
-from archfrag.study.runs import Cases, Verdicts, ask
-from archfrag.study.runs.outcome import tabulate_cases
-from archfrag.study.runs.store import Plan, Store, make_plan, write_part
-
-if TYPE_CHECKING:
-    import pandas as pd
+from archfrag.study.runs import store
+from archfrag.study.runs.design import Cases, Verdicts, ask
+from archfrag.study.runs.store import Plan, Table, places
 
 IN_PROCESS = 5.0  # CPU time of runs that this process makes before workers are started [s]
 IN_FLIGHT = 2  # chunks for each worker
@@ -42,43 +40,42 @@ IN_FLIGHT = 2  # chunks for each worker
 # which is what a lost worker loses, and what the others wait for at the end.
 LANES, FIRST_CHUNK, LARGEST_CHUNK, CHUNK_TIME = 4, 16, 200, 1.0
 LOSSES_ALLOWED = 3
-PATIENCE = 60.0  # with a scheduler that has no workers [s]
+PATIENCE = 60.0  # with a scheduler that has no workers yet [s]
 ANSWER_WITHIN = 10.0  # [s]
 _GO_ON = "finished parts are kept, the same command goes on"
-Made = tuple[Path, int, float, float]  # part, its runs, time in the kernels and CPU time [s]
 _motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
 
 
 def make_runs(
-    work: Path, parts: Path, method: dict[str, Any], arch: ArchEntry,
-    records: Sequence[PreparedRecord], factors: Sequence[float], keys: NDArray[np.void],
-) -> Made:  # fmt: skip
-    """Make some runs of one arch and write their part; motions are in the folder `work`."""
+    work: Path, parts: Path, method: Method, arch: ArchEntry,
+    records: Sequence[PreparedRecord], factors: Sequence[float], keys: NDArray[np.bytes_],
+) -> tuple[Path, float]:  # fmt: skip
+    """Make some runs of one arch, motions from the folder `work`; their part and CPU time [s]."""
+    from archfrag.simulate import results_of_runs
+
     started = time.process_time()
     motions = [_motion(work, record) for record in records]
-    columns = tabulate_cases(method, arch.build(), motions, factors)
-    part = write_part(parts, keys, columns)
-    return part, len(keys), float(columns["wall_time"].sum()), time.process_time() - started
+    options = method.model_dump(exclude={"name"}) | {"method": method.name}
+    results, wall_time = results_of_runs(arch.build(), motions, factors, **options)
+    part = store.write_part(parts, keys, store.columns_of(results) | {"wall_time": wall_time})
+    return part, time.process_time() - started
 
 
 def run_batch(
     study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False,
     plan: Plan | None = None,
-) -> tuple[dict[str, Any], "pd.DataFrame"]:  # fmt: skip
+) -> tuple[dict[str, Any], pd.DataFrame]:  # fmt: skip
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
-    time, time in the kernels summed over workers [s]), which is never of the cube, and a row for
-    each run of the batch: arch, record, level, verdict, steps, wall time [s]. `workers` take the
-    place of the study's; `plan` is that of the study, if it is known. WorkerError if workers
-    cannot be started or are lost; finished parts are kept.
+    time, time in the kernels summed over workers [s]) and a row for each run: arch, record, level,
+    verdict, steps, wall time [s]. `workers` take the place of the study's; `plan` is that of the
+    study, if it is known. WorkerError if workers cannot be started or are lost.
     """
-    import pandas as pd
-
     started = time.perf_counter()
-    log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations", "kernel_time"), 0)
-    known = plan or make_plan(study)
-    store = Store(make_folder(known.parts))
+    log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations"), 0)
+    known = plan or store.make_plan(study)
+    table = store.read_parts(make_folder(known.parts))
     count = workers or study.execution.workers or available_cores()
     bar = tqdm(
         unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
@@ -86,34 +83,30 @@ def run_batch(
     )  # fmt: skip
 
     def verdicts_of(cases: Cases) -> Verdicts:
+        nonlocal table
         keys = known.keys(cases)
-        missing = np.flatnonzero(store.places(keys) < 0)
+        missing = np.flatnonzero(places(table, keys) < 0)
         # Arches that differ in id only have runs in common.
         missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
         log["iterations"] += 1
         log["runs"] += len(keys)
         log["kept"] += len(keys) - missing.size
-        if not bar.disable:  # runs that are not missing are shown as done
-            done = log["runs"] - missing.size
-            bar.initial += done - bar.n
-            bar.total, bar.n = None if study.design.adaptive else log["runs"], done
-            bar.refresh()
+        if not bar.disable:  # runs that are not missing are shown as done, at no time
+            bar.total = None if study.design.adaptive else log["runs"]
+            bar.initial += len(keys) - missing.size
+            bar.update(len(keys) - missing.size)
         while missing.size:
-            with contextlib.suppress(BrokenProcessPool):  # a few times
-                for part, runs, kernel_time, _ in makers.make(cases[missing]):
-                    if not store.add(part):
-                        raise WorkerError(f"{part}: cannot be read back; {_GO_ON}")
-                    bar.update(runs)
-                    log["kernel_time"] += kernel_time
-            missing = missing[store.places(keys[missing]) < 0]
-        verdicts: Verdicts = store.rows(keys)["verdict"]
+            table = store.joined([table, *makers.make(cases[missing])])
+            missing = missing[places(table, keys[missing]) < 0]
+        verdicts: Verdicts = table["verdict"][places(table, keys)]
         return verdicts
 
     with bar, contextlib.closing(_Makers(known, count, bar)) as makers:
         cases, _ = ask(known.requests(batch, study.execution.batches), verdicts_of)
-    log |= {"workers": makers.used, "wall_time": time.perf_counter() - started}
+    log |= {"workers": makers.used, "kernel_time": makers.kernel_time}
+    log["wall_time"] = time.perf_counter() - started
     add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
-    rows = store.rows(known.keys(cases))
+    rows = table[places(table, known.keys(cases))]
     names = np.array([member.name.lower() for member in Verdict], object)
     return log, pd.DataFrame({
         "arch": np.array(known.arches.ids, object)[cases["arch"]],
@@ -138,8 +131,8 @@ class _Makers:
 
     def __init__(self, plan: Plan, count: int, bar: tqdm) -> None:
         self.used = 0  # processes
+        self.kernel_time = 0.0  # [s]
         self._plan, self._count, self._bar = plan, count, bar
-        self._execution = plan.study.execution
         self._runs, self._cpu, self._losses = 0, 0.0, 0
         self._pool: Executor | None = None
         self._client: Any = None
@@ -153,33 +146,33 @@ class _Makers:
         if self._client is not None:
             self._client.close()
 
-    def make(self, cases: Cases) -> Iterator[Made]:
+    def make(self, cases: Cases) -> list[Table]:
         """Make runs, of so many chunks at once that memory stays bounded.
 
-        BrokenProcessPool if a worker was killed or ran out of memory; WorkerError at last.
+        Returned are their parts, not all if a worker was lost; WorkerError if that goes on.
         """
         if not self.used:
             self._prepare()
-        work = chunks(cases, self._size)
-        waiting: set[Future[Made]] = set()
-        idle_since = time.monotonic()
+        made: list[Table] = []
+        work, waiting = chunks(cases, self._size), set[Future[tuple[Path, float]]]()
         try:
             while True:
-                most = 1 if self._alone() else IN_FLIGHT * self._count
-                free = max(most - len(waiting), 0)
+                worth = self._count > 1 and self._cpu >= IN_PROCESS
+                if self._pool is None and (worth or self._plan.study.execution.scheduler):
+                    self._pool = self._start()
+                free = 1 if self._pool is None else IN_FLIGHT * self._count - len(waiting)
                 waiting |= {self._submit(chunk) for chunk in islice(work, free)}
                 if not waiting:
-                    return
-                done, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-                if done or self._client is None or self._client.scheduler_info()["workers"]:
-                    idle_since = time.monotonic()
-                elif time.monotonic() - idle_since > PATIENCE:
-                    raise WorkerError(f"the scheduler has no workers any more; {_GO_ON}")
-                for future in done:
-                    made = future.result()
-                    self._runs += made[1]
-                    self._cpu += made[3]
-                    yield made
+                    break
+                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for path, cpu in (future.result() for future in done):
+                    if (part := store.read_part(path)) is None:
+                        raise WorkerError(f"{path}: cannot be read back; {_GO_ON}")
+                    made.append(part)
+                    self._runs += len(part)
+                    self._cpu += cpu
+                    self.kernel_time += float(part["wall_time"].sum())
+                    self._bar.update(len(part))
         except CancelledError as error:
             raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error
         except BrokenProcessPool:
@@ -188,7 +181,7 @@ class _Makers:
                 lost = f"workers were killed or ran out of memory {self._losses} times"
                 raise WorkerError(f"{lost}; {_GO_ON}") from None
             self._pool = None
-            raise
+        return made
 
     def _prepare(self) -> None:
         """See that the kernels are compiled and that all arches stand."""
@@ -202,42 +195,34 @@ class _Makers:
             bar.set_description("simulations", refresh=False)
             check_standing(self._plan.arches)
 
-    def _alone(self) -> bool:
-        cheap = self._count == 1 or self._cpu < IN_PROCESS
-        return cheap and self._execution.scheduler is None and self._pool is None
-
     def _size(self) -> int:
         """Runs of the next chunk, by how long the runs so far took."""
-        if self._execution.chunk is not None:
-            return self._execution.chunk
+        if (given := self._plan.study.execution.chunk) is not None:
+            return given
         if not self._runs:
             return FIRST_CHUNK
         lanes = CHUNK_TIME * self._runs / max(self._cpu, 1e-9) / LANES
         return LANES * int(np.clip(lanes, 1, LARGEST_CHUNK // LANES))
 
-    def _submit(self, cases: Cases) -> "Future[Made]":
+    def _submit(self, cases: Cases) -> "Future[tuple[Path, float]]":
         plan = self._plan
         work = (
-            plan.study.work, plan.parts, plan.method, plan.arches[cases["arch"][0]].entry,
+            plan.study.work, plan.parts, plan.study.method, plan.arches[cases["arch"][0]].entry,
             [plan.records[record] for record in cases["record"]],
             plan.factors(cases).tolist(), plan.keys(cases),
         )  # fmt: skip
-        if self._alone():
-            future: Future[Made] = Future()
-            future.set_result(make_runs(*work))
-            return future
-        if self._pool is None:
-            self._pool = self._scheduler() or Pool(
-                self._count, multiprocessing.get_context("spawn"), _follow_parent
-            )
+        if self._pool is not None:
             self.used = self._count
-        return self._pool.submit(make_runs, *work)
+            return self._pool.submit(make_runs, *work)
+        future: Future[tuple[Path, float]] = Future()
+        future.set_result(make_runs(*work))
+        return future
 
-    def _scheduler(self) -> Executor | None:
-        """Executor of the study's dask scheduler, if it names one."""
-        address = self._execution.scheduler
+    def _start(self) -> Executor:
+        """Processes of this machine, or workers of the dask scheduler that the study names."""
+        address = self._plan.study.execution.scheduler
         if address is None:
-            return None
+            return Pool(self._count, multiprocessing.get_context("spawn"), _follow_parent)
         from distributed import Client
 
         try:
@@ -269,10 +254,10 @@ def kernels_needed(plan: Plan) -> list[str]:
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
-    method = plan.method
-    if method["name"] != AUTO:
-        return [method["name"]]
+    method = plan.study.method
+    if method.name != AUTO:
+        return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
-    rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
+    rtol = defaults["rtol"] if method.rtol is None else method.rtol
     by_events = {goes_by_events(entry.build().n_voussoir, rtol) for entry in plan.arches.entries}
     return [(AUTO, "event_driven")[by] for by in sorted(by_events)]

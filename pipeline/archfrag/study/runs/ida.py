@@ -1,18 +1,18 @@
-"""The design `ida`, which searches each record's border to collapse; and all designs."""
+"""The design `ida`, which searches each record's border between survival and collapse."""
 
 from collections.abc import Generator, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, TypeAdapter
+from numpy.typing import ArrayLike
+from pydantic import Field
 
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.study.file import Section, refuse
-from archfrag.study.runs import Cases, Cloud, Design, Grid, Requests, Stripes, Verdicts
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.study.file import Section
+from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.
@@ -27,6 +27,7 @@ LEAST_ADDED, MOST_ADDED = 1.05, 2.0  # factors on the number of records from one
 # A design that looks after each iteration stops too soon where its runs happen to scatter little.
 LEAST_RECORDS = 20
 LOOKS_IN_A_ROW = 2
+MOST_NAMED = 12  # arches with checks that contradict; of more only their number
 
 
 class Precision(Section):
@@ -64,34 +65,34 @@ class Ida(Design):
         The first records are searched knowing nothing, the others expecting what their measures
         and the first suggest. If a record has one border, the search finds it whatever it expects.
         """
-        borders, done, narrow = Borders(grid), 0, 0
-        used, facts = min(FIRST_RECORDS, grid.records.size), dict[str, Any]()
+        n_record, n_level = grid.seen.shape
+        # The highest level known to be below the border of each record, and the lowest above it.
+        low, high = np.full(n_record, -1), np.full(n_record, n_level)
+        # Probability that level l is the first above the border, n_level if none does.
+        expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+        done, used, narrow, facts = 0, min(FIRST_RECORDS, n_record), 0, dict[str, Any]()
         while used > done:
-            rows = range(done, used)
             if done > 2:
-                borders.expect(rows, *expected_by_measures(borders, range(done), rows))
-            yield from search(borders, rows)
-            done = used
-            used = grid.records.size
+                new = slice(done, used)
+                found = expected_by_measures(grid, low[:done], high[:done], grid.measures[new])
+                expected[new] = expected_borders(grid.levels, *found)
+            yield from search(grid, low, high, expected, range(done, used))
+            done, used = used, n_record
             if self.precision is not None:
-                more, narrow, facts = look(self.precision, borders, done, narrow)
+                more, narrow, facts = look(self.precision, grid, done, narrow)
                 used = done + more
-        checks = yield from self._check(borders, done)
-        return {"runs": borders.runs, "records": done, **checks, **facts}
-
-    def _check(self, borders: "Borders", done: int) -> Generator[Cases, Verdicts, dict[str, int]]:
-        """Some cells near the borders, any as likely as another: how often do they contradict?"""
-        place = np.arange(borders.grid.levels.size)
-        low, high = borders.low[:done, None], borders.high[:done, None]
-        near = (place >= low - NEAR) & (place <= high + NEAR)
-        free, places = np.nonzero(near & (borders.seen[:done] == Verdict.NOT_SIMULATED))
-        generator = np.random.default_rng([self.seed, borders.grid.arch])
+        # Some cells near the borders, any as likely as another: how often do they contradict?
+        place, unseen = np.arange(n_level), grid.seen[:done] == Verdict.NOT_SIMULATED
+        near = (place >= low[:done, None] - NEAR) & (place <= high[:done, None] + NEAR)
+        free, places = np.nonzero(near & unseen)
         count = done if self.checks is None else self.checks
+        generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
-        rows, places = free[chosen], places[chosen]
-        collapsed, survived = yield from borders.run(rows, places)
-        against = np.where(places <= borders.low[rows], collapsed, survived)
-        return {"checked": int((collapsed | survived).sum()), "contradictions": int(against.sum())}
+        row, place = free[chosen], places[chosen]
+        collapsed, survived = yield from grid.run(row, place)
+        against = int(np.where(place <= low[row], collapsed, survived).sum())
+        facts |= {"checked": int((collapsed | survived).sum()), "contradictions": against}
+        return {"runs": grid.runs, "records": done} | facts
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
@@ -109,86 +110,77 @@ class Ida(Design):
         known = found.known()
         return fit_brackets(known.lower, known.upper)
 
+    def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Messages on what was not reached, or found against the design's own assumption."""
+        found = [
+            f"{name}: the median is known to {100 * own['half_width']:.2g} % instead of the "
+            f"{100 * self.precision.theta:.2g} % requested: {own['why']}"
+            for name, own in facts.items() if self.precision and own.get("why")
+        ]  # fmt: skip
+        against = {name: (own["contradictions"], own["checked"])
+                   for name, own in facts.items() if own.get("contradictions")}  # fmt: skip
+        if len(against) > MOST_NAMED:
+            count, checked = np.sum(list(against.values()), axis=0).tolist()
+            against = {f"{len(against)} arches": (count, checked)}
+        return found + [
+            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
+            "their record. Such a record has several borders between survival and collapse; the "
+            "search found one of them, not always the lowest. Beta includes the scatter of single "
+            "runs"
+            for name, (count, checked) in against.items()
+        ]
 
-class Borders:
-    """Where each record goes from survival to collapse, as far as it is known."""
 
-    def __init__(self, grid: Grid) -> None:
-        n_record, n_level = grid.records.size, grid.levels.size
-        self.grid = grid
-        # The highest level known to be below the border and the lowest above it.
-        self.low = np.full(n_record, -1)
-        self.high = np.full(n_record, n_level)
-        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)  # verdicts
-        # Probability that level l is the first above the border, n_level if none does.
-        self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+def search(
+    grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, rows: ArrayLike
+) -> Generator[Cases, Verdicts, None]:
+    """Narrow the brackets of some rows, from `low` to `high`, until neighbouring levels are left.
 
-    @property
-    def runs(self) -> int:
-        """Number of runs made."""
-        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
-
-    def run(
-        self, rows: NDArray[np.int64], places: NDArray[np.int64]
-    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-        """Request runs of some rows, and note them; which collapsed, and which survived."""
-        verdicts = yield self.grid.cases(rows, places)
-        self.seen[rows, places] = verdicts
-        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
-
-    def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
-        """Expect ln capacities of some rows to be normal about `median`."""
-        ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
-        reach = max(deviation, LEAST_DEVIATION)
-        mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
-        self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
-
-    def next_places(self, row: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Level to try next for each of some rows, -1 where nothing is left to try.
-
-        The most informative one for its cost: the entropy of its verdict over the cost expected.
-        Levels where a run had no verdict are not tried again.
-        """
-        place = np.arange(self.grid.levels.size)
-        low, high = self.low[row, None], self.high[row, None]
-        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        below = np.cumsum(np.where(within, self.expected[row], 0.0), axis=1)
-        collapse = below[:, :-1] / below[:, -1:]
+    The level to try next is the most informative one for its cost: the entropy of its verdict over
+    the cost expected. Levels where a run had no verdict are not tried again.
+    """
+    left, place = np.asarray(rows, dtype=np.int64), np.arange(grid.levels.size)
+    while left.size:
+        below, above = low[left, None], high[left, None]
+        within = (np.arange(place.size + 1) > below) & (np.arange(place.size + 1) <= above)
+        mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
+        collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
-        free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
-        best = np.where(free, gain, -1.0).argmax(axis=1)
-        return np.where(free.any(axis=1), best, -1)
-
-    def middles(self) -> FloatArray:
-        """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
-        logs = np.log(self.grid.levels)
-        step = np.diff(logs).mean() if logs.size > 1 else 0.5
-        ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
-        return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
+        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_SIMULATED)
+        best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
+        left, places = left[some], best[some]
+        collapsed, survived = yield from grid.run(left, places)
+        high[left[collapsed]] = places[collapsed]
+        low[left[survived]] = places[survived]
 
 
-def search(borders: Borders, rows: ArrayLike) -> Generator[Cases, Verdicts, None]:
-    """Narrow the brackets of some rows until neighbouring levels are left."""
-    left = np.asarray(rows, dtype=np.int64)
-    while left.size:
-        places = borders.next_places(left)
-        left, places = left[places >= 0], places[places >= 0]
-        collapsed, survived = yield from borders.run(left, places)
-        borders.high[left[collapsed]] = places[collapsed]
-        borders.low[left[survived]] = places[survived]
+def expected_borders(levels: FloatArray, median: FloatArray, deviation: float) -> FloatArray:
+    """Probability of each border, (n_record, n_level + 1), of ln capacities normal about medians.
 
-
-def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
-    """ln capacities of some rows from those known, by the measure that predicts these best.
-
-    Straight lines in the logarithm of one other measure at the study's own; the one with the
-    least error where each record is predicted from the others.
+    `median` is (n_record,).
     """
-    capacity = borders.middles()[known.start : known.stop]
-    best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))
-    for values in borders.grid.measures.T:
-        x = values[known.start : known.stop]
+    ends = np.concatenate([[-np.inf], np.log(levels), [np.inf]])
+    reach = max(deviation, LEAST_DEVIATION)
+    mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
+    return mass / mass.sum(axis=1, keepdims=True)
+
+
+def expected_by_measures(
+    grid: Grid, low: IntArray, high: IntArray, measures: FloatArray
+) -> tuple[FloatArray, float]:
+    """ln capacities of rows from those of the first, by the measure that predicts these best.
+
+    Straight lines in the logarithm of one other measure at the study's own, of the first rows with
+    borders from `low` to `high` and of others, `measures`; the one with the least error where each
+    record is predicted from the others.
+    """
+    logs = np.log(grid.levels)
+    step = np.diff(logs).mean() if logs.size > 1 else 0.5
+    ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
+    capacity = 0.5 * (ends[low + 1] + ends[high + 1])  # half a level beyond the ends
+    best = (capacity.mean() + np.zeros(len(measures)), float(capacity.std(ddof=1)))
+    for x, other in zip(grid.measures[: low.size].T, measures.T):
         centred = x - x.mean()
         if not centred @ centred > 1e-9:
             continue
@@ -197,34 +189,30 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
         left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
         error = float(np.sqrt(left @ left / (x.size - 1)))
         if error < best[1]:
-            at = values[rows.start : rows.stop] - x.mean()
-            best = (capacity.mean() + slope * at, error)
+            best = (capacity.mean() + slope * (other - x.mean()), error)
     return best
 
 
 def look(
-    requested: Precision, borders: Borders, done: int, narrow: int
+    requested: Precision, grid: Grid, done: int, narrow: int
 ) -> tuple[int, int, dict[str, Any]]:
     """Whether `done` records are enough: the interval must be narrow at two looks in a row.
 
     Returned are records to add, looks in a row at which the interval was narrow (`narrow` before
     this one), and facts for the report.
     """
-    grid = borders.grid
     groups = None if grid.groups is None else grid.groups[:done]
-    found = find_brackets(borders.seen[:done], grid.levels)
+    found = find_brackets(grid.seen[:done], grid.levels)
     width = half_width(found, requested.confidence, groups)
     enough = width <= requested.theta
     narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
     facts: dict[str, Any] = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
     if facts["reached"]:
         return 0, narrow, facts
-    factor = MOST_ADDED
-    if np.isfinite(width):  # it falls with the root of the number of records
-        suggested = MARGIN * (width / requested.theta) ** 2
-        factor = min(max(suggested, LEAST_ADDED), MOST_ADDED)
+    # It falls with the root of the number of records.
+    factor = min(max(MARGIN * (width / requested.theta) ** 2, LEAST_ADDED), MOST_ADDED)
     available = grid.records.size - done
-    allowed = int((requested.runs - borders.runs) * done / max(borders.runs, 1))
+    allowed = int((requested.runs - grid.runs) * done / max(grid.runs, 1))
     more = min(int(np.ceil(factor * done)) - done, allowed, available)
     if more > 0:
         return more, narrow, facts
@@ -247,29 +235,3 @@ def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = No
         return np.inf
     ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
     return float(np.abs(ends).max())
-
-
-_GONE = {
-    "two_stage": "is gone, since it was not cheaper than ida; write kind: ida",
-    "scattered": "is gone, since it was not cheaper than the grid; write kind: ida or stripes",
-}
-
-
-def _is_there(given: Any) -> Any:
-    kind = given.get("kind") if isinstance(given, Mapping) else None
-    if isinstance(kind, str) and kind in _GONE:
-        raise refuse(f"of kind {kind} {_GONE[kind]}")
-    return given
-
-
-# All designs, by the key `design` of a study file.
-AnyDesign = Annotated[
-    Annotated[Stripes | Ida | Cloud, Field(discriminator="kind")], BeforeValidator(_is_there)
-]
-
-
-def design_of(facts: Mapping[str, Any]) -> Design:
-    """The design of a cube, whose facts may hold those of its arches too."""
-    keys = {key: value for key, value in facts.items() if key != "arches"}
-    found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
-    return found

@@ -9,37 +9,71 @@ import contextlib
 import hashlib
 import io
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.files import replacing
+from archfrag.fragility.counts import Verdict
 from archfrag.kernel_cache import kernel_hash
-from archfrag.mechanics.status import Model
+from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
 from archfrag.study.file.members import Members, check_buildable, needs_records
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_code
-from archfrag.study.runs import Cases, Grid, Requests, Verdicts, ask
-from archfrag.study.runs.outcome import COLUMNS
+from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask
+
+if TYPE_CHECKING:
+    from archfrag.mechanics.types import Results
 
 # Code beside the kernels that decides what a run is, and what its row holds.
 DECIDING = (
     "methods/**/*.py", "simulat*/**/*.py", "simulat*.py",
-    "study/runs/outcome.py", "study/runs/variables.csv",
+    "study/runs/store.py", "study/runs/variables.csv",
 )  # fmt: skip
 KEY = 16  # bytes
 Table = NDArray[np.void]
+# The cube's variables by name; columns of the file: name; dimensions ("run" stands for arch,
+# record and level); dtype (S for text); units (empty for codes and text); fill, what stands where
+# there is no such value; missing, what stands in a cell that was not simulated; flags, the
+# enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
+# results with the entry there, or a record's attribute; long_name; comment.
+_ABOUT = pd.read_csv(Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False)
+VARIABLES: dict[str, Any] = {str(row.name): row for row in _ABOUT.itertuples(index=False)}
+COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
+_ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype([
-    ("key", f"V{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
+    ("key", f"S{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
     ("model_time", "f8", (len(Model),)), ("wall_time", "f8"),
 ])  # fmt: skip
+
+
+def columns_of(results: "Results") -> dict[str, NDArray]:
+    """Columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
+    energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
+    columns: dict[str, NDArray] = {
+        # Verdicts are the first codes of status; what comes after are failures of the solver.
+        "verdict": np.minimum(results.status, Verdict.SOLVER_FAILURE),
+        "energy_error": np.divide(
+            energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)),
+            where=largest > 0.0,
+        ),
+        "model_time": results.model_time[:, list(Model)],
+    }  # fmt: skip
+    for column in COLUMNS:
+        if column.source:
+            name, _, entry = column.source.partition(".")
+            values = getattr(results, name)
+            columns[column.name] = values[:, _ENTRIES[name][entry]] if entry else values
+    return columns
 
 
 @dataclass(frozen=True)
@@ -59,11 +93,6 @@ class Plan:
     def parts(self) -> Path:
         """Folder of the parts: one for each state of the kernels, whose runs no other can use."""
         return self.study.work / "parts" / self.identity[:12]
-
-    @cached_property
-    def method(self) -> dict[str, Any]:
-        """The method and its options, as plain values."""
-        return self.study.method.model_dump()
 
     @cached_property
     def levels(self) -> NDArray[np.float64]:
@@ -88,43 +117,49 @@ class Plan:
             "records": [asdict(record) for record in self.records],
             "levels": study.intensity.si,
             "measure": study.intensity.measure,
-            "method": self.method,
+            "method": study.method.model_dump(),
             "design": study.design.model_dump(mode="json"),
         }
         return {name: digest_of(part) for name, part in parts.items()}
 
     @cached_property
-    def _unscaled(self) -> NDArray[np.float64]:
+    def unscaled(self) -> NDArray[np.float64]:
+        """Factors that bring the records to 1 in the study's measure, (n_record,)."""
         return np.array([record.factor for record in self.records])
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
         """Factors that bring the records of runs to their levels, (n,)."""
-        return self._unscaled[cases["record"]] * cases["level"] ** self.power
+        return self.unscaled[cases["record"]] * cases["level"] ** self.power
 
-    def keys(self, cases: Cases) -> NDArray[np.void]:
+    def keys(self, cases: Cases) -> NDArray[np.bytes_]:
         """Identity of each run: of kernels, method, arch, motion and factor, (n,) of 16 bytes."""
-        given, count = f"{self.identity}/{digest_of(self.method)}", len(self.records)
-        pair = cases["arch"] * np.int64(count) + cases["record"]
-        stems = {}
-        for each in np.unique(pair).tolist():
-            own = f"{self.arches[each // count].chain}/{self.records[each % count].samples}"
-            stems[each] = hashlib.blake2b(f"{given}/{own}/".encode(), digest_size=KEY)
-        keys = []
-        for each, factor in zip(pair.tolist(), self.factors(cases).astype("<f8")):
-            state = stems[each].copy()
+        given, stems, keys = f"{self.identity}/{self.digests['method']}", {}, []
+        pairs = zip(cases["arch"].tolist(), cases["record"].tolist())
+        for pair, factor in zip(pairs, self.factors(cases).astype("<f8")):
+            if pair not in stems:
+                own = f"{given}/{self.arches[pair[0]].chain}/{self.records[pair[1]].samples}/"
+                stems[pair] = hashlib.blake2b(own.encode(), digest_size=KEY)
+            state = stems[pair].copy()
             state.update(factor.tobytes())
             keys.append(state.digest())
-        return np.frombuffer(b"".join(keys), f"V{KEY}")
+        return np.array(keys, f"S{KEY}")
 
     def requests(self, batch: int = 0, batches: int = 1) -> dict[int, Requests]:
         """What the design asks for, by arch, of all of it or of one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         from archfrag.fragility.quoted import shared_events
+        from archfrag.motions.measures import scaling_exponent
 
-        design = self.study.design
+        design, own = self.study.design, self.study.intensity.measure
         events = np.array([record.event for record in self.records])
-        requests, measures = {}, self._measures()
+        # ln of the records' other measures where the study's own is 1, (n_record, n_measure).
+        names = [name for name in self.records[0].measures if name != own]
+        values = np.array([[r.measures[name] for name in names] for r in self.records])
+        exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
+        with np.errstate(divide="ignore"):
+            logs = np.log(values) + exponents * np.log(self.unscaled)[:, None]
+        measures, requests = logs[:, np.isfinite(logs).all(axis=0)], {}
         for arch, member in enumerate(self.arches):
             every = member.record is None
             records = np.arange(len(self.records)) if every else np.array([member.record])
@@ -133,22 +168,10 @@ class Plan:
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
                 requests[arch] = design.requests(Grid(
-                    arch, records, self.levels, self._unscaled[records], self.power,
+                    arch, records, self.levels, self.unscaled[records], self.power,
                     measures[records], shared_events(events[records]),
                 ))  # fmt: skip
         return requests
-
-    def _measures(self) -> NDArray[np.float64]:
-        """ln of the records' other measures where the study's own is 1, (n_record, n_measure)."""
-        from archfrag.motions.measures import scaling_exponent
-
-        own = self.study.intensity.measure
-        names = [name for name in self.records[0].measures if name != own]
-        values = np.array([[r.measures[name] for name in names] for r in self.records])
-        exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
-        with np.errstate(divide="ignore"):
-            logs = np.log(values) + exponents * np.log(self._unscaled)[:, None]
-        return logs[:, np.isfinite(logs).all(axis=0)]
 
 
 def make_plan(study: Study) -> Plan:
@@ -160,14 +183,15 @@ def make_plan(study: Study) -> Plan:
     return Plan(study, arches, tuple(records))
 
 
-def write_part(folder: Path, keys: NDArray[np.void], columns: dict[str, NDArray]) -> Path:
+def write_part(folder: Path, keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Path:
     """Write runs, from their keys and all other columns, under the name of their content."""
     table = np.zeros(len(keys), ROW)
     for name, values in {"key": keys, **columns}.items():
         table[name] = values
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
-    path = folder / f"{_name(content.getvalue())}.npy"
+    name = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
+    path = folder / f"{name}.npy"
     # Not made lasting: what a power cut tears, `read_part` takes for missing.
     with replacing(path, lasting=False) as temporary:
         temporary.write_bytes(content.getbuffer())
@@ -178,7 +202,7 @@ def read_part(path: Path) -> Table | None:
     """Rows of a part; None if it is damaged or of another version of archfrag."""
     try:
         content = path.read_bytes()
-        if _name(content) != path.stem:
+        if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
             return None
         table: Table = np.load(io.BytesIO(content), allow_pickle=False)
     except (OSError, ValueError, EOFError):
@@ -186,72 +210,46 @@ def read_part(path: Path) -> Table | None:
     return table if table.dtype == ROW else None
 
 
-def _name(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=KEY).hexdigest()
+def read_parts(folder: Path) -> Table:
+    """All runs of the parts of a folder, see `joined`; about 300 bytes each."""
+    return joined(map(read_part, sorted(folder.glob("*.npy"))))
 
 
-class Store:
-    """All runs of which the parts of a folder hold the results, about 300 bytes each."""
-
-    def __init__(self, folder: Path) -> None:
-        self._tables: list[Table] = [np.zeros(0, ROW)]
-        self._order: NDArray[np.int64] | None = None
-        for path in sorted(folder.glob("*.npy")):
-            self.add(path)
-
-    def add(self, path: Path) -> bool:
-        """Take in a part; False if it is damaged."""
-        table = read_part(path)
-        if table is not None:
-            self._tables.append(table)
-            self._order = None
-        return table is not None
-
-    def places(self, keys: NDArray[np.void]) -> NDArray[np.int64]:
-        """Row of each key among all rows, -1 where there is no result, (n,)."""
-        if self._order is None:
-            self._tables = [np.concatenate(self._tables)]
-            self._order = np.argsort(_sortable(self._tables[0]["key"]), kind="stable")
-        known = _sortable(self._tables[0]["key"])[self._order]
-        if not len(known):
-            return np.full(len(keys), -1)
-        requested = _sortable(keys)
-        at = np.minimum(np.searchsorted(known, requested), len(known) - 1)
-        return np.where(known[at] == requested, self._order[at], -1)
-
-    def rows(self, keys: NDArray[np.void]) -> Table:
-        """Results by keys that are all there, (n,)."""
-        places = self.places(keys)
-        return self._tables[0][places]
+def joined(parts: Iterable[Table | None]) -> Table:
+    """Rows of several tables in the order of their keys; None stands for a damaged part."""
+    table = np.concatenate([np.zeros(0, ROW), *(part for part in parts if part is not None)])
+    return table[np.argsort(table["key"], kind="stable")]
 
 
-def _sortable(keys: NDArray[np.void]) -> NDArray[np.bytes_]:
-    return np.ascontiguousarray(keys).view(f"S{KEY}")
+def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
+    """Row of each key in a table in their order, -1 where there is no result, (n,)."""
+    if not len(table):
+        return np.full(len(keys), -1)
+    known = np.ascontiguousarray(table["key"])
+    at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.where(known[at] == keys, at, -1)
 
 
 def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
     """All runs that the design of a plan requests, sorted by arch, record and place.
 
-    Returned with their results, and with the notes of the design by arch. InputError if results
+    Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
-    store, iteration = Store(plan.parts), 0
+    table = read_parts(plan.parts)
 
     def known(cases: Cases) -> Verdicts:
-        nonlocal iteration
-        iteration += 1
-        keys = plan.keys(cases)
-        missing = int((store.places(keys) < 0).sum())
-        if missing:
-            runs = f"{missing} of {len(keys)} runs of iteration {iteration}"
+        at = places(table, plan.keys(cases))
+        if missing := np.count_nonzero(at < 0):
+            what = f"{missing} of {at.size} runs are missing or damaged"
             how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
-            raise InputError(f"{plan.parts.parent}: {runs} are missing or damaged; {how}")
-        verdicts: Verdicts = store.rows(keys)["verdict"]
+            raise InputError(f"{plan.parts.parent}: {what}; {how}")
+        verdicts: Verdicts = table["verdict"][at]
         return verdicts
 
-    cases, notes = ask(plan.requests(), known)
+    cases, facts = ask(plan.requests(), known)
     cases = cases[np.lexsort([cases[name] for name in ("place", "record", "arch")])]
-    return cases, store.rows(plan.keys(cases)), notes
+    return cases, table[places(table, plan.keys(cases))], facts
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
@@ -259,14 +257,14 @@ def superfluous(plan: Plan) -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     requested = None
     with contextlib.suppress(InputError):  # what it will ask for follows from runs to be made
-        requested = _sortable(plan.keys(gather(plan)[0]))
+        requested = plan.keys(gather(plan)[0])
     for path in sorted(plan.parts.parent.glob("*/*.npy")):
         table = read_part(path)
         if path.parent != plan.parts:
             why = "of other kernels or another version"
         elif table is None:
             why = "that are damaged"
-        elif requested is None or np.isin(_sortable(table["key"]), requested).any():
+        elif requested is None or np.isin(table["key"], requested).any():
             continue
         else:
             why = "that the study does not ask for"

@@ -1,0 +1,130 @@
+"""What a design is: it asks for the runs of an arch, and estimates the curve from their verdicts.
+
+It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
+returns facts for the report. What it asks for follows from the verdicts alone: the same study asks
+for the same runs whatever the workers, and a study that was stopped goes on by asking again.
+"""
+
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.fragility.counts import Brackets, Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.study.file import Section
+
+if TYPE_CHECKING:
+    from archfrag.fragility.quoted import QuotedBand
+
+# A run: `place` is the number of the study's level, 0 where a run has a level of its own.
+CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
+Cases = NDArray[np.void]
+Verdicts = NDArray[np.int8]
+Requests = Generator[Cases, Verdicts, dict[str, Any]]
+
+
+@dataclass
+class Grid:
+    """Records and levels of one arch's part of a study, and verdicts of the runs made."""
+
+    arch: int
+    records: NDArray[np.int64]  # (n_record,): their numbers
+    levels: FloatArray  # (n_level,): [SI]
+    unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
+    power: float  # a level grows with the factor to the power 1 / `power`
+    # (n_record, n_measure): logarithms of other intensity measures of the records where the
+    # study's own is 1.
+    measures: FloatArray
+    # (n_record,): labels of the records' earthquakes, where several have one in common.
+    groups: NDArray[np.str_] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.records.size, self.levels.size
+        self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs made at the study's levels."""
+        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
+
+    def run(
+        self, rows: NDArray[np.int64], places: NDArray[np.int64]
+    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """Request runs of some rows, and note them; which collapsed, and which survived."""
+        verdicts = yield self.cases(rows, places)
+        self.seen[rows, places] = verdicts
+        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+
+    def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
+        """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
+        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
+        cases = np.empty(row.size, CASE)
+        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], place
+        cases["level"] = self.levels[place] if level is None else level
+        return cases
+
+
+class Design(Section):
+    """Which runs are made, and how the curve follows from them."""
+
+    kind: str
+    on_levels: ClassVar[bool] = True  # whether runs are made at the study's levels
+    adaptive: ClassVar[bool] = False  # whether runs requested depend on verdicts of others
+    text: ClassVar[str] = ""  # for the report
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for the runs of one arch."""
+        raise NotImplementedError
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch, and whether that is meant exactly, about or at most."""
+        raise NotImplementedError
+
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "QuotedBand":
+        """Curve and band; options and errors are those of `quoted_band`."""
+        from archfrag.fragility.quoted import quoted_band
+
+        return quoted_band(found, im, **options)
+
+    def likelihood(self, found: Brackets) -> Fragility:
+        """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
+        from archfrag.fragility.fit import fit_stripes
+
+        decided = found.collapsed | found.survived
+        level, place = np.unique(found.levels[decided], return_inverse=True)
+        collapsed = np.bincount(place, found.collapsed[decided], level.size)
+        return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
+
+    def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Messages on what `requests` returned, by arch."""
+        return []
+
+
+def ask(
+    requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
+) -> tuple[Cases, dict[int, dict[str, Any]]]:
+    """Ask the designs of all arches, by `Design.requests`, until none requests a run.
+
+    `decide` takes the runs of one iteration and returns their verdicts in the same order. Returned
+    are all runs requested, and what each design returned, by arch.
+    """
+    requested, facts = [np.empty(0, CASE)], {}
+    answers: list[tuple[int, Verdicts | None]] = [(arch, None) for arch in requests]
+    while True:
+        iteration: dict[int, Cases] = {}
+        for arch, verdicts in answers:
+            try:
+                cases = requests[arch].send(verdicts)  # type: ignore[arg-type]  # None starts it
+                while not len(cases):
+                    cases = requests[arch].send(np.empty(0, np.int8))
+                iteration[arch] = cases
+            except StopIteration as over:
+                facts[arch] = over.value
+        if not iteration:
+            return np.concatenate(requested), facts
+        requested.append(np.concatenate(list(iteration.values())))
+        ends = np.cumsum([len(cases) for cases in iteration.values()])
+        answers = list(zip(iteration, np.split(decide(requested[-1]), ends[:-1])))
