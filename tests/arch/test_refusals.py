@@ -31,23 +31,25 @@ def refusal(make, *args, **given):
 
 # Parameter, value, and what the message begins with; "must be" and what is allowed follow.
 NUMBERS = [
-    ("thickness", 0.0, "thickness = 0.0 m is impossible"),
-    ("thickness", "1.5", "thickness = '1.5' is not numeric"),
-    ("thickness", [1.5], "thickness = [1.5] is not a single number"),
-    ("thickness", [[1.0], [1.0, 2.0]], "thickness has rows of unequal length"),
-    ("thickness", 1e-9, "thickness = 1e-09 m is no size of a structure"),
-    ("embrace", 360.0, "embrace = 360.0 degrees is impossible"),
-    ("depth", -1.0, "depth = -1.0 m is impossible"),
-    ("voussoirs", 1, "voussoirs = 1 is impossible"),
-    ("voussoirs", 6.5, "voussoirs = 6.5 is impossible"),
-    ("voussoirs", 2001, "voussoirs = 2001 is impossible"),
-    ("sector", "yes", "sector = 'yes' is not a choice"),
-    ("friction", [0.7] * 7, "friction has shape (7,), not (8,)"),
-    ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction = -0.2 at joint 5 is impossible"),
-    ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
-    ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
-    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints = ["),
-    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints = [0, 30, nan"),
+    ("thickness", 0.0, "thickness = 0.0"),
+    ("thickness", "1.5", "thickness = '1.5'"),
+    ("thickness", [1.5], "thickness of shape (1,)"),
+    ("thickness", [[1.0], [1.0, 2.0]], "thickness = [[1.0], [1.0, 2.0]]"),
+    ("thickness", 1e-9, "thickness = 1e-09"),
+    ("thickness", 20.0, "thickness = 20.0"),
+    ("embrace", 360.0, "embrace = 360.0"),
+    ("depth", -1.0, "depth = -1.0"),
+    ("voussoirs", 1, "voussoirs = 1"),
+    ("voussoirs", 6.5, "voussoirs = 6.5"),
+    ("voussoirs", 2001, "voussoirs = 2001"),
+    ("sector", "yes", "sector = 'yes'"),
+    ("friction", [0.7] * 7, "friction of shape (7,)"),
+    ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction[5] = -0.2"),
+    ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load[2] = nan"),
+    ("dead_load", [1.0] * 8, "dead_load of shape (8,)"),
+    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints[2] = 30.0"),
+    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints[2] = nan"),
+    ("joints", [0, 30, 50, 90, 100, 120, 140, 157.0], "joints[7] = 157.0"),
 ]
 
 
@@ -55,8 +57,7 @@ class TestNumbers:
     @pytest.mark.parametrize(("key", "value", "start"), NUMBERS)
     def test_circular(self, key, value, start):
         message = refusal(circular, **{key: value})
-        assert message.startswith(start)
-        assert "must be" in message
+        assert message.startswith(f"{start} is impossible; it must be ")
 
     def test_what_overflows(self):
         assert "voussoir 0 has a mass of inf kg" in refusal(circular, density=1e308)
@@ -114,8 +115,8 @@ def ring_of(angles):
 
 # Intrados, extrados, and what the message begins with.
 RINGS = [
-    (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), "the intrados and extrados corners of joint 1 coincide"),
-    (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, "the intrados corners of joints 0 and 1 coincide"),
+    (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), "two corners of voussoir 0 coincide at (1, 0)"),
+    (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, "two corners of voussoir 0 coincide at (0, 0)"),
     (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), "voussoir 1 is no convex quadrilateral: its"),
     (
         moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]),
@@ -124,11 +125,11 @@ RINGS = [
     (*ring_of(np.linspace(-200.0, 200.0, 12)), "voussoirs 0 and 9 overlap by "),
 ]  # fmt: skip
 TABLES = [
-    (SQUARE[:2], ABOVE[:2], {}, "intrados has shape (2, 2)"),
+    (SQUARE[:2], ABOVE[:2], {}, "intrados of shape (2, 2) is impossible"),
     (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
-    (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2] = (nan, 1.0) is not finite or beyond"),
-    (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice"),
-    (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction has shape (4,), not (3,"),
+    (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2, 0] = nan is impossible"),
+    (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is impossible"),
+    (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction of shape (4,) is "),
 ]
 
 

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.polygons import Blocks
 from archfrag.errors import GeometryError, from_extra
 from archfrag.files import make_folder, read_bytes, replacing
 
-FloatArray = NDArray[np.float64]
 # Units that a drawing may be in: length [m] and code of $INSUNITS.
 UNITS = {
     "m": (1.0, 6), "dm": (0.1, 14), "cm": (0.01, 5), "mm": (0.001, 4), "in": (0.0254, 1),

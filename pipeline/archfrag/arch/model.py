@@ -7,116 +7,33 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
 from archfrag.arch.ring import (
-    JointLines,
     Ring,
     catenary,
     chain_of,
     circular_ring,
     ellipse,
-    normal_lines,
-    pointed_lines,
+    normal_ring,
+    pointed_ring,
+    segmental_ring,
     straight_ring,
 )
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
-
-class Material(TypedDict, total=False):
-    """Keywords of all constructors of `Arch`, which documents them."""
-
-    density: float
-    depth: float
-    dead_load: ArrayLike | None
-
-
-# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows) and what a
-# message calls them; joint lines, of a segmental arch none; and the docstring of the constructor.
-_OVER_SPAN: dict[str, tuple[float, float, str, Any, str]] = {
-    "segmental": (1e-6, 0.5, "1e-6 x span and half the span", None, ""),
-    "pointed": (
-        0.5, math.inf, "half the span", pointed_lines,
-        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
-
-        Joints are radial to their arc. A joint at the crown is vertical and longer than the
-        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
-        The parameters are those of `segmental`; the rise is at least half the span.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
-        <Arch pointed: 12 voussoirs, 13 joints>
-        """,
-    ),
-    "elliptic": (
-        1e-6, math.inf, "1e-6 x span", partial(normal_lines, ellipse),
-        """Build the upper half of an ellipse, flat or tall, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`; span and rise are the horizontal axis and half the vertical one.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
-        <Arch elliptic: 11 voussoirs, 12 joints>
-        """,
-    ),
-    "catenary": (
-        1e-6, math.inf, "1e-6 x span", partial(normal_lines, catenary),
-        """Build a hanging chain upside down, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
-        >>> af.onset(arch).stands
-        True
-        """,
-    ),
-}  # fmt: skip
-
-
-def _over_span(profile: str) -> classmethod[Arch, ..., Arch]:
-    """Constructor of a profile of `_OVER_SPAN`."""
-    *_, lines, text = _OVER_SPAN[profile]
-
-    def build(
-        cls: type[Arch], span: float, rise: float, thickness: float, voussoirs: int,
-        friction: ArrayLike, *, joints: ArrayLike | None = None, **material: Unpack[Material],
-    ) -> Arch:  # fmt: skip
-        shape, position = _checked_span(profile, span, rise, thickness, voussoirs, joints)
-        ring = straight_ring(lines(shape, position))
-        given = {**shape, "voussoirs": len(position) - 1, "joints": _plain(joints)}
-        return cls(**_fields(profile, given, ring, friction, **material))
-
-    build.__name__, build.__qualname__, build.__doc__ = profile, f"Arch.{profile}", text
-    return classmethod(build)
-
-
-def _checked_span(
-    profile: str, span: float, rise: float, thickness: float, voussoirs: int,
-    joints: ArrayLike | None,
-) -> tuple[dict[str, float], NDArray[np.float64]]:  # fmt: skip
-    """Checked span, rise and thickness, and positions of the joints as parts of the length."""
-    least, most, note, *_ = _OVER_SPAN[profile]
-    span = checks.number("span", span)
-    bounds = least * span, most * span
-    rise = checks.number("rise", rise, bounds=bounds, closed=True, note=note)
-    thickness = checks.number("thickness", thickness)
-    voussoirs = checks.count("voussoirs", voussoirs)
-    position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
-    return {"span": span, "rise": rise, "thickness": thickness}, position
+# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
+_OVER_SPAN: dict[str, tuple[float, float, Any]] = {
+    "segmental": (1e-6, 0.5, segmental_ring),
+    "pointed": (0.5, math.inf, pointed_ring),
+    "elliptic": (1e-6, math.inf, partial(normal_ring, ellipse)),
+    "catenary": (1e-6, math.inf, partial(normal_ring, catenary)),
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -203,7 +120,7 @@ class Arch:
     def circular(
         cls, radius: float, thickness: float, embrace: float, voussoirs: int,
         friction: ArrayLike, *, sector: bool = True, joints: ArrayLike | None = None,
-        **material: Unpack[Material],
+        **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
@@ -228,20 +145,19 @@ class Arch:
         82467
         """
         radius = checks.number("radius", radius)
-        bounds = 0.0, 2.0 * radius
-        thickness = checks.number("thickness", thickness, bounds=bounds, note="2 x radius")
-        embrace = checks.number("embrace", embrace, "degrees", bounds=(0.0, 360.0))
-        voussoirs = checks.count("voussoirs", voussoirs)
+        thickness = checks.number("thickness", thickness)
+        embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
+        voussoirs, sector = checks.count("voussoirs", voussoirs), checks.flag("sector", sector)
         angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
-        ring = circular_ring(np.zeros(2), radius, thickness, angle, checks.flag("sector", sector))
+        ring = circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        given = {"voussoirs": voussoirs, "sector": bool(sector), "joints": _plain(joints)}
-        return cls(**_fields("circular", {**shape, **given}, ring, friction, **material))
+        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
+        return cls(**_fields("circular", given, ring, friction, **material))
 
     @classmethod
     def segmental(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, sector: bool = True, joints: ArrayLike | None = None, **material: Unpack[Material],
+        *, sector: bool = True, joints: ArrayLike | None = None, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch of at most a semicircle from its span and rise.
 
@@ -261,25 +177,89 @@ class Arch:
         >>> af.onset(bridge).stands
         True
         """
-        shape, position = _checked_span("segmental", span, rise, thickness, voussoirs, joints)
-        span, rise, thickness = shape.values()
-        radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
-        note = "2 x radius of the centre line"
-        checks.number("thickness", thickness, bounds=(0.0, 2.0 * radius), note=note)
-        angle = 4.0 * math.atan2(2.0 * rise, span) * position
-        centre = np.array([0.0, rise - radius])
-        ring = circular_ring(centre, radius, thickness, angle, checks.flag("sector", sector))
-        given = {"voussoirs": len(angle) - 1, "sector": bool(sector), "joints": _plain(joints)}
-        return cls(**_fields("segmental", {**shape, **given}, ring, friction, **material))
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("segmental", given, material, sector=checks.flag("sector", sector))
 
-    pointed = _over_span("pointed")
-    elliptic = _over_span("elliptic")
-    catenary = _over_span("catenary")
+    @classmethod
+    def pointed(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
+
+        Joints are radial to their arc. A joint at the crown is vertical and longer than the
+        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
+        The parameters are those of `segmental`; the rise is at least half the span.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+        <Arch pointed: 12 voussoirs, 13 joints>
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("pointed", given, material)
+
+    @classmethod
+    def elliptic(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build the upper half of an ellipse, flat or tall, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`; span and rise are the horizontal axis and half the vertical one.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
+        <Arch elliptic: 11 voussoirs, 12 joints>
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("elliptic", given, material)
+
+    @classmethod
+    def catenary(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build a hanging chain upside down, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
+        >>> af.onset(arch).stands
+        True
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("catenary", given, material)
+
+    @classmethod
+    def _over_span(
+        cls, profile: str, given: tuple[Any, ...], material: dict[str, Any], **more: Any
+    ) -> Arch:
+        """Check what profiles over a span have in common, and build one of them."""
+        span, rise, thickness, voussoirs, joints, friction = given
+        least, most, ring_of = _OVER_SPAN[profile]
+        span, note = checks.number("span", span), f"{least:g} to {most:g} x span"
+        rise = checks.number("rise", rise, least=least * span, most=most * span, note=note)
+        thickness = checks.number("thickness", thickness)
+        voussoirs = checks.count("voussoirs", voussoirs)
+        position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
+        ring = ring_of(span, rise, thickness, position, **more)
+        shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
+        shape |= more | {"joints": _plain(joints)}
+        return cls(**_fields(profile, shape, ring, friction, **material))
 
     @classmethod
     def from_joints(
         cls, intrados: ArrayLike, extrados: ArrayLike, friction: ArrayLike, *,
-        free_end: bool = False, **material: Unpack[Material],
+        free_end: bool = False, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a straight-sided chain of any profile from the ends of its joints.
 
@@ -321,14 +301,14 @@ class Arch:
                 "same number"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
-        ring = straight_ring(JointLines(inner, outer))
+        ring = straight_ring(inner, outer)
         return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))
 
     @classmethod
     def from_polygons(
         cls, outlines: Sequence[ArrayLike], friction: ArrayLike, *,
         ground: Sequence[ArrayLike] = (), thickness_factor: float = 1.0,
-        tolerance: float | None = None, **material: Unpack[Material],
+        tolerance: float | None = None, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
@@ -371,7 +351,7 @@ class Arch:
     def from_dxf(
         cls, path: str | Path, friction: ArrayLike, *, layer: str | None = None,
         unit: str | None = None, thickness_factor: float = 1.0, tolerance: float | None = None,
-        **material: Unpack[Material],
+        **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a chain from the blocks of a DXF drawing; it needs the extra `drawing`.
 
@@ -508,7 +488,7 @@ class Block(Arch):
     ) -> None:  # fmt: skip
         width, height = checks.number("width", width), checks.number("height", height)
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
-        ring = straight_ring(JointLines(right, right * [-1.0, 1.0]))
+        ring = straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
         super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
 
@@ -523,15 +503,15 @@ def _fields(
     coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
     load = 0.0 if dead_load is None else dead_load
     weight = checks.shared_or_each("dead_load", load, n_voussoir, "voussoir", "N")
-    density = checks.number("density", density, "kg/m3")
+    density = checks.number("density", density, "kg/m3", closed=False)
     depth = checks.number("depth", depth)
     matter = {"friction": _plain(friction), "density": density, "depth": depth}
     if profile != "block":
         matter["dead_load"] = _plain(dead_load)
     return {
         "chain": chain_of(ring, coefficient, density * depth, weight),
-        "intrados": ring.lines.intrados,
-        "extrados": ring.lines.extrados,
+        "intrados": ring.intrados,
+        "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),
         "free_end": free_end,
         "flipped": ring.sense < 0,
@@ -543,9 +523,6 @@ def _plain(value: ArrayLike | None) -> Any:
     """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
     if value is None:
         return None
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    listed = np.asarray(value, dtype=float).tolist()
-    if isinstance(listed, list):
-        return _plain(listed)
-    return "inf" if math.isinf(listed) else listed
+    numbers = np.asarray(value, dtype=float).astype(object)
+    numbers[numbers == math.inf] = "inf"
+    return numbers.tolist()
