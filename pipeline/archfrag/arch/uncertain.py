@@ -70,19 +70,14 @@ def correlation_factor(
     matrix = np.eye(len(names))
     pairs = [(a, b, rho) for a, others in correlation.items() for b, rho in others.items()]
     for one, other, coefficient in pairs:
-        what = f"correlation of {one} and {other}"
-        if unknown := sorted({one, other} - set(names)):
-            listed = ", ".join(names)
+        if {one, other} - set(names) or not -1.0 < coefficient < 1.0 or one == other:
             raise InputError(
-                f"{what}: {unknown[0]} is not one of the parameters that vary ({listed})"
+                f"correlation of {one} and {other} = {coefficient:g} must be greater than -1 and "
+                f"less than 1, of two of the parameters that vary ({', '.join(names)})"
             )
         i, j = names.index(one), names.index(other)
-        if i == j:
-            raise InputError(f"{what}: with itself")
         if matrix[i, j] != 0.0:
-            raise InputError(f"{what}: is given twice")
-        if not -1.0 < coefficient < 1.0:
-            raise InputError(f"{what} = {coefficient:g} must be greater than -1 and less than 1")
+            raise InputError(f"correlation of {one} and {other}: is given twice")
         matrix[i, j] = matrix[j, i] = coefficient
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
