@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from archfrag.arch.uncertain import Marginal, correlation_factor, sample, unit_points
+from archfrag.arch.uncertain import Marginal, correlation_factor, sample
 from archfrag.errors import InputError
 from archfrag.study.file.vary import JointScatter
 
@@ -32,19 +32,24 @@ def test_samples_have_mean_and_deviation_of_their_distribution(name, scheme):
     assert values.std() == pytest.approx(other.std(), rel=0.01)
 
 
+def unit_points(count, scheme):
+    uniform = {name: Marginal(stats.uniform()) for name in "abc"}
+    return np.array(list(sample(uniform, count, scheme=scheme, seed=3).values()))
+
+
 class TestPoints:
     @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
     def test_each_slice_of_each_coordinate_has_one(self, scheme):
-        points = unit_points(64, 3, scheme, seed=3)
-        for coordinate in np.floor(points * 64).astype(int).T:
+        points = unit_points(64, scheme)
+        for coordinate in np.floor(points * 64).astype(int):
             assert sorted(coordinate) == list(range(64))
         assert points.min() > 0.0
         assert points.max() < 1.0
 
     def test_those_of_sobol_stay_when_more_are_asked_for(self):
-        long = unit_points(64, 3, "sobol", seed=3)
+        long = unit_points(64, "sobol")
         for count in (1, 4, 11, 32):
-            np.testing.assert_array_equal(unit_points(count, 3, "sobol", seed=3), long[:count])
+            np.testing.assert_array_equal(unit_points(count, "sobol"), long[:, :count])
 
 
 class TestCorrelation:

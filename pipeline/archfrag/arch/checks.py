@@ -48,11 +48,8 @@ def number(
     words = ("at least", "at most") if closed else ("greater than", "less than")
     limits = [f"{word} {bound:.9g} {unit}".rstrip() for word, bound in zip(words, (least, most))]
     allowed = f"a number {' and '.join(limits)}" + (f" ({note})" if note else "")
-
-    def fits(x: float) -> bool:
-        return least < x < most or (closed and x in (least, most))
-
-    return float(_floats(name, value, allowed, fits))
+    ends = (least, most) if closed else ()
+    return float(_floats(name, value, allowed, lambda x: least < x < most or x in ends))
 
 
 def count(name: str, value: Any) -> int:
@@ -107,8 +104,7 @@ def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: s
 def points(name: str, value: Any, least: int, why: str, widest: int = 2) -> FloatArray:
     """Corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is from."""
     allowed = f"an (n, 2) table of coordinates within {LARGEST:g} m, n at least {least} ({why})"
-
-    def shape_fits(shape: tuple[int, ...]) -> bool:
-        return len(shape) == 2 and shape[0] >= least and 2 <= shape[1] <= widest
-
-    return _floats(name, value, allowed, lambda x: np.abs(x) <= LARGEST, shape_fits)
+    return _floats(
+        name, value, allowed, lambda x: np.abs(x) <= LARGEST,
+        lambda shape: len(shape) == 2 and shape[0] >= least and 2 <= shape[1] <= widest,
+    )  # fmt: skip

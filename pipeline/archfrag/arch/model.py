@@ -43,7 +43,9 @@ class Arch:
     Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic` and `catenary` for
     ready-made profiles, `from_joints`, `from_polygons` or `from_dxf` for any other. If no arch can
     be built, they raise `GeometryError`, which names the parameter, its value and what is allowed.
-    They share these parameters:
+    Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
+    height 0 (`circular`: the centre of the circle at the origin), and run from the left springing,
+    joint 0, over the crown. All share these parameters:
 
     Other Parameters
     ----------------
@@ -55,10 +57,8 @@ class Arch:
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
         joint under compression does not slide. One that slides then has no normal force, which
         happens at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
-    density : float
-        Of the masonry [kg/m3]; 2000 if not given.
-    depth : float
-        Width of the arch across its plane [m]; 1 if not given.
+    density, depth : float
+        Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
         Positions of the joints, increasing from 0 at the left springing: in degrees up to
         `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
@@ -83,11 +83,14 @@ class Arch:
     parameters : dict
         What the user gave, with defaults, ready for strict JSON (infinite friction: "inf").
 
-    Notes
-    -----
-    Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
-    height 0 (`circular`: the centre of the circle at the origin). They run from the left
-    springing, joint 0, over the crown.
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=0.7)
+    >>> af.onset(bridge).stands
+    True
+    >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+    <Arch pointed: 12 voussoirs, 13 joints>
     """
 
     chain: Chain
@@ -169,13 +172,6 @@ class Arch:
             Exact annular sectors; False: straight-sided, with the same joints.
         thickness, voussoirs, friction, joints, **material
             See `Arch`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
-        >>> af.onset(bridge).stands
-        True
         """
         given = span, rise, thickness, voussoirs, joints, friction
         return cls._over_span("segmental", given, material, sector=checks.flag("sector", sector))
@@ -190,12 +186,6 @@ class Arch:
         Joints are radial to their arc. A joint at the crown is vertical and longer than the
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
         The parameters are those of `segmental`; the rise is at least half the span.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
-        <Arch pointed: 12 voussoirs, 13 joints>
         """
         given = span, rise, thickness, voussoirs, joints, friction
         return cls._over_span("pointed", given, material)
@@ -209,12 +199,6 @@ class Arch:
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`; span and rise are the horizontal axis and half the vertical one.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
-        <Arch elliptic: 11 voussoirs, 12 joints>
         """
         given = span, rise, thickness, voussoirs, joints, friction
         return cls._over_span("elliptic", given, material)
@@ -228,13 +212,6 @@ class Arch:
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
-        >>> af.onset(arch).stands
-        True
         """
         given = span, rise, thickness, voussoirs, joints, friction
         return cls._over_span("catenary", given, material)
@@ -264,22 +241,19 @@ class Arch:
         """Build a straight-sided chain of any profile from the ends of its joints.
 
         You may list the joints from either end and take either side for the intrados: the names
-        stay yours (see `flipped` and `corner_name`). `GeometryError` also if corners coincide,
-        joints cross, a voussoir is not a convex quadrilateral, the chain doubles back, or two
-        voussoirs overlap.
+        stay yours (see `flipped` and `corner_name`). Voussoirs must be convex quadrilaterals in
+        a row of which no two overlap.
 
         Parameters
         ----------
         intrados, extrados : (n + 1, 2) array_like
             Ends of the joints, in order along the chain [m]. At least 2 voussoirs, or 1 with a
             free end.
-        friction : float or (n_joint,) array_like
-            See `Arch`; n_joint is n + 1, or n with a free end.
         free_end : bool
             The last voussoir touches no ground, as in a column or a wall; the last pair of points
             is then its free face and no joint.
-        **material
-            See `Arch`.
+        friction, **material
+            See `Arch`; n_joint is n + 1, or n with a free end.
 
         Examples
         --------
@@ -291,14 +265,12 @@ class Arch:
         (7, 0.19)
         """
         free_end = checks.flag("free_end", free_end)
-        least = 2 if free_end else 3
-        why = "a chain has 1 voussoir or more" if free_end else "an arch has 2 voussoirs or more"
+        least, why = (2, "for one voussoir") if free_end else (3, "for two voussoirs")
         inner = checks.points("intrados", intrados, least, why)
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
             raise GeometryError(
-                f"intrados has {len(inner)} points and extrados {len(outer)}; both must have the "
-                "same number"
+                f"intrados has {len(inner)} points and extrados {len(outer)}; both must have as many"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = straight_ring(inner, outer)
@@ -312,8 +284,7 @@ class Arch:
     ) -> Arch:  # fmt: skip
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
-        It needs the extra `drawing`. `GeometryError` also if an outline crosses itself, two
-        overlap, or they do not form one chain.
+        It needs the extra `drawing`. Outlines must neither cross themselves nor overlap.
 
         Parameters
         ----------
@@ -344,8 +315,8 @@ class Arch:
         from archfrag.arch.polygons import Blocks, polygon_shape
 
         drawn = Blocks.from_points(outlines, ground)
-        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
+        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))
 
     @classmethod
     def from_dxf(
@@ -355,7 +326,7 @@ class Arch:
     ) -> Arch:  # fmt: skip
         """Build a chain from the blocks of a DXF drawing; it needs the extra `drawing`.
 
-        `GeometryError` names file, layer and handle of an entity that is no block or does not fit.
+        `GeometryError` names file, layer and handle of what is no block or does not fit.
 
         Parameters
         ----------
@@ -382,21 +353,20 @@ class Arch:
         from archfrag.arch.polygons import polygon_shape
 
         drawn = read_drawing(path, layer, unit)
-        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
+        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))
 
     def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
         """Write the blocks as closed polylines and their edges on the ground as lines.
 
         `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
         load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn. It needs the extra `drawing`. `GeometryError` if there is no
-        such unit, or a layer cannot have this name; `OutputError` if the file cannot be written.
+        arch. Recesses are not drawn. The same arch and version of ezdxf make the same bytes.
 
         Parameters
         ----------
         path : str or Path
-            File to write; the same arch and version of ezdxf make the same bytes.
+            File to write, or `OutputError`.
         unit : str
             m, dm, cm, mm, in or ft.
         layer : str
@@ -433,12 +403,11 @@ class Arch:
         >>> round(af.onset(block).plus, 6)
         0.15
         """
-        depths = [
-            checks.shared_or_each(f"recess.{name}", value, self.n_joint, "joint", "m")
-            for name, value in (("intrados", intrados), ("extrados", extrados))
-        ]
-        start, end = self.intrados[: self.n_joint], self.extrados[: self.n_joint]
-        length = np.hypot(*(end - start).T)
+        n_joint, depths = self.n_joint, []
+        for name, value in (("intrados", intrados), ("extrados", extrados)):
+            depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
+        across = self.extrados[:n_joint] - self.intrados[:n_joint]
+        length = np.hypot(*across.T)
         left = length - depths[0] - depths[1]
         if not np.all(left > checks.SMALLEST):
             joint = int(np.argmin(left))
@@ -446,20 +415,17 @@ class Arch:
                 f"recess of joint {joint} leaves {left[joint]:.6g} m of its {length[joint]:.6g} "
                 f"m; it must leave more than {checks.SMALLEST:g} m"
             )
-        along = (end - start) / length[:, None]
+        along = across / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
-        ends = [self.intrados.copy(), self.extrados.copy()]
-        for line, step in zip(ends, moved):
-            line[: self.n_joint] += step
+        ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
+        for line, step in zip(ends.values(), moved):
+            line[:n_joint] += step
         corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
-        chain = self.chain._replace(
-            face_before=np.ascontiguousarray(self.chain.face_before + corner),
-            face_after=np.ascontiguousarray(self.chain.face_after + corner),
-        )
+        before, after = self.chain.face_before + corner, self.chain.face_after + corner
+        chain = self.chain._replace(face_before=before, face_after=after)
         recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
-        changed = {"chain": chain, "intrados": ends[0], "extrados": ends[1]}
         given = {**self.parameters, "recess": recess}
-        return Arch(**{**vars(self), **changed, "parameters": given})
+        return Arch(**{**vars(self), **ends, "chain": chain, "parameters": given})
 
 
 class Block(Arch):

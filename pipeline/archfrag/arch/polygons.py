@@ -255,18 +255,15 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
         step = line[1] - line[0]
         return line[0] + ((point - line[0]) @ step) / (step @ step) * step
 
-    ends = []
+    ours, theirs = edge.copy(), other.copy()
     # How far each end of the other lies inside the edge.
-    for k, inside in ((0, place[0]), (1, length - place[1])):
-        if abs(inside) <= tolerance:
-            ends.append((edge[k], other[k]))
-        elif inside > 0.0:
-            ends.append((other[k], foot(edge, other[k])))
-        else:
-            ends.append((edge[k], foot(other, edge[k])))
-    if any(np.hypot(*(one - two)) > tolerance for one, two in ends):
-        return None
-    return np.array([0.5 * (one + two) for one, two in ends])
+    for k, inside in enumerate((place[0], length - place[1])):
+        if inside > tolerance:
+            ours[k] = foot(edge, other[k])
+        elif inside < -tolerance:
+            theirs[k] = foot(other, edge[k])
+    apart = np.hypot(*(ours - theirs).T).max()
+    return 0.5 * (ours + theirs) if apart <= tolerance else None
 
 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:

@@ -104,14 +104,6 @@ def normal_ring(
     point, outward = curve(span, rise, fraction)
     step = np.diff(point, axis=0)
     here, there = outward[:-1], outward[1:]
-    behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
-    if behind.any():
-        joint = int(np.argmax(behind))
-        raise GeometryError(
-            f"joints {joint} and {joint + 1} stand too unevenly round the crown for a "
-            "straight-sided voussoir between them; place a joint nearer to the crown, or make all "
-            "voussoirs equal"
-        )
     bend = cross(here, there)
     # Distance along each of two neighbouring joints to where their lines meet.
     with np.errstate(divide="ignore"):

@@ -46,26 +46,12 @@ class Marginal:
         return np.clip(self.full.ppf(inside), self.lower, self.upper)
 
 
-def unit_points(
-    count: int, dimension: int, scheme: Scheme, seed: int | Sequence[int]
-) -> FloatArray:
-    """Points inside the unit cube that fill it evenly, (count, dimension); see `sample`."""
-    generator = np.random.default_rng(seed)
-    if scheme == "sobol":
-        power = max(count - 1, 0).bit_length()
-        points = qmc.Sobol(dimension, scramble=True, seed=generator).random_base2(power)[:count]
-    else:
-        points = qmc.LatinHypercube(dimension, seed=generator).random(count)
-    return np.clip(points, _EDGE, 1.0 - _EDGE)
-
-
 def correlation_factor(
     names: Sequence[str], correlation: Mapping[str, Mapping[str, float]]
 ) -> FloatArray:
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
     `correlation` maps names to mappings of names to coefficients; other pairs are not correlated.
-    `InputError` if a pair cannot be, or no distribution has these coefficients together.
     """
     matrix = np.eye(len(names))
     pairs = [(a, b, rho) for a, others in correlation.items() for b, rho in others.items()]
@@ -89,13 +75,9 @@ def correlation_factor(
 
 
 def sample(
-    marginals: Mapping[str, Marginal],
-    count: int,
-    *,
-    scheme: Scheme = "sobol",
-    seed: int | Sequence[int] = 1,
-    correlation: Mapping[str, Mapping[str, float]] | None = None,
-) -> dict[str, FloatArray]:
+    marginals: Mapping[str, Marginal], count: int, *, scheme: Scheme = "sobol",
+    seed: int | Sequence[int] = 1, correlation: Mapping[str, Mapping[str, float]] | None = None,
+) -> dict[str, FloatArray]:  # fmt: skip
     """Sample parameters with given distributions and correlations, `count` values of each.
 
     `scheme` is Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek
@@ -118,10 +100,16 @@ def sample(
     >>> round(float(values["thickness"].mean()), 2)
     1.5
     """
-    names = list(marginals)
+    names, generator = list(marginals), np.random.default_rng(seed)
     if not names:
         return {}
-    points = unit_points(count, len(names), scheme, seed)
+    if scheme == "sobol":
+        power = max(count - 1, 0).bit_length()
+        design = qmc.Sobol(len(names), scramble=True, seed=generator)
+        points = design.random_base2(power)[:count]
+    else:
+        points = qmc.LatinHypercube(len(names), seed=generator).random(count)
+    points = np.clip(points, _EDGE, 1.0 - _EDGE)
     if correlation:
         points = ndtr(ndtri(points) @ correlation_factor(names, correlation).T)
     return {
