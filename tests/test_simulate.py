@@ -26,8 +26,8 @@ class TestRefusals:
             ({"arch": "arch"}, "arch is str; it must be an archfrag Arch or Block"),
             ({"motion": np.zeros(5)}, "motion is ndarray; it must be an archfrag Motion"),
             ({"method": "newmark"}, "method is 'newmark'; allowed are auto, time_stepping"),
-            ({"dt": 0.0}, "dt is 0.0; it must be a number, finite and positive"),
-            ({"scale": "two"}, "scale is 'two'; it must be a number, finite"),
+            ({"dt": 0.0}, "dt is 0.0; it must be a finite number from 1e-09 to 10"),
+            ({"scale": "two"}, "scale is 'two'; it must be a finite number"),
             ({"initial": 3}, "initial must be a pair of arrays"),
             ({"initial": (np.zeros((4, 3)),) * 2}, r"initial position has shape \(4, 3\)"),
             ({"initial": (STILL[0], np.full((5, 3), np.nan))}, "initial velocity .* finite"),
@@ -152,18 +152,13 @@ class TestMechanism:
 
     def test_a_log_beyond_the_bound_states_where_it_ends(self, monkeypatch):
         full = af.simulate(ARCH, PUSH, history=True).mechanism
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
         monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_LOG", 6)
         kept = af.simulate(ARCH, PUSH, history=True).mechanism
         assert kept[:5] == full[:5]
         assert len(kept) == 6
         assert np.isnan(kept[5].until)
 
-    def test_history_changes_nothing(self, monkeypatch):
+    def test_history_changes_nothing(self):
         stepped = functools.partial(af.simulate, ARCH, PUSH, method="time_stepping")
         without, kept = stepped(), stepped(history=True)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 3)
-        again = stepped(history=True)  # its log needs more space
-        assert again.mechanism == kept.mechanism
-        assert again.history.identical(kept.history)
         assert (without.work, without.energy) == (kept.work, kept.energy)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,6 @@ from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import (
-    FIRST_LOG,
-    LARGEST_LOG,
     MechanismChange,
     Response,
     empty_output,
@@ -50,6 +48,7 @@ __all__ = [
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
+LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
 COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
@@ -63,25 +62,12 @@ _UNITS = {
 }  # fmt: skip
 
 
-class MoreOptions(TypedDict, total=False):
-    """What runs take that is seldom given; `simulate` documents it."""
-
-    follow: float
-    settings: Mapping[str, float] | None
-    loss_limit: float
-
-
 def simulate(
-    arch: Arch,
-    motion: Motion,
-    scale: float = 1.0,
-    method: str = AUTO,
-    rtol: float | None = None,
-    dt: float | None = None,
-    history: bool = False,
-    initial: tuple[ArrayLike, ArrayLike] | None = None,
-    **more: Unpack[MoreOptions],
-) -> Response:
+    arch: Arch, motion: Motion, scale: float = 1.0, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, history: bool = False,
+    initial: tuple[ArrayLike, ArrayLike] | None = None, *, follow: float = 20.0,
+    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
+) -> Response:  # fmt: skip
     """Simulate one arch under one ground motion, until it rests or collapses.
 
     Parameters
@@ -100,8 +86,8 @@ def simulate(
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
         the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
         up to 4 ms between them for joints of 1.5 m at the default rtol, 1.6 and 8 ms for more
-        than 20 voussoirs. event_driven uses it
-        when it switches to time stepping; other methods have their own default.
+        than 20 voussoirs. event_driven uses it when it switches to time stepping; other methods
+        have their own default.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
@@ -110,12 +96,6 @@ def simulate(
         ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open, but bodies
         must not overlap by more than rounding.
 
-    Returns
-    -------
-    Response
-
-    Other Parameters
-    ----------------
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
@@ -142,7 +122,9 @@ def simulate(
     >>> response.collapsed, response.collapse_mode
     (False, 'none')
     """
-    info, own, options = _checked_call(arch, [motion], [scale], method, rtol, dt, **more)
+    info, own, options = _checked_call(
+        arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
+    )
     position, velocity = at_rest(arch)
     if initial is None:
         check_stands(arch)
@@ -150,44 +132,32 @@ def simulate(
         shift, velocity = check_initial(initial, arch)
         position += shift
     ground = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
-    span = motion.duration + options.follow
-    n_frame = int(span / options.frame_interval) + 64 if history else 0
+    n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     run, start = partial(info.load(), **own), (position, velocity, initial is None)
     started = time.perf_counter()
     results, frames, log = _run(arch, run, (ground, float(scale)), start, options, n_frame)
-    wall_time = time.perf_counter() - started
+    response = partial(response_of, results, 0, info.name, time.perf_counter() - started)
     if not history:
-        return response_of(results, 0, info.name, wall_time)
+        return response()
     count, end_time = results.count[0], float(results.end_time[0])
     changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, initial is None)
-    frames_written = history_of(arch, frames, int(count[Count.FRAMES]))
-    return response_of(results, 0, info.name, wall_time, changes, frames_written)
+    return response(changes, history_of(arch, frames, int(count[Count.FRAMES])))
 
 
 def _run(
-    arch: Arch,
-    run: Callable[..., Results],
-    moved_by: tuple[Grounds, float],
-    start: tuple[np.ndarray, np.ndarray, bool],
-    options: Options,
-    n_frame: int = 0,
-) -> tuple[Results, Frames, MechanismLog]:
-    """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
-    n_entry = FIRST_LOG if n_frame else 0
+    arch: Arch, run: Callable[..., Results], moved_by: tuple[Grounds, float],
+    start: tuple[np.ndarray, np.ndarray, bool], options: Options, n_frame: int = 0,
+) -> tuple[Results, Frames, MechanismLog]:  # fmt: skip
+    """Run a method, again with more space while its history does not fit; none if `n_frame` 0."""
     position, velocity, from_rest = start
+    n_entry = LARGEST_LOG if n_frame else 0
     while True:
         output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
         moving = position.copy(), velocity.copy(), from_rest
         results = run(arch.chain, *moved_by, *moving, options, *output)
-        n_written, n_changed = results.count[0, [Count.FRAMES, Count.LOG_ENTRIES]].astype(int)
-        frames_fit = n_frame == 0 or n_written < n_frame
-        log_fits = n_changed <= n_entry or n_entry in (0, LARGEST_LOG)
-        if frames_fit and log_fits:
+        if n_frame == 0 or results.count[0, Count.FRAMES] < n_frame:
             return results, *output
-        if not frames_fit:
-            n_frame *= 2
-        if not log_fits:
-            n_entry = min(n_changed, LARGEST_LOG)
+        n_frame *= 2
 
 
 def _checked_call(
@@ -204,14 +174,13 @@ def _checked_call(
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     checks.check_taken(info, rtol=rtol, dt=dt)
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
-    check, lengths = checks.check_number, f"from {NOTED_GAP:g} to 10 times the joint's length"
-    check("loss_limit", loss_limit, lengths, lambda x: NOTED_GAP <= x <= 10.0)
     for factor in factors:
-        check("scale", factor, "finite", math.isfinite)
-    check("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
-    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
+        checks.check_number("scale", factor, -math.inf, math.inf)
+    checks.check_number("loss_limit", loss_limit, NOTED_GAP, 10.0)
+    checks.check_number("rtol", tolerance, 1e-12, 1.0)
+    checks.check_number("follow", follow, 0.0, math.inf, "s")
     if dt is not None:
-        check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+        checks.check_number("dt", dt, 1e-9, 10.0, "s")
     own, unit = checks.check_settings(info, settings), own_time(arch)
     if dt is not None or info.step_rule is None:
         step = largest_step = checks.default_of(info, "dt") if dt is None else float(dt)
@@ -222,17 +191,12 @@ def _checked_call(
     samples = max(len(motion.acceleration) for motion in motions)
     sampling = min(float(motion.dt) for motion in motions)
     options = Options(
-        time_step=float(step),
-        tolerance=float(tolerance),
-        accuracy=float(tolerance),
-        follow=float(follow),
+        time_step=float(step), tolerance=float(tolerance), accuracy=float(tolerance),
+        follow=float(follow), loss_limit=float(loss_limit), check_interval=CHECK_INTERVAL,
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
-        loss_limit=float(loss_limit),
-        check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
-        crowding=0.0,
-        largest_step=float(largest_step),
-    )
+        crowding=0.0, largest_step=float(largest_step),
+    )  # fmt: skip
     return info, own, options
 
 
@@ -270,14 +234,9 @@ def simulate_runs(
 
 
 def simulate_many(
-    arch: Arch,
-    motions: Motion | Sequence[Motion],
-    factors: ArrayLike,
-    method: str = AUTO,
-    rtol: float | None = None,
-    dt: float | None = None,
-    **more: Unpack[MoreOptions],
-) -> xarray.Dataset:
+    arch: Arch, motions: Motion | Sequence[Motion], factors: ArrayLike, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, **more: Any,
+) -> xarray.Dataset:  # fmt: skip
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
     Each run has the same results, to the last bit, as `simulate` without a history.
@@ -290,19 +249,12 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate.simulate`.
+        As for `archfrag.simulate.simulate`, with follow, settings and loss_limit.
 
     Returns
     -------
     xarray.Dataset
         Dimension run; the numbers of a `Response` for each, and the factors.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used; the message names it.
-    StabilityError
-        If the arch does not stand under its own weight.
 
     Examples
     --------

@@ -9,7 +9,6 @@ import archbench  # noqa: F401  registers the baselines
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.methods.registry import known_methods
-from archfrag.simulate import MoreOptions
 from archfrag.simulation.checks import is_available, own_parameters
 
 SIGNATURE = [
@@ -30,7 +29,7 @@ class TestEveryMethod:
         parameters = known_methods()[name].parameters
         names = [parameter.name for parameter in parameters]
         assert len(set(names)) == len(names) > 0
-        arguments = {*inspect.signature(af.simulate).parameters, *MoreOptions.__annotations__}
+        arguments = inspect.signature(af.simulate).parameters
         own = own_parameters(known_methods()[name])
         for parameter in parameters:
             assert parameter.name in arguments or parameter.name in own

@@ -14,7 +14,6 @@ import pytest
 import archfrag as af
 from archfrag.cli import main
 from archfrag.errors import STATUS_MESSAGE
-from archfrag.simulate import MoreOptions
 from archfrag.simulation.checks import method_names
 from archfrag.study.file import schema
 from archfrag.study.file.schema import Method, load_study
@@ -124,7 +123,7 @@ class TestSimulate:
     def test_what_a_status_advises_can_be_given(self):
         """Options of the command, keys of a study, arguments of the function, or methods."""
         known = {option.name for option in main.commands["simulate"].params}
-        taken = {*inspect.signature(af.simulate).parameters, *MoreOptions.__annotations__}
+        taken = inspect.signature(af.simulate).parameters.keys()
         known &= {"method", *Method.model_fields} & taken
         advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_MESSAGE.values())))
         assert {"dt", "follow"} <= advised <= known | set(method_names())

@@ -270,7 +270,7 @@ class Arch:
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
             raise GeometryError(
-                f"intrados has {len(inner)} points and extrados {len(outer)}; both must have as many"
+                f"intrados has {len(inner)} points and extrados {len(outer)}; they must be equal"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = straight_ring(inner, outer)

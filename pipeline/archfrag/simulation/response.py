@@ -39,7 +39,6 @@ _ENERGY = {
     "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
     "balance_error": Energy.BALANCE_ERROR, "largest_kinetic": Energy.LARGEST_KINETIC,
 }  # fmt: skip
-FIRST_LOG, LARGEST_LOG = 1024, 50_000
 
 CAUSE_WORDS = {
     Cause.START: "start", Cause.HINGE: "new hinge", Cause.SLIDE: "sliding starts",
@@ -252,17 +251,11 @@ def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
     """Space for so many frames of a history and entries of a log."""
-    body, joint, modes = (n_frame, n_body, 3), (n_frame, n_joint, 3), np.int8
-    frames = Frames(
-        time=np.zeros(n_frame), position=np.zeros(body), velocity=np.zeros(body),
-        reaction=np.zeros(joint), mode=np.zeros(joint[:2], modes),
-    )  # fmt: skip
-    log = MechanismLog(
-        time=np.zeros(n_entry), cause=np.zeros(n_entry, np.int8),
-        joint=np.zeros(n_entry, np.int32), model=np.zeros(n_entry, np.int8),
-        mode=np.zeros((n_entry, n_joint), modes),
-    )  # fmt: skip
-    return frames, log
+    body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
+    numbers = [np.zeros(shape) for shape in (n_frame, body, body, joint)]
+    codes = [np.zeros(n_entry, code) for code in (np.int8, np.int32, np.int8)]
+    mode = [np.zeros((n, n_joint), np.int8) for n in (n_frame, n_entry)]
+    return Frames(*numbers, mode[0]), MechanismLog(np.zeros(n_entry), *codes, mode[1])
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
@@ -350,5 +343,4 @@ def summary(changes: Sequence[MechanismChange]) -> str:
     """How often the mechanism changed, and why, most frequent causes first."""
     causes = Counter(change.cause for change in changes if change.cause not in ("start", "end"))
     why = [f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()]
-    n = sum(causes.values())
-    return f"{n} changes of the mechanism" + (f" ({', '.join(why)})" if why else "")
+    return f"{causes.total()} changes of the mechanism ({', '.join(why) or 'none'})"
