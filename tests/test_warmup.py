@@ -1,6 +1,7 @@
 """Compiling ahead: each kernel once, in two processes, and never again."""
 
 import collections
+import contextlib
 import json
 import os
 import subprocess
@@ -62,28 +63,20 @@ def test_a_second_process_compiles_nothing_and_each_kernel_is_in_one_version():
     assert {kernel: n for kernel, n in count.items() if n > 1} == {}
 
 
-@pytest.fixture
-def empty(tmp_path, monkeypatch):
-    """A cache in which nothing is compiled yet, and no second process."""
-    folder = tmp_path / "k-now"
-    folder.mkdir()
-    monkeypatch.setattr(warm, "use_kernel_cache", lambda: folder)
+def test_messages_compiling_then_loading(tmp_path, monkeypatch):
+    """With a cache in which nothing is compiled yet."""
+    monkeypatch.setattr(warm, "use_kernel_cache", lambda: tmp_path)
     monkeypatch.setattr(warm, "TICK", 0.02)
-    monkeypatch.setattr(warm, "_HELPER", "raise SystemExit('fails')")
-    return folder
-
-
-def test_messages_compiling_then_loading(empty):
+    monkeypatch.setattr(warm, "_second_process", lambda methods: contextlib.nullcontext())
+    monkeypatch.setattr(warm, "_compile", lambda methods: time.sleep(0.3))
     messages = []
-    with warm.compiling(["auto"], messages.append):
-        time.sleep(0.3)
+    warmup("auto", messages.append)
     assert len(messages) > 3
     assert set(messages) == {"compiling kernels, once: 0 s of about 80 s"}
-    assert warm.kernels_are_compiled("auto")
-    assert not warm.kernels_are_compiled("event_driven")
+    assert kernels_are_compiled("auto")
+    assert not kernels_are_compiled("event_driven")
     messages.clear()
-    with warm.compiling(["auto"], messages.append):
-        time.sleep(0.1)
+    warmup("auto", messages.append)
     assert messages == ["loading kernels"]
 
 
