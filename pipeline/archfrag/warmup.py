@@ -84,8 +84,8 @@ def _stamps(method: str | None) -> list[Path]:
     Machine code is for one kind of processor; a home folder may serve several.
     """
     folder, processor = use_kernel_cache(), llvmlite.binding.get_host_cpu_name()
-    names = () if folder is None else _methods_of(method)
-    return [folder / f"compiled-{name}-{processor}" for name in names]
+    names = _methods_of(method)
+    return [folder / f"compiled-{name}-{processor}" for name in names if folder is not None]
 
 
 def _compile(methods: Sequence[str], second: bool = False) -> None:

@@ -236,10 +236,12 @@ def empty_output(
 ) -> tuple[Frames, MechanismLog]:
     """Space for so many frames of a history and entries of a log."""
     body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
-    numbers = [np.zeros(shape) for shape in (n_frame, body, body, joint)]
-    codes = [np.zeros(n_entry, code) for code in (np.int8, np.int32, np.int8)]
-    mode = [np.zeros((n, n_joint), np.int8) for n in (n_frame, n_entry)]
-    return Frames(*numbers, mode[0]), MechanismLog(np.zeros(n_entry), *codes, mode[1])
+    time, cause, joint_of_cause, model = (
+        np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
+    )
+    log = MechanismLog(time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8))
+    numbers = np.zeros(n_frame), np.zeros(body), np.zeros(body), np.zeros(joint)
+    return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import archfrag
 from archfrag.errors import OutputError
-from archfrag.files import entries, opened, replacing, sha256_of, sweep
+from archfrag.files import opened, replacing, sha256_of, sweep
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
@@ -93,9 +93,9 @@ def check_own(study: "Study") -> None:
         for name in filter(_RESULT.fullmatch, os.listdir(study.folder)):
             if (study.folder / name).exists() and not (study.folder / name).is_file():
                 raise OutputError(f"{study.folder / name}: is no regular file; move it")
-    for entry in entries(study.work):
+    for entry in study.work.rglob("*"):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
-            raise OutputError(f"{entry.path}: {strange}")
+            raise OutputError(f"{entry}: {strange}")
     sweep(study.work)
 
 
