@@ -1,6 +1,5 @@
 """Chains from simple polygons: edges that two blocks share become joints. It needs shapely."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -16,7 +15,6 @@ from archfrag.errors import GeometryError, from_extra
 
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
 _SHORTEST = 10.0  # joint, in tolerances
-_SMOOTH = math.radians(30.0)  # corners of a smaller angle are inside a side, as of a drawn arc
 _Segment = FloatArray  # (2, 2): end, xy
 
 
@@ -193,9 +191,7 @@ def _check_simple(given: Blocks) -> None:
     for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
         if one < other:
             common = shapely.intersection(shapes[one], shapes[other]).area
-            alike = common > 0.999 * max(shapes[one].area, shapes[other].area)
-            what = "is the same block as" if alike else f"overlaps by {common:.3g} m2 with"
-            given.refuse(one, f"{what} {given.names[other]}")
+            given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
 
 
 def _find_joints(given: Blocks) -> None:
@@ -316,25 +312,16 @@ def _walk(given: Blocks) -> list[int]:
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     """Side of an end block opposite to its joint, which must be one of four and straight."""
     outline = given.outlines[block]
-    along, middle, _ = _places_along(outline, [joint.mean(axis=0)])
-    here = int(np.searchsorted(along, middle[0], "right")) - 1
-    chord = np.roll(outline[:, :2], -1, axis=0) - outline[:, :2]
-    heading, half = np.arctan2(chord[:, 1], chord[:, 0]), 2.0 * np.arctan(outline[:, 2])
-    # Between the end of the edge before and the start of this one.
-    angle = (heading - half) - np.roll(heading + half, 1)
-    turns = np.abs((angle + math.pi) % (2.0 * math.pi) - math.pi) > _SMOOTH
-    side = np.cumsum(turns) % max(turns.sum(), 1)  # of each edge: from one corner to the next
-    edges = np.flatnonzero(side == (side[here] + 2) % 4)
-    if turns.sum() == 4 and not outline[edges, 2].any():
-        pairs = [outline[[edge, (edge + 1) % len(outline)], :2] for edge in edges]
-        straight = _one_line(pairs, given.tolerance)
-        if straight is not None:
-            return straight
-    given.refuse(
-        block,
-        f"is an end of the chain and has {turns.sum()} sides, of which none is straight and "
-        "opposite to its joint; a LINE must show the edge it stands on",
-    )
+    along, (middle,), _ = _places_along(outline, [joint.mean(axis=0)])
+    first = int(np.searchsorted(along, middle, "right")) + 1
+    side = outline[[first % len(outline), (first + 1) % len(outline)]]
+    if len(outline) != 4 or side[0, 2] != 0.0:
+        given.refuse(
+            block,
+            f"is an end of the chain and has {len(outline)} sides; without a LINE that shows the "
+            "edge it stands on they must be four, that opposite to its joint straight",
+        )
+    return side[:, :2]
 
 
 def _far_side(outline: FloatArray, joint: _Segment) -> _Segment:

@@ -7,7 +7,7 @@ springing, +1/2 at the right one. Joint lines are the ends at the intrados and a
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -102,13 +102,6 @@ def normal_ring(
 ) -> Ring:  # fmt: skip
     """Straight-sided voussoirs between joints perpendicular to a curve."""
     point, outward = curve(span, rise, fraction)
-    step = np.diff(point, axis=0)
-    here, there = outward[:-1], outward[1:]
-    bend = cross(here, there)
-    # Distance along each of two neighbouring joints to where their lines meet.
-    with np.errstate(divide="ignore"):
-        meeting = np.minimum(np.abs(cross(step, there) / bend), np.abs(cross(step, here) / bend))
-    _refuse_crossing(thickness, 2.0 * meeting, range(len(meeting)))
     offset = 0.5 * thickness * outward
     return straight_ring(point - offset, point + offset)
 
@@ -130,27 +123,12 @@ def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArra
     sign = np.sign(side)
     outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
     centre = np.column_stack([-sign * reach, np.zeros_like(side)])
-    left = int(np.flatnonzero(sign < 0.0)[-1])
-    right = left + 1
-    # Distance along the joints next to the crown to where they reach the vertical x = 0.
-    both = slice(left, right + 1)
-    limit = 2.0 * np.abs(centre[both, 0] / outward[both, 0] + radius)
-    _refuse_crossing(thickness, limit, (left, right if at_crown else left))
+    right = int(np.flatnonzero(sign < 0.0)[-1]) + 1
     intrados, extrados = (
-        np.insert(centre + r * outward, right, [0.0, math.sqrt(r**2 - reach**2)], axis=0)
+        np.insert(centre + r * outward, right, [0.0, math.sqrt(max(r**2 - reach**2, 0.0))], axis=0)
         for r in (radius - 0.5 * thickness, radius + 0.5 * thickness)
     )
     return straight_ring(intrados, extrados, None if at_crown else right)
-
-
-def _refuse_crossing(thickness: float, limit: FloatArray, first_of_pair: Sequence[int]) -> None:
-    """Refuse a thickness at or above the smallest limit, each that of one pair of joints."""
-    if thickness >= limit.min():
-        joint = first_of_pair[int(np.argmin(limit))]
-        raise GeometryError(
-            f"thickness = {thickness} is impossible: joints {joint} and {joint + 1} would cross "
-            f"inside the ring; it must be less than {limit.min():.6g} m"
-        )
 
 
 def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None = None) -> Ring:
@@ -181,7 +159,6 @@ def circular_ring(
         )
     if not sector:
         return straight_ring(intrados, extrados)
-    _sides(intrados, extrados)
     ring = Ring(intrados, extrados, 1, [], [], [])
     for start, end in pairwise(angle):
         middle = 0.5 * (start + end)
@@ -201,24 +178,12 @@ def segmental_ring(
     return circular_ring(np.array([0.0, rise - radius]), radius, thickness, angle, sector)
 
 
-def _sides(intrados: FloatArray, extrados: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners of quadrilaterals between lines, and their sides of unit length, (n, 4, 2) each."""
-    quads = np.stack([intrados[:-1], intrados[1:], extrados[1:], extrados[:-1]], axis=1)
-    side = np.roll(quads, -1, axis=1) - quads
-    length = np.hypot(side[..., 0], side[..., 1])
-    least = _TOLERANCE * float(np.hypot(*np.ptp(quads, axis=(0, 1))))
-    if np.any(length <= least):
-        body, corner = np.argwhere(length <= least)[0]
-        raise GeometryError(
-            f"two corners of voussoir {body} coincide at {place_text(quads[body, corner])}; they "
-            f"must be more than {least:.3g} m apart"
-        )
-    return quads, side / length[..., None]
-
-
 def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     """Refuse rings that cannot be, and return the side on which the intrados lies."""
-    quads, side = _sides(intrados, extrados)
+    quads = np.stack([intrados[:-1], intrados[1:], extrados[1:], extrados[:-1]], axis=1)
+    side = np.roll(quads, -1, axis=1) - quads
+    with np.errstate(invalid="ignore"):  # corners that coincide are refused below
+        side /= np.hypot(side[..., 0], side[..., 1])[..., None]
     bend = cross(side, np.roll(side, -1, axis=1))
     sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
     if not sense.all():
@@ -226,7 +191,8 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
         corners = ", ".join(map(place_text, quads[body]))
         raise GeometryError(
             f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
-            f"this order, and joints {body} and {body + 1} must neither cross nor touch"
+            f"this order; joints {body} and {body + 1} must neither cross nor touch inside the "
+            "ring (make it thinner, or its joints more even)"
         )
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))

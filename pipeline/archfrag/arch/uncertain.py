@@ -80,11 +80,10 @@ def sample(
 ) -> dict[str, FloatArray]:  # fmt: skip
     """Sample parameters with given distributions and correlations, `count` values of each.
 
-    `scheme` is Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek
-    1998): the first samples of a longer design are those of a shorter one, and its one- and
-    two-dimensional projections are even if `count` is a power of two. Or it is the Latin hypercube
-    (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every parameter,
-    for any `count`; a longer design has none of the samples of a shorter one.
+    `scheme` is Sobol's sequence, scrambled (Owen 1998): the first samples of a longer design are
+    those of a shorter one, and its one- and two-dimensional projections are even if `count` is a
+    power of two. Or it is the Latin hypercube (McKay, Beckman and Conover 1979), for any `count`:
+    one sample in each of `count` slices of every parameter.
 
     `correlation` is as in `correlation_factor`: coefficients rho of the Gaussian copula, which are
     the correlations of the normal scores (of the logarithms, if both are lognormal). The rank
