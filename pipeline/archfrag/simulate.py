@@ -22,29 +22,18 @@ from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import (
-    MechanismChange,
     Response,
     empty_output,
     history_of,
     mechanism_of,
     response_of,
 )
-from archfrag.simulation.rest import (
-    Hinge,
-    Onset,
-    at_rest,
-    check_initial,
-    check_stands,
-    onset,
-    own_time,
-)
+from archfrag.simulation.rest import Onset, at_rest, check_initial, check_stands, onset, own_time
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate", "simulate_many",
-]  # fmt: skip
+__all__ = ["Onset", "Response", "onset", "simulate", "simulate_many"]
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
@@ -86,21 +75,18 @@ def simulate(
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
         the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
         up to 4 ms between them for joints of 1.5 m at the default rtol, 1.6 and 8 ms for more
-        than 20 voussoirs. event_driven uses it when it switches to time stepping; other methods
-        have their own default.
+        than 20 voussoirs. event_driven uses it when it switches to time stepping.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
-        ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open, but bodies
+        ground [m/s, m/s, rad/s] at time 0; at rest if not given. Joints may be open, but bodies
         must not overlap by more than rounding.
-
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
-        Parameters of the method, if they differ from their defaults in the registry, for
-        example a joint stiffness.
+        Parameters of the method that differ from their defaults, such as a joint stiffness.
     loss_limit : float
         Gap at both corners of a joint, over its length, beyond which its contact cannot be
         regained: the run ends as a collapse. It also does if a joint has slid past its end or

@@ -131,7 +131,13 @@ def polygon_ring(
     # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
     ends = [segment[::-1] for segment in segments]
     last = order[-1]
-    ends.append(_far_side(outlines[last], ends[-1]) if free else given.standing[last])
+    if free:  # the edge that is farthest from the line of the last joint, intrados first
+        first, joint = outlines[last][:, :2], ends[-1]
+        edges = np.stack([first, np.roll(first, -1, axis=0)], axis=1)
+        away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
+        ends.append(edges[int(np.argmax(away))])
+    else:
+        ends.append(given.standing[last])
     intrados, extrados = (np.array([end[k] for end in ends]) for k in (0, 1))
     for place, block in enumerate(order[: len(order) - free]):
         for side in (intrados, extrados):
@@ -322,10 +328,3 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
             "edge it stands on they must be four, that opposite to its joint straight",
         )
     return side[:, :2]
-
-
-def _far_side(outline: FloatArray, joint: _Segment) -> _Segment:
-    """Edge of a free end that is farthest from the line of its joint, intrados first."""
-    edges = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
-    away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
-    return edges[int(np.argmax(away))]

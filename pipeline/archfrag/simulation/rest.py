@@ -99,6 +99,12 @@ def onset(arch: Arch) -> Onset:
         _thrust(work, limit.reaction) if limit.found and math.isfinite(limit.load_factor) else None
         for limit in (plus, minus)
     ]
+    if stands:
+        work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
+        solve_with_fallback(model, state, work, new_path(model))
+        pivot, weight = work.pivot, work.reaction.copy()
+        # Moments about the origin, as of the limits.
+        weight[:, 2] += pivot[:, 0] * weight[:, 1] - pivot[:, 1] * weight[:, 0]
     return Onset(
         stands=stands,
         plus=float(plus.load_factor) if found else math.nan,
@@ -107,7 +113,7 @@ def onset(arch: Arch) -> Onset:
         sliding=np.flatnonzero(plus.mechanism & SLIDING).tolist(),
         hinges_minus=_hinges(arch, minus),
         sliding_minus=np.flatnonzero(minus.mechanism & SLIDING).tolist(),
-        thrust=_thrust(work, _reactions_at_rest(model, state, work)) if stands else None,
+        thrust=_thrust(work, weight) if stands else None,
         thrust_plus=thrusts[0],
         thrust_minus=thrusts[1],
     )
@@ -168,15 +174,6 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     return model, state, work
-
-
-def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.float64]:
-    """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
-    work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
-    solve_with_fallback(model, state, work, new_path(model))
-    reaction = work.reaction.copy()
-    reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]
-    return reaction
 
 
 def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
