@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
-from archfrag.mechanics.ground import Grounds, grounds_of, one_of
+from archfrag.mechanics.ground import grounds_of
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Frames, MechanismLog, Options, Results
+from archfrag.mechanics.types import Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
@@ -119,31 +119,22 @@ def simulate(
         position += shift
     ground = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
     n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
-    run, start = partial(info.load(), **own), (position, velocity, initial is None)
-    started = time.perf_counter()
-    results, frames, log = _run(arch, run, (ground, float(scale)), start, options, n_frame)
+    n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
+    run, started = info.load(), time.perf_counter()
+    while True:
+        frames, log = output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
+        moving = (*(part.copy() for part in start), initial is None)
+        results = run(arch.chain, ground, float(scale), *moving, options, *output, **own)
+        count = results.count[0]
+        if not history or count[Count.FRAMES] < n_frame:
+            break
+        n_frame *= 2
     response = partial(response_of, results, 0, info.name, time.perf_counter() - started)
     if not history:
         return response()
-    count, end_time = results.count[0], float(results.end_time[0])
-    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, initial is None)
+    n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
+    changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
     return response(changes, history_of(arch, frames, int(count[Count.FRAMES])))
-
-
-def _run(
-    arch: Arch, run: Callable[..., Results], moved_by: tuple[Grounds, float],
-    start: tuple[np.ndarray, np.ndarray, bool], options: Options, n_frame: int = 0,
-) -> tuple[Results, Frames, MechanismLog]:  # fmt: skip
-    """Run a method, again with more space while its history does not fit; none if `n_frame` 0."""
-    position, velocity, from_rest = start
-    n_entry = LARGEST_LOG if n_frame else 0
-    while True:
-        output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
-        moving = position.copy(), velocity.copy(), from_rest
-        results = run(arch.chain, *moved_by, *moving, options, *output)
-        if n_frame == 0 or results.count[0, Count.FRAMES] < n_frame:
-            return results, *output
-        n_frame *= 2
 
 
 def _checked_call(
@@ -198,13 +189,8 @@ def results_of_runs(
     grounds = grounds_of([(each.acceleration, each.vertical, each.dt) for each in unique])
     factor = np.array(factors, float)
     started = time.perf_counter()
-    if info.load_many is not None:
-        results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
-    else:
-        run, start = partial(info.load(), **own), (*at_rest(arch), True)
-        moved_by = [(one_of(grounds, k, 1.0), by) for k, by in zip(motion, factor)]
-        rows = [_run(arch, run, each, start, options)[0] for each in moved_by]
-        results = Results(*map(np.concatenate, zip(*rows)))
+    assert info.load_many is not None
+    results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
@@ -215,6 +201,9 @@ def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
 ) -> list[Response]:
     """As `simulate_many`, a response for each run."""
+    if checks.check_method(method).load_many is None:
+        pairs = zip(motions, factors, strict=True)
+        return [simulate(arch, *each, method=method, **given) for each in pairs]
     results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
     return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
 

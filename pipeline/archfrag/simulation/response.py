@@ -11,16 +11,7 @@ import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.mechanics.laws import CLOSED_STICK
-from archfrag.mechanics.status import (
-    Cause,
-    CollapseMode,
-    Count,
-    Energy,
-    Loss,
-    Model,
-    Peak,
-    Status,
-)
+from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
 from archfrag.mechanics.types import Frames, MechanismLog, Results
 
 if TYPE_CHECKING:
