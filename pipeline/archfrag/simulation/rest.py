@@ -43,12 +43,11 @@ class Onset:
         Joint and side ("intrados" or "extrados") of the hinges at `plus` and at `minus`.
     sliding, sliding_minus : list of int
         Joints that slide there.
-    thrust : ndarray, (n_joint, 2) or None
-        Contact centres under self-weight [m]; nan at joints without a force; None if the arch
-        does not stand. An arch at rest is hyperstatic: this is the admissible thrust line of
-        joints that are equal springs, in the limit of infinite stiffness.
-    thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
-        Contact centres at the two ends of the range, where they are unique [m].
+    thrust, thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
+        Contact centres under self-weight and at the two ends of the range [m]; nan at joints
+        without a force; None if the arch does not stand or they are not unique. An arch at rest
+        is hyperstatic: its thrust line is the admissible one of joints that are equal springs, in
+        the limit of infinite stiffness.
     """
 
     stands: bool
@@ -148,12 +147,10 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
         raise InputError("initial must be a pair of arrays: position and velocity") from error
+    shape = (arch.n_voussoir, 3)
     for name, part in (("position", shift), ("velocity", velocity)):
-        if part.shape != (arch.n_voussoir, 3) or not np.isfinite(part).all():
-            raise InputError(
-                f"initial {name} has shape {part.shape}; it must be ({arch.n_voussoir}, 3) and "
-                "finite"
-            )
+        if part.shape != shape or not np.isfinite(part).all():
+            raise InputError(f"initial {name} has shape {part.shape}, must be {shape} and finite")
     model, _, work = _placed(arch, shift)
     for j, corner in np.ndindex(arch.n_joint, 2):
         gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
