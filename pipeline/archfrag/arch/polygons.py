@@ -213,7 +213,7 @@ def _find_joints(given: Blocks) -> None:
     for number, line in enumerate(given.ground, count):
         edges += [line[::-1], line]
         owner += [number, number]
-    tree = shapely.STRtree(shapely.linestrings(edges))
+    tree = shapely.STRtree(shapely.linestrings(np.reshape(edges, (-1, 2, 2))))
     shared: dict[tuple[int, int], list[_Segment]] = {}
     near = tree.query(tree.geometries, predicate="dwithin", distance=given.tolerance)
     for one, other in near.T:
