@@ -41,15 +41,10 @@ def __dir__():
 
 
 class _Package(ModuleType):
-    """Lets ``archfrag.simulate`` be the function though a module has the same name."""
-
-    @property
-    def simulate(self):
-        return import_module("archfrag.simulate").simulate
-
-    @simulate.setter
-    def simulate(self, module):
-        pass
+    # ``archfrag.simulate`` is the function though a module has the same name.
+    simulate = property(
+        lambda self: import_module("archfrag.simulate").simulate, lambda self, module: None
+    )
 
 
 sys.modules[__name__].__class__ = _Package

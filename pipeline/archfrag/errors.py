@@ -21,17 +21,6 @@ class InputError(ArchfragError):
     exit_code = 2
 
 
-def from_extra(module: str, extra: str) -> Any:
-    """Import a package that comes with an extra of archfrag, or say how to install it."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"this needs the package {module.partition('.')[0]}, which is not installed; install "
-            f'it with: pip install "archfrag[{extra}]"'
-        ) from error
-
-
 class RecordError(InputError):
     """A ground-motion record that cannot be read or used; names the file."""
 
@@ -86,51 +75,55 @@ class FitError(ArchfragError):
         return self.message.format(*shown) if shown else self.message
 
 
-def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
-    """Make one part of a report, or return the reason why not, so that the others are still made.
-
-    `worded` gives the text of a `FitError`. Unforeseen errors are returned as well: after all
-    simulations a report without one part is better than none.
-    """
-    try:
-        return make()
-    except FitError as error:
-        return worded(error)
-    except ArchfragError as error:
-        return str(error)
-    except Exception as error:
-        kind = type(error).__name__
-        return f"{kind}: {error}; this is an error in archfrag: please report it"
-
-
 class ServiceError(ArchfragError):
     """A data service that did not answer as it should; the same request may succeed later."""
 
     exit_code = 7
 
 
+def from_extra(module: str, extra: str) -> Any:
+    """Import a package that comes with an extra of archfrag, or say how to install it."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"this needs the package {module.partition('.')[0]}, which is not installed; install "
+            f'it with: pip install "archfrag[{extra}]"'
+        ) from error
+
+
+def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
+    """Make one part of a report, or return the reason why not; `worded`: that of a `FitError`."""
+    try:
+        return make()
+    except FitError as error:
+        return worded(error)
+    except ArchfragError as error:
+        return str(error)
+    except (
+        Exception
+    ) as error:  # after all simulations a report without one part is better than none
+        kind = type(error).__name__
+        return f"{kind}: {error}; this is an error in archfrag: please report it"
+
+
 STATUS_MESSAGE = {
     Status.STANDING: "the arch came to rest with contact kept or regained at every joint",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
-    Status.UNFINISHED: (
-        "the arch was still moving at the end of the follow-on time; raise `follow`"
-    ),
-    Status.NO_CONTACT_SOLUTION: (
+    Status.UNFINISHED:
+        "the arch was still moving at the end of the follow-on time; raise `follow`",
+    Status.NO_CONTACT_SOLUTION:
         "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
-        "report the case"
-    ),
-    Status.DOES_NOT_STAND: (
-        "the arch does not stand under its own weight; make it thicker or raise the friction"
-    ),
+        "report the case",
+    Status.DOES_NOT_STAND:
+        "the arch does not stand under its own weight; make it thicker or raise the friction",
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
-    Status.WORK_BOUND: (
-        "the run needed more steps than its length allows; try a larger `rtol` or another `method`"
-    ),
-    Status.NOT_APPLICABLE: (
-        "the method has no model for this mechanism or this initial state; use `auto`"
-    ),
-    Status.INACCURATE: (
+    Status.WORK_BOUND:
+        "the run needed more steps than its length allows; try a larger `rtol` or another "
+        "`method`",
+    Status.NOT_APPLICABLE:
+        "the method has no model for this mechanism or this initial state; use `auto`",
+    Status.INACCURATE:
         "energy balance or overlap missed the tolerance; try a smaller `rtol`, and please report "
-        "the case"
-    ),
-}
+        "the case",
+}  # fmt: skip

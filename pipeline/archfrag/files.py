@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 from archfrag.errors import InputError, OutputError
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
 _HOST = re.sub(r"\W", "_", socket.gethostname())
 # Temporary names give host and process, so that what a killed process left can be recognised.
 _TEMPORARY = re.compile(r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp")
 _SURELY_LEFT = 30 * 86400.0  # age at which no process can be at work on a temporary file [s]
-if TYPE_CHECKING:
-    import pandas as pd
-
 # Characters that a terminal obeys, or that change the direction of the text around them.
 _OBEYED = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
@@ -34,9 +34,8 @@ _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 
 def counted(number: int, noun: str) -> str:
     """A number of things: 1 arch, 2 arches."""
-    if number == 1:
-        return f"1 {noun}"
-    return f"{number} {noun}{'es' if noun.endswith('ch') else 's'}"
+    plural = "" if number == 1 else "es" if noun.endswith("ch") else "s"
+    return f"{number} {noun}{plural}"
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -93,8 +92,7 @@ def make_folder(path: Path) -> Path:
     """Make a folder with its parents and see that it can be written, or raise `OutputError`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
+        tempfile.TemporaryFile(dir=path).close()
     except OSError as error:
         raise cannot_write(path, error) from error
     return path
@@ -107,13 +105,12 @@ def temporary_prefix() -> str:
 
 def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
     """A folder that is removed when its block ends, or by `sweep` after a kill."""
-    prefix = temporary_prefix()
-    return tempfile.TemporaryDirectory(".tmp", prefix, place, ignore_cleanup_errors=True)
+    return tempfile.TemporaryDirectory(".tmp", temporary_prefix(), place, True)
 
 
 def sweep(folder: Path) -> None:
     """Remove temporary files and folders of killed processes, by their names, below a folder."""
-    for entry in entries(folder):
+    for entry in list(folder.rglob("*")):
         found = _TEMPORARY.fullmatch(entry.name)
         if found is None or entry.is_symlink():
             continue
@@ -124,20 +121,8 @@ def sweep(folder: Path) -> None:
                     os.kill(int(found["pid"]), 0)
                 except ProcessLookupError:
                     gone = True
-                except (PermissionError, OverflowError):
-                    pass
             if gone:
-                path = Path(entry.path)
-                shutil.rmtree(path) if entry.is_dir() else path.unlink()
-
-
-def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:
-    """All that is below a folder, links not followed."""
-    with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as found:
-        for entry in found:
-            yield entry
-            if entry.is_dir(follow_symlinks=False):
-                yield from entries(entry.path)
+                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
 
 
 @contextlib.contextmanager
@@ -148,23 +133,21 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     on the disk before the name is, unless not `lasting`: then a kill, but not a power cut, leaves
     the file complete. `OutputError` for any `OSError` inside; `path` is then as it was.
     """
-    temporary, hidden = None, path.parent / WORK
+    hidden = path.parent / WORK
+    place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
+    temporary = place / f"{temporary_prefix()}{secrets.token_hex(4)}.tmp"
     try:
-        place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
-        name = place / f"{temporary_prefix()}{secrets.token_hex(4)}.tmp"
         # Unlike those of `tempfile`, with the permissions that the user's umask allows.
-        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        temporary = name
+        temporary.touch(exist_ok=False)
         yield temporary
         if lasting:
             with open(temporary, "rb+") as file:
                 os.fsync(file.fileno())
         os.replace(temporary, path)
-        temporary = None
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:
-        if temporary is not None:
+        with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 

@@ -3,12 +3,9 @@
 The folder's name is a hash of `mechanics`, `methods` and the versions of Python, numba and
 llvmlite: edited source never leaves old machine code in use, and all clones and environments of a
 machine share the compiled code (`archfrag.mechanics.compile`). Its files run as machine code, so
-archfrag uses it only if nobody else can write to it or replace it. If the user's cache is not
-safe or cannot be written, a temporary folder takes its place; if that is not safe either, nothing
-is kept.
+archfrag uses it only if nobody else can write to it or replace it.
 """
 
-import atexit
 import contextlib
 import functools
 import hashlib
@@ -23,10 +20,11 @@ from pathlib import Path
 
 KERNEL_FOLDERS = ("mechanics", "methods")
 HOLDS_NO_KERNEL = ("registry.py", "auto.py", "front.py")
-KEPT = 8
+KEPT = 8  # folders of other states of the source, however old
 KEPT_FOR_SURE = 30 * 86400.0
 # Names the temporary cache of this process to the processes that it starts.
 INHERITED = "ARCHFRAG_KERNEL_CACHE"
+_temporary: list[tempfile.TemporaryDirectory[str]] = []  # removed when this process ends
 
 
 def kernel_hash() -> str:
@@ -38,10 +36,9 @@ def kernel_hash() -> str:
     home = Path(__file__).resolve().parent
     for folder in KERNEL_FOLDERS:
         for path in sorted((home / folder).rglob("*.py")):
-            if path.name in HOLDS_NO_KERNEL:
-                continue
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
+            if path.name not in HOLDS_NO_KERNEL:
+                digest.update(path.name.encode())
+                digest.update(path.read_bytes())
     return digest.hexdigest()[:40]
 
 
@@ -60,10 +57,10 @@ def use_kernel_cache() -> Path | None:
     with contextlib.suppress(OSError):
         return _prepared(Path(chosen).absolute() if chosen else usual)
     with contextlib.suppress(OSError):
-        base = Path(tempfile.mkdtemp(prefix="archfrag-"))
-        atexit.register(_remove, base, os.getpid())
-        folder = _prepared(base)
-        os.environ[INHERITED] = str(base)
+        base = tempfile.TemporaryDirectory(prefix="archfrag-", ignore_cleanup_errors=True)
+        _temporary.append(base)
+        folder = _prepared(Path(base.name))
+        os.environ[INHERITED] = base.name
         return folder
     return None
 
@@ -80,7 +77,10 @@ def _prepared(base: Path) -> Path:
         raise PermissionError(f"{folder} is not a private directory of our own")
     tempfile.TemporaryFile(dir=folder).close()
     os.utime(folder)
-    _forget_old(base)
+    found = [(p.lstat().st_mtime, p) for p in base.glob("k-*") if p.lstat().st_uid == os.getuid()]
+    for changed, other in sorted(found, reverse=True)[KEPT:]:
+        if changed <= time.time() - KEPT_FOR_SURE:
+            shutil.rmtree(other, ignore_errors=True)
     return folder
 
 
@@ -92,28 +92,9 @@ def _kept_from_others(path: Path) -> Path:
     are trusted: if each user has a group of their own, this is the usual umask.
     """
     resolved = Path(os.path.realpath(path))
-    for place in (path, *path.parents, resolved, *resolved.parents):
-        try:
-            state = os.lstat(place)
-        except FileNotFoundError:
-            continue
-        if state.st_uid not in (0, os.getuid()):
-            raise PermissionError(f"{place} belongs to another user")
+    for place in filter(os.path.lexists, (path, *path.parents, resolved, *resolved.parents)):
+        state = os.lstat(place)
         open_to_all = state.st_mode & stat.S_IWOTH and not state.st_mode & stat.S_ISVTX
-        if open_to_all and not stat.S_ISLNK(state.st_mode):
-            raise PermissionError(f"{place} can be written by every user")
+        if state.st_uid not in (0, os.getuid()) or (open_to_all and not place.is_symlink()):
+            raise PermissionError(f"{place} can be written by others")
     return resolved
-
-
-def _forget_old(base: Path) -> None:
-    folders = [p for p in base.glob("k-*") if p.is_dir() and p.lstat().st_uid == os.getuid()]
-    folders.sort(key=lambda p: p.stat().st_mtime, reverse=True)
-    recent = time.time() - KEPT_FOR_SURE
-    for folder in folders[KEPT:]:
-        if folder.stat().st_mtime <= recent:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _remove(folder: Path, pid: int) -> None:
-    if os.getpid() == pid:
-        shutil.rmtree(folder, ignore_errors=True)

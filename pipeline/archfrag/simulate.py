@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,41 +15,29 @@ from numpy.typing import ArrayLike
 from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
-from archfrag.mechanics.ground import Grounds, grounds_of, one_of
+from archfrag.mechanics.ground import grounds_of
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Frames, MechanismLog, Options, Results
+from archfrag.mechanics.types import Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import (
-    FIRST_LOG,
-    LARGEST_LOG,
-    MechanismChange,
     Response,
     empty_output,
     history_of,
     mechanism_of,
     response_of,
 )
-from archfrag.simulation.rest import (
-    Hinge,
-    Onset,
-    at_rest,
-    check_initial,
-    check_stands,
-    onset,
-    own_time,
-)
+from archfrag.simulation.rest import Onset, at_rest, check_initial, check_stands, onset, own_time
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = [
-    "Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate", "simulate_many",
-]  # fmt: skip
+__all__ = ["Onset", "Response", "onset", "simulate", "simulate_many"]
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
+LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
 COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
@@ -63,25 +51,12 @@ _UNITS = {
 }  # fmt: skip
 
 
-class MoreOptions(TypedDict, total=False):
-    """What runs take that is seldom given; `simulate` documents it."""
-
-    follow: float
-    settings: Mapping[str, float] | None
-    loss_limit: float
-
-
 def simulate(
-    arch: Arch,
-    motion: Motion,
-    scale: float = 1.0,
-    method: str = AUTO,
-    rtol: float | None = None,
-    dt: float | None = None,
-    history: bool = False,
-    initial: tuple[ArrayLike, ArrayLike] | None = None,
-    **more: Unpack[MoreOptions],
-) -> Response:
+    arch: Arch, motion: Motion, scale: float = 1.0, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, history: bool = False,
+    initial: tuple[ArrayLike, ArrayLike] | None = None, *, follow: float = 20.0,
+    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
+) -> Response:  # fmt: skip
     """Simulate one arch under one ground motion, until it rests or collapses.
 
     Parameters
@@ -100,27 +75,18 @@ def simulate(
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
         the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
         up to 4 ms between them for joints of 1.5 m at the default rtol, 1.6 and 8 ms for more
-        than 20 voussoirs. event_driven uses it
-        when it switches to time stepping; other methods have their own default.
+        than 20 voussoirs. event_driven uses it when it switches to time stepping.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
-        ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open, but bodies
+        ground [m/s, m/s, rad/s] at time 0; at rest if not given. Joints may be open, but bodies
         must not overlap by more than rounding.
-
-    Returns
-    -------
-    Response
-
-    Other Parameters
-    ----------------
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
-        Parameters of the method, if they differ from their defaults in the registry, for
-        example a joint stiffness.
+        Parameters of the method that differ from their defaults, such as a joint stiffness.
     loss_limit : float
         Gap at both corners of a joint, over its length, beyond which its contact cannot be
         regained: the run ends as a collapse. It also does if a joint has slid past its end or
@@ -142,7 +108,9 @@ def simulate(
     >>> response.collapsed, response.collapse_mode
     (False, 'none')
     """
-    info, own, options = _checked_call(arch, [motion], [scale], method, rtol, dt, **more)
+    info, own, options = _checked_call(
+        arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
+    )
     position, velocity = at_rest(arch)
     if initial is None:
         check_stands(arch)
@@ -150,44 +118,23 @@ def simulate(
         shift, velocity = check_initial(initial, arch)
         position += shift
     ground = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
-    span = motion.duration + options.follow
-    n_frame = int(span / options.frame_interval) + 64 if history else 0
-    run, start = partial(info.load(), **own), (position, velocity, initial is None)
-    started = time.perf_counter()
-    results, frames, log = _run(arch, run, (ground, float(scale)), start, options, n_frame)
-    wall_time = time.perf_counter() - started
-    if not history:
-        return response_of(results, 0, info.name, wall_time)
-    count, end_time = results.count[0], float(results.end_time[0])
-    changes = mechanism_of(arch, log, int(count[Count.LOG_ENTRIES]), end_time, initial is None)
-    frames_written = history_of(arch, frames, int(count[Count.FRAMES]))
-    return response_of(results, 0, info.name, wall_time, changes, frames_written)
-
-
-def _run(
-    arch: Arch,
-    run: Callable[..., Results],
-    moved_by: tuple[Grounds, float],
-    start: tuple[np.ndarray, np.ndarray, bool],
-    options: Options,
-    n_frame: int = 0,
-) -> tuple[Results, Frames, MechanismLog]:
-    """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
-    n_entry = FIRST_LOG if n_frame else 0
-    position, velocity, from_rest = start
+    n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
+    n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
+    run, started = info.load(), time.perf_counter()
     while True:
-        output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
-        moving = position.copy(), velocity.copy(), from_rest
-        results = run(arch.chain, *moved_by, *moving, options, *output)
-        n_written, n_changed = results.count[0, [Count.FRAMES, Count.LOG_ENTRIES]].astype(int)
-        frames_fit = n_frame == 0 or n_written < n_frame
-        log_fits = n_changed <= n_entry or n_entry in (0, LARGEST_LOG)
-        if frames_fit and log_fits:
-            return results, *output
-        if not frames_fit:
-            n_frame *= 2
-        if not log_fits:
-            n_entry = min(n_changed, LARGEST_LOG)
+        frames, log = output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
+        moving = (*(part.copy() for part in start), initial is None)
+        results = run(arch.chain, ground, float(scale), *moving, options, *output, **own)
+        count = results.count[0]
+        if not history or count[Count.FRAMES] < n_frame:
+            break
+        n_frame *= 2
+    response = partial(response_of, results, 0, info.name, time.perf_counter() - started)
+    if not history:
+        return response()
+    n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
+    changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
+    return response(changes, history_of(arch, frames, int(count[Count.FRAMES])))
 
 
 def _checked_call(
@@ -204,14 +151,13 @@ def _checked_call(
             raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     checks.check_taken(info, rtol=rtol, dt=dt)
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
-    check, lengths = checks.check_number, f"from {NOTED_GAP:g} to 10 times the joint's length"
-    check("loss_limit", loss_limit, lengths, lambda x: NOTED_GAP <= x <= 10.0)
     for factor in factors:
-        check("scale", factor, "finite", math.isfinite)
-    check("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
-    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
+        checks.check_number("scale", factor, -math.inf, math.inf)
+    checks.check_number("loss_limit", loss_limit, NOTED_GAP, 10.0)
+    checks.check_number("rtol", tolerance, 1e-12, 1.0)
+    checks.check_number("follow", follow, 0.0, math.inf, "s")
     if dt is not None:
-        check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+        checks.check_number("dt", dt, 1e-9, 10.0, "s")
     own, unit = checks.check_settings(info, settings), own_time(arch)
     if dt is not None or info.step_rule is None:
         step = largest_step = checks.default_of(info, "dt") if dt is None else float(dt)
@@ -222,17 +168,12 @@ def _checked_call(
     samples = max(len(motion.acceleration) for motion in motions)
     sampling = min(float(motion.dt) for motion in motions)
     options = Options(
-        time_step=float(step),
-        tolerance=float(tolerance),
-        accuracy=float(tolerance),
-        follow=float(follow),
+        time_step=float(step), tolerance=float(tolerance), accuracy=float(tolerance),
+        follow=float(follow), loss_limit=float(loss_limit), check_interval=CHECK_INTERVAL,
         max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
-        loss_limit=float(loss_limit),
-        check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
-        crowding=0.0,
-        largest_step=float(largest_step),
-    )
+        crowding=0.0, largest_step=float(largest_step),
+    )  # fmt: skip
     return info, own, options
 
 
@@ -248,13 +189,8 @@ def results_of_runs(
     grounds = grounds_of([(each.acceleration, each.vertical, each.dt) for each in unique])
     factor = np.array(factors, float)
     started = time.perf_counter()
-    if info.load_many is not None:
-        results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
-    else:
-        run, start = partial(info.load(), **own), (*at_rest(arch), True)
-        moved_by = [(one_of(grounds, k, 1.0), by) for k, by in zip(motion, factor)]
-        rows = [_run(arch, run, each, start, options)[0] for each in moved_by]
-        results = Results(*map(np.concatenate, zip(*rows)))
+    assert info.load_many is not None
+    results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
     spent = time.perf_counter() - started
     # The calls of several runs are timed together.
     work = 1.0 + results.count[:, Count.STEPS]
@@ -265,19 +201,17 @@ def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
 ) -> list[Response]:
     """As `simulate_many`, a response for each run."""
+    if checks.check_method(method).load_many is None:
+        pairs = zip(motions, factors, strict=True)
+        return [simulate(arch, *each, method=method, **given) for each in pairs]
     results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
     return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
 
 
 def simulate_many(
-    arch: Arch,
-    motions: Motion | Sequence[Motion],
-    factors: ArrayLike,
-    method: str = AUTO,
-    rtol: float | None = None,
-    dt: float | None = None,
-    **more: Unpack[MoreOptions],
-) -> xarray.Dataset:
+    arch: Arch, motions: Motion | Sequence[Motion], factors: ArrayLike, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, **more: Any,
+) -> xarray.Dataset:  # fmt: skip
     """Simulate one arch under many scaled ground motions, four runs at a time.
 
     Each run has the same results, to the last bit, as `simulate` without a history.
@@ -290,19 +224,12 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate.simulate`.
+        As for `archfrag.simulate.simulate`, with follow, settings and loss_limit.
 
     Returns
     -------
     xarray.Dataset
         Dimension run; the numbers of a `Response` for each, and the factors.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be used; the message names it.
-    StabilityError
-        If the arch does not stand under its own weight.
 
     Examples
     --------

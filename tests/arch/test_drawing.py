@@ -90,7 +90,7 @@ FAULTS = {
     "gap": ([LOW, MIDDLE, [(x, y + 0.01) for x, y in HIGH]], 1, "0.01 m away"),
     "branch": ([*PIER, [(1, 0.5), (2, 0.5), (2, 1.0), (1, 1.0)]], 1, "3 joints"),
     "overlap": ([LOW, MIDDLE, [(x, y - 0.1) for x, y in HIGH]], 1, "overlaps"),
-    "doubled": ([*PIER, HIGH], 2, "same block"),
+    "doubled": ([*PIER, HIGH], 2, "overlaps"),
     "crossed": ([LOW, [MIDDLE[i] for i in (0, 2, 1, 3)], HIGH], 1, "itself"),
     "stepped": ([[*LOW[:2], (1, 0.7), (0.5, 0.7), (0.5, 0.5), (0, 0.5)],
                  [(0, 0.5), (0.5, 0.5), (0.5, 0.7), (1, 0.7), (1, 1), (0, 1)]], 0, "one line"),

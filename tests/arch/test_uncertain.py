@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from archfrag.arch.uncertain import Marginal, correlation_factor, sample, unit_points
+from archfrag.arch.uncertain import Marginal, correlation_factor, sample
 from archfrag.errors import InputError
 from archfrag.study.file.vary import JointScatter
 

@@ -19,8 +19,8 @@ def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
         load_study(path)
     assert caught.value.exit_code == 2
     assert str(caught.value) == (
-        f"{path}: arches[0] (ring): cannot exist: thickness = 25.0 m is impossible; it must be "
-        "a finite number greater than 0 m and less than 20 m (2 x radius)"
+        f"{path}: arches[0] (ring): cannot exist: thickness = 25.0 is impossible; it must be "
+        "less than 20 m, twice the radius of the centre line"
     )
     with pytest.raises(StudyError, match=r"nowhere\.yaml cannot be read: No such file"):
         load_study(tmp_path / "nowhere.yaml")

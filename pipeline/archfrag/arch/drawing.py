@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from archfrag.arch.polygons import Blocks
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import cross
+from archfrag.arch.polygons import Blocks, without_repeated
 from archfrag.errors import GeometryError, from_extra
 from archfrag.files import make_folder, read_bytes, replacing
 
-FloatArray = NDArray[np.float64]
 # Units that a drawing may be in: length [m] and code of $INSUNITS.
 UNITS = {
     "m": (1.0, 6), "dm": (0.1, 14), "cm": (0.01, 5), "mm": (0.001, 4), "in": (0.0254, 1),
@@ -36,9 +36,18 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
     """
     document = _document(Path(path))
     entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]
-    layer = _layer_of(entities, layer, path)
+    kinds = ("LWPOLYLINE", "POLYLINE")
+    layers = Counter(e.dxf.layer for e in entities if e.dxftype() in kinds)
+    if layer is None and len(layers) == 1:
+        layer = next(iter(layers))
+    if layer is None or layer.casefold() not in map(str.casefold, layers):
+        listed = ", ".join(f"{name} ({count})" for name, count in sorted(layers.items())) or "none"
+        raise GeometryError(
+            f"{path}: layer = {layer} must be the layer that has the blocks; layers with "
+            f"polylines: {listed}"
+        )
     scale, _ = _unit(unit, document.header.get("$INSUNITS", 0), path)
-    found, corners = Blocks([], [], [], []), 0
+    found = Blocks([], [], [], [])
     for entity in entities:
         kind = entity.dxftype()
         if entity.dxf.layer.casefold() != layer.casefold() or kind in _IGNORED:
@@ -49,18 +58,15 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
             found.ground.append(scale * np.array([[end.x, end.y] for end in ends]))
             found.ground_names.append(name)
         else:
-            found.outlines.append(_outline(entity, name, scale))
+            found.outlines.append(_outline(entity, name) * [scale, scale, 1.0])
             found.names.append(name)
-            corners += len(found.outlines[-1])
-            if corners > MOST_CORNERS:
-                raise GeometryError(f"{name}: the blocks have more than {MOST_CORNERS} corners")
-    every = np.concatenate([outline[:, :2] for outline in found.outlines])
+    every = np.concatenate(found.outlines)[:, :2]
     size = float(np.ptp(every, axis=0).max())
-    if not SMALLEST <= size <= LARGEST:
+    if len(every) > MOST_CORNERS or not SMALLEST <= size <= LARGEST:
         raise GeometryError(
-            f"{path}, layer {layer}: the blocks take {size:.4g} m, no size of an arch, which must "
-            f"be from {SMALLEST:g} to {LARGEST:g} m: give the drawing's unit, one of "
-            f"{', '.join(UNITS)}"
+            f"{path}, layer {layer}: the blocks have {len(every)} corners and take {size:.4g} m; "
+            f"an arch has at most {MOST_CORNERS} and takes {SMALLEST:g} to {LARGEST:g} m: give "
+            f"the drawing's unit, one of {', '.join(UNITS)}"
         )
     return found
 
@@ -73,96 +79,52 @@ def _document(path: Path) -> Any:
         if content.startswith(codecs.BOM_UTF8):
             return ezdxf.read(io.StringIO(content.decode("utf-8-sig", "surrogateescape")))
         return ezdxf.readfile(path)
-    except OSError:
-        raise GeometryError(f"{path}: is not a DXF file") from None
     except Exception as error:  # ezdxf raises of all kinds for damaged files
-        reason = str(error).splitlines()[:1] or [type(error).__name__]
+        reason = str(error).partition("\n")[0] or type(error).__name__
         raise GeometryError(
-            f"{path}: is damaged or cut off ({reason[0]}); save it again as DXF from the drawing "
-            "program"
+            f"{path}: is not a DXF file, or a damaged one ({reason}); save it again as DXF from "
+            "the drawing program"
         ) from None
-
-
-def _layer_of(entities: list[Any], layer: str | None, path: str | Path) -> str:
-    """The layer that is asked for, or the only one with polylines."""
-    kinds = ("LWPOLYLINE", "POLYLINE")
-    layers = Counter(e.dxf.layer for e in entities if e.dxftype() in kinds)
-    if not layers:
-        raise GeometryError(
-            f"{path}: its model space has no polylines (blocks and paper space are not read)"
-        )
-    listed = ", ".join(f"{name} ({count})" for name, count in sorted(layers.items()))
-    if layer is None:
-        if len(layers) == 1:
-            return str(next(iter(layers)))
-        raise GeometryError(
-            f"{path}: give the layer that has the blocks; layers with polylines: {listed}"
-        )
-    if layer.casefold() not in map(str.casefold, layers):
-        raise GeometryError(
-            f"{path}, layer {layer}: has no polyline; layers with polylines: {listed}"
-        )
-    return layer
 
 
 def _unit(name: str | None, code: int, path: str | Path) -> tuple[float, int]:
     """Row of `UNITS` by its name, or by a drawing's code if there is none."""
-    listed = ", ".join(UNITS)
-    if name is not None:
-        if name not in UNITS:
-            raise GeometryError(f"unit = {name!r} must be one of {listed}")
-        return UNITS[name]
-    for row in UNITS.values():
-        if row[1] == code:
-            return row
-    raise GeometryError(
-        f"{path}: does not state its unit ($INSUNITS = {code}); give it as one of {listed}"
-    )
-
-
-def _outline(entity: Any, name: str, scale: float) -> FloatArray:
-    """Corners (m, 3) of a closed polyline [m]."""
-    kind = entity.dxftype()
-    if kind == "LWPOLYLINE":
-        points = np.array(list(entity.get_points("xyb")), dtype=float).reshape(-1, 3)
-    elif kind == "POLYLINE" and entity.is_2d_polyline:
-        vertices = [vertex.dxf for vertex in entity.vertices]
-        points = np.array([(*v.location.vec2, v.get("bulge", 0.0)) for v in vertices])
-        points = points.reshape(-1, 3)
-    else:
+    codes = {row[1]: unit for unit, row in UNITS.items()}
+    given = codes.get(code) if name is None else name
+    if given not in UNITS:
         raise GeometryError(
-            f"{name} is no 2D polyline; blocks must be closed polylines (LWPOLYLINE, "
-            "POLYLINE) and lines on their layer (LINE) the edges on the ground"
+            f"{path}: unit = {name} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
         )
-    if kind == "POLYLINE" and entity.dxf.flags & 0b110:
-        raise GeometryError(f"{name} is a fitted curve; its sides must be straight or arcs")
-    if not np.isfinite(points).all():
-        raise GeometryError(f"{name} has a coordinate that is not a finite number")
+    return UNITS[given]
+
+
+def _outline(entity: Any, name: str) -> FloatArray:
+    """Corners (m, 3) of a closed polyline, in the unit of the drawing."""
+    kind, rows = entity.dxftype(), []
+    if kind == "LWPOLYLINE":
+        rows = entity.get_points("xyb")
+    elif kind == "POLYLINE" and entity.is_2d_polyline and not entity.dxf.flags & 0b110:
+        rows = [vertex.format("xyb") for vertex in entity.vertices]  # of no fitted curve
+    points = np.array(rows, dtype=float).reshape(-1, 3)
     axis = entity.dxf.extrusion
-    if not abs(abs(axis.z) - 1.0) < 1e-9:
-        raise GeometryError(f"{name} does not lie in the plane x, y (its extrusion is {axis})")
+    if len(points) < 2 or not np.isfinite(points).all() or abs(abs(axis.z) - 1.0) > 1e-9:
+        raise GeometryError(
+            f"{name} is no 2D polyline in the plane x, y; blocks must be closed polylines with "
+            "straight sides or arcs (LWPOLYLINE, POLYLINE), and lines on their layer (LINE) the "
+            "edges on the ground"
+        )
     if axis.z < 0.0:  # seen from behind
         points *= [-1.0, 1.0, -1.0]
-    size = float(np.ptp(points[:, :2], axis=0).max()) if len(points) else 0.0
-    repeated = len(points) > 1 and np.hypot(*(points[-1] - points[0])[:2]) <= 1e-9 * size
-    if not entity.is_closed and not repeated:
+    least = 1e-9 * float(np.ptp(points[:, :2], axis=0).max())
+    if not entity.is_closed and np.hypot(*(points[-1] - points[0])[:2]) > least:
         raise GeometryError(f"{name} is open; a block must be a closed polyline")
-    points = points[:-1] if repeated else points
-    apart = np.hypot(*(np.roll(points[:, :2], -1, axis=0) - points[:, :2]).T) > 1e-9 * size
-    points = points[apart]
-    if len(points) < 3:
-        raise GeometryError(f"{name} has {len(points)} corners; a block must have at least 3")
-    return points * [scale, scale, 1.0]
+    return without_repeated(points, least)
 
 
 def write_dxf(
-    path: str | Path,
-    outlines: Sequence[FloatArray],
-    ground: Sequence[FloatArray],
-    unit: str,
-    layer: str,
-    arcs: bool,
-) -> None:
+    path: str | Path, outlines: Sequence[FloatArray], ground: Sequence[FloatArray], unit: str,
+    layer: str, arcs: bool,
+) -> None:  # fmt: skip
     """Write blocks as closed polylines and what they stand on as lines; see `Arch.to_dxf`.
 
     Outlines ``(m, 3)`` are corners x, y [m] and bulge; ``(m, 2)`` are points of straight-sided
@@ -178,13 +140,11 @@ def write_dxf(
         document.layers.add(layer)
         space, attributes = document.modelspace(), {"layer": layer}
         for outline in outlines:
-            full = np.zeros((len(outline), 3))
-            full[:, : outline.shape[1]] = outline
+            full = np.column_stack([outline, np.zeros(len(outline))])[:, :3]
             points = ((_with_arcs(outline) if arcs else full) / [scale, scale, 1.0]).tolist()
             space.add_lwpolyline(points, format="xyb", close=True, dxfattribs=attributes)
         for line in ground:
-            start, end = (line / scale).tolist()
-            space.add_line(start, end, dxfattribs=attributes)
+            space.add_line(*(line / scale).tolist(), dxfattribs=attributes)
         # In an order of their own: ezdxf registers them from a set.
         document.classes.add_required_classes(document.dxfversion)
         document.classes.classes = dict(sorted(document.classes.classes.items()))
@@ -194,9 +154,8 @@ def write_dxf(
         raise GeometryError(f"layer = {layer!r} cannot be used ({error})") from None
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
-    place = Path(path)
-    make_folder(place.parent)
-    with replacing(place) as temporary:
+    make_folder(Path(path).parent)
+    with replacing(Path(path)) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8")
 
 
@@ -205,8 +164,6 @@ def _with_arcs(points: FloatArray) -> FloatArray:
     half = len(points) // 2
     corners = points[[0, half - 1, half, -1]]
     sides = corners[[3, 2]] - corners[[0, 1]]
-    angle = np.arctan2(
-        sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0], (sides[0] * sides[1]).sum()
-    )
+    angle = np.arctan2(cross(sides[0], sides[1]), (sides[0] * sides[1]).sum())
     bulge = np.tan(-0.25 * (-angle % (2.0 * np.pi)))  # clockwise over the crown
     return np.column_stack([corners, [bulge, 0.0, -bulge, 0.0]])

@@ -8,10 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-SHORTEST = 10.0  # joint, in tolerances
+from archfrag.arch.checks import FloatArray
+
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 
 
@@ -153,71 +152,3 @@ def sampled(outline: FloatArray) -> FloatArray:
         chord = (end - start)[None, :2]
         points.append(start[:2] + length[:, None] * rotated(chord, half * (part - 1.0)[None])[0])
     return np.concatenate(points)
-
-
-def anticlockwise(outline: FloatArray) -> FloatArray:
-    """The outline in anticlockwise order."""
-    points = sampled(outline)
-    if cross(points, np.roll(points, -1, axis=0)).sum() > 0.0:
-        return outline
-    reverse = outline[::-1].copy()
-    reverse[:, 2] = -np.roll(reverse[:, 2], -1)
-    return reverse
-
-
-def places_along(outline: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
-
-    Third, the length of all chords.
-    """
-    start = outline[:, :2]
-    chord = np.roll(start, -1, axis=0) - start
-    length = np.hypot(*chord.T)
-    along = np.concatenate([[0.0], np.cumsum(length)])
-    places = []
-    for point in points:
-        part = np.clip(((point - start) * chord).sum(1) / (chord**2).sum(1), 0.0, 1.0)
-        off = np.hypot(*(start + part[:, None] * chord - point).T)
-        off[outline[:, 2] != 0.0] += off.max() + 1.0
-        side = int(np.argmin(off))
-        places.append(along[side] + part[side] * np.hypot(*chord[side]))
-    return along[:-1], np.array(places), float(along[-1])
-
-
-def common_part(edge: FloatArray, other: FloatArray, tolerance: float) -> FloatArray | None:
-    """What two edges of one direction have in common, along the first; None if nothing."""
-    length = float(np.hypot(*(edge[1] - edge[0])))
-    unit = (edge[1] - edge[0]) / length
-    place = (other - edge[0]) @ unit
-    if min(length, place[1]) - max(0.0, place[0]) < SHORTEST * tolerance:
-        return None
-
-    def foot(line: FloatArray, point: FloatArray) -> FloatArray:
-        step = line[1] - line[0]
-        return line[0] + ((point - line[0]) @ step) / (step @ step) * step
-
-    ends = []
-    # How far each end of the other lies inside the edge.
-    for k, inside in ((0, place[0]), (1, length - place[1])):
-        if abs(inside) <= tolerance:
-            ends.append((edge[k], other[k]))
-        elif inside > 0.0:
-            ends.append((other[k], foot(edge, other[k])))
-        else:
-            ends.append((edge[k], foot(other, edge[k])))
-    if any(np.hypot(*(one - two)) > tolerance for one, two in ends):
-        return None
-    return np.array([0.5 * (one + two) for one, two in ends])
-
-
-def one_line(parts: list[FloatArray], tolerance: float) -> FloatArray | None:
-    """From end to end of segments of one direction; None if they are not on one line."""
-    if len(parts) == 1:
-        return parts[0]
-    points = np.concatenate(parts)
-    unit = parts[0][1] - parts[0][0]
-    unit /= np.hypot(*unit)
-    place = (points - points[0]) @ unit
-    ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
-    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))))
-    return ends if off.max() <= 2.0 * tolerance else None

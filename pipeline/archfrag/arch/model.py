@@ -7,116 +7,33 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
 from archfrag.arch.ring import (
-    JointLines,
     Ring,
     catenary,
     chain_of,
     circular_ring,
     ellipse,
-    normal_lines,
-    pointed_lines,
+    normal_ring,
+    pointed_ring,
+    segmental_ring,
     straight_ring,
 )
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
-
-class Material(TypedDict, total=False):
-    """Keywords of all constructors of `Arch`, which documents them."""
-
-    density: float
-    depth: float
-    dead_load: ArrayLike | None
-
-
-# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows) and what a
-# message calls them; joint lines, of a segmental arch none; and the docstring of the constructor.
-_OVER_SPAN: dict[str, tuple[float, float, str, Any, str]] = {
-    "segmental": (1e-6, 0.5, "1e-6 x span and half the span", None, ""),
-    "pointed": (
-        0.5, math.inf, "half the span", pointed_lines,
-        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
-
-        Joints are radial to their arc. A joint at the crown is vertical and longer than the
-        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
-        The parameters are those of `segmental`; the rise is at least half the span.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
-        <Arch pointed: 12 voussoirs, 13 joints>
-        """,
-    ),
-    "elliptic": (
-        1e-6, math.inf, "1e-6 x span", partial(normal_lines, ellipse),
-        """Build the upper half of an ellipse, flat or tall, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`; span and rise are the horizontal axis and half the vertical one.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
-        <Arch elliptic: 11 voussoirs, 12 joints>
-        """,
-    ),
-    "catenary": (
-        1e-6, math.inf, "1e-6 x span", partial(normal_lines, catenary),
-        """Build a hanging chain upside down, with straight sides.
-
-        Joints are perpendicular to the centre line and must not cross. The parameters are those
-        of `segmental`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
-        >>> af.onset(arch).stands
-        True
-        """,
-    ),
-}  # fmt: skip
-
-
-def _over_span(profile: str) -> classmethod[Arch, ..., Arch]:
-    """Constructor of a profile of `_OVER_SPAN`."""
-    *_, lines, text = _OVER_SPAN[profile]
-
-    def build(
-        cls: type[Arch], span: float, rise: float, thickness: float, voussoirs: int,
-        friction: ArrayLike, *, joints: ArrayLike | None = None, **material: Unpack[Material],
-    ) -> Arch:  # fmt: skip
-        shape, position = _checked_span(profile, span, rise, thickness, voussoirs, joints)
-        ring = straight_ring(lines(shape, position))
-        given = {**shape, "voussoirs": len(position) - 1, "joints": _plain(joints)}
-        return cls(**_fields(profile, given, ring, friction, **material))
-
-    build.__name__, build.__qualname__, build.__doc__ = profile, f"Arch.{profile}", text
-    return classmethod(build)
-
-
-def _checked_span(
-    profile: str, span: float, rise: float, thickness: float, voussoirs: int,
-    joints: ArrayLike | None,
-) -> tuple[dict[str, float], NDArray[np.float64]]:  # fmt: skip
-    """Checked span, rise and thickness, and positions of the joints as parts of the length."""
-    least, most, note, *_ = _OVER_SPAN[profile]
-    span = checks.number("span", span)
-    bounds = least * span, most * span
-    rise = checks.number("rise", rise, bounds=bounds, closed=True, note=note)
-    thickness = checks.number("thickness", thickness)
-    voussoirs = checks.count("voussoirs", voussoirs)
-    position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
-    return {"span": span, "rise": rise, "thickness": thickness}, position
+# Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
+_OVER_SPAN: dict[str, tuple[float, float, Any]] = {
+    "segmental": (1e-6, 0.5, segmental_ring),
+    "pointed": (0.5, math.inf, pointed_ring),
+    "elliptic": (1e-6, math.inf, partial(normal_ring, ellipse)),
+    "catenary": (1e-6, math.inf, partial(normal_ring, catenary)),
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +43,9 @@ class Arch:
     Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic` and `catenary` for
     ready-made profiles, `from_joints`, `from_polygons` or `from_dxf` for any other. If no arch can
     be built, they raise `GeometryError`, which names the parameter, its value and what is allowed.
-    They share these parameters:
+    Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
+    height 0 (`circular`: the centre of the circle at the origin), and run from the left springing,
+    joint 0, over the crown. All share these parameters:
 
     Other Parameters
     ----------------
@@ -138,10 +57,8 @@ class Arch:
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
         joint under compression does not slide. One that slides then has no normal force, which
         happens at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
-    density : float
-        Of the masonry [kg/m3]; 2000 if not given.
-    depth : float
-        Width of the arch across its plane [m]; 1 if not given.
+    density, depth : float
+        Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
         Positions of the joints, increasing from 0 at the left springing: in degrees up to
         `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
@@ -166,11 +83,14 @@ class Arch:
     parameters : dict
         What the user gave, with defaults, ready for strict JSON (infinite friction: "inf").
 
-    Notes
-    -----
-    Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
-    height 0 (`circular`: the centre of the circle at the origin). They run from the left
-    springing, joint 0, over the crown.
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=0.7)
+    >>> af.onset(bridge).stands
+    True
+    >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+    <Arch pointed: 12 voussoirs, 13 joints>
     """
 
     chain: Chain
@@ -203,7 +123,7 @@ class Arch:
     def circular(
         cls, radius: float, thickness: float, embrace: float, voussoirs: int,
         friction: ArrayLike, *, sector: bool = True, joints: ArrayLike | None = None,
-        **material: Unpack[Material],
+        **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch, symmetric about the vertical through its centre, the origin.
 
@@ -228,20 +148,19 @@ class Arch:
         82467
         """
         radius = checks.number("radius", radius)
-        bounds = 0.0, 2.0 * radius
-        thickness = checks.number("thickness", thickness, bounds=bounds, note="2 x radius")
-        embrace = checks.number("embrace", embrace, "degrees", bounds=(0.0, 360.0))
-        voussoirs = checks.count("voussoirs", voussoirs)
+        thickness = checks.number("thickness", thickness)
+        embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
+        voussoirs, sector = checks.count("voussoirs", voussoirs), checks.flag("sector", sector)
         angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
-        ring = circular_ring(np.zeros(2), radius, thickness, angle, checks.flag("sector", sector))
+        ring = circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        given = {"voussoirs": voussoirs, "sector": bool(sector), "joints": _plain(joints)}
-        return cls(**_fields("circular", {**shape, **given}, ring, friction, **material))
+        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
+        return cls(**_fields("circular", given, ring, friction, **material))
 
     @classmethod
     def segmental(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, sector: bool = True, joints: ArrayLike | None = None, **material: Unpack[Material],
+        *, sector: bool = True, joints: ArrayLike | None = None, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch of at most a semicircle from its span and rise.
 
@@ -253,53 +172,88 @@ class Arch:
             Exact annular sectors; False: straight-sided, with the same joints.
         thickness, voussoirs, friction, joints, **material
             See `Arch`.
-
-        Examples
-        --------
-        >>> import archfrag as af
-        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
-        >>> af.onset(bridge).stands
-        True
         """
-        shape, position = _checked_span("segmental", span, rise, thickness, voussoirs, joints)
-        span, rise, thickness = shape.values()
-        radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
-        note = "2 x radius of the centre line"
-        checks.number("thickness", thickness, bounds=(0.0, 2.0 * radius), note=note)
-        angle = 4.0 * math.atan2(2.0 * rise, span) * position
-        centre = np.array([0.0, rise - radius])
-        ring = circular_ring(centre, radius, thickness, angle, checks.flag("sector", sector))
-        given = {"voussoirs": len(angle) - 1, "sector": bool(sector), "joints": _plain(joints)}
-        return cls(**_fields("segmental", {**shape, **given}, ring, friction, **material))
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("segmental", given, material, sector=checks.flag("sector", sector))
 
-    pointed = _over_span("pointed")
-    elliptic = _over_span("elliptic")
-    catenary = _over_span("catenary")
+    @classmethod
+    def pointed(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
+
+        Joints are radial to their arc. A joint at the crown is vertical and longer than the
+        thickness; without one the keystone keeps the points of both arcs. Sides are straight.
+        The parameters are those of `segmental`; the rise is at least half the span.
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("pointed", given, material)
+
+    @classmethod
+    def elliptic(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build the upper half of an ellipse, flat or tall, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`; span and rise are the horizontal axis and half the vertical one.
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("elliptic", given, material)
+
+    @classmethod
+    def catenary(
+        cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
+        *, joints: ArrayLike | None = None, **material: Any,
+    ) -> Arch:  # fmt: skip
+        """Build a hanging chain upside down, with straight sides.
+
+        Joints are perpendicular to the centre line and must not cross. The parameters are those
+        of `segmental`.
+        """
+        given = span, rise, thickness, voussoirs, joints, friction
+        return cls._over_span("catenary", given, material)
+
+    @classmethod
+    def _over_span(
+        cls, profile: str, given: tuple[Any, ...], material: dict[str, Any], **more: Any
+    ) -> Arch:
+        """Check what profiles over a span have in common, and build one of them."""
+        span, rise, thickness, voussoirs, joints, friction = given
+        least, most, ring_of = _OVER_SPAN[profile]
+        span, note = checks.number("span", span), f"{least:g} to {most:g} x span"
+        rise = checks.number("rise", rise, least=least * span, most=most * span, note=note)
+        thickness = checks.number("thickness", thickness)
+        voussoirs = checks.count("voussoirs", voussoirs)
+        position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
+        ring = ring_of(span, rise, thickness, position, **more)
+        shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
+        shape |= more | {"joints": _plain(joints)}
+        return cls(**_fields(profile, shape, ring, friction, **material))
 
     @classmethod
     def from_joints(
         cls, intrados: ArrayLike, extrados: ArrayLike, friction: ArrayLike, *,
-        free_end: bool = False, **material: Unpack[Material],
+        free_end: bool = False, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a straight-sided chain of any profile from the ends of its joints.
 
         You may list the joints from either end and take either side for the intrados: the names
-        stay yours (see `flipped` and `corner_name`). `GeometryError` also if corners coincide,
-        joints cross, a voussoir is not a convex quadrilateral, the chain doubles back, or two
-        voussoirs overlap.
+        stay yours (see `flipped` and `corner_name`). Voussoirs must be convex quadrilaterals in
+        a row of which no two overlap.
 
         Parameters
         ----------
         intrados, extrados : (n + 1, 2) array_like
             Ends of the joints, in order along the chain [m]. At least 2 voussoirs, or 1 with a
             free end.
-        friction : float or (n_joint,) array_like
-            See `Arch`; n_joint is n + 1, or n with a free end.
         free_end : bool
             The last voussoir touches no ground, as in a column or a wall; the last pair of points
             is then its free face and no joint.
-        **material
-            See `Arch`.
+        friction, **material
+            See `Arch`; n_joint is n + 1, or n with a free end.
 
         Examples
         --------
@@ -311,29 +265,26 @@ class Arch:
         (7, 0.19)
         """
         free_end = checks.flag("free_end", free_end)
-        least = 2 if free_end else 3
-        why = "a chain has 1 voussoir or more" if free_end else "an arch has 2 voussoirs or more"
+        least, why = (2, "for one voussoir") if free_end else (3, "for two voussoirs")
         inner = checks.points("intrados", intrados, least, why)
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
             raise GeometryError(
-                f"intrados has {len(inner)} points and extrados {len(outer)}; both must have the "
-                "same number"
+                f"intrados has {len(inner)} points and extrados {len(outer)}; they must be equal"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
-        ring = straight_ring(JointLines(inner, outer))
+        ring = straight_ring(inner, outer)
         return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))
 
     @classmethod
     def from_polygons(
         cls, outlines: Sequence[ArrayLike], friction: ArrayLike, *,
         ground: Sequence[ArrayLike] = (), thickness_factor: float = 1.0,
-        tolerance: float | None = None, **material: Unpack[Material],
+        tolerance: float | None = None, **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
-        It needs the extra `drawing`. `GeometryError` also if an outline crosses itself, two
-        overlap, or they do not form one chain.
+        It needs the extra `drawing`. Outlines must neither cross themselves nor overlap.
 
         Parameters
         ----------
@@ -364,18 +315,18 @@ class Arch:
         from archfrag.arch.polygons import Blocks, polygon_shape
 
         drawn = Blocks.from_points(outlines, ground)
-        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
+        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))
 
     @classmethod
     def from_dxf(
         cls, path: str | Path, friction: ArrayLike, *, layer: str | None = None,
         unit: str | None = None, thickness_factor: float = 1.0, tolerance: float | None = None,
-        **material: Unpack[Material],
+        **material: Any,
     ) -> Arch:  # fmt: skip
         """Build a chain from the blocks of a DXF drawing; it needs the extra `drawing`.
 
-        `GeometryError` names file, layer and handle of an entity that is no block or does not fit.
+        `GeometryError` names file, layer and handle of what is no block or does not fit.
 
         Parameters
         ----------
@@ -402,21 +353,20 @@ class Arch:
         from archfrag.arch.polygons import polygon_shape
 
         drawn = read_drawing(path, layer, unit)
-        shape, ring, free_end = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free_end, **material))
+        shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))
 
     def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
         """Write the blocks as closed polylines and their edges on the ground as lines.
 
         `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
         load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn. It needs the extra `drawing`. `GeometryError` if there is no
-        such unit, or a layer cannot have this name; `OutputError` if the file cannot be written.
+        arch. Recesses are not drawn. The same arch and version of ezdxf make the same bytes.
 
         Parameters
         ----------
         path : str or Path
-            File to write; the same arch and version of ezdxf make the same bytes.
+            File to write, or `OutputError`.
         unit : str
             m, dm, cm, mm, in or ft.
         layer : str
@@ -453,12 +403,11 @@ class Arch:
         >>> round(af.onset(block).plus, 6)
         0.15
         """
-        depths = [
-            checks.shared_or_each(f"recess.{name}", value, self.n_joint, "joint", "m")
-            for name, value in (("intrados", intrados), ("extrados", extrados))
-        ]
-        start, end = self.intrados[: self.n_joint], self.extrados[: self.n_joint]
-        length = np.hypot(*(end - start).T)
+        n_joint, depths = self.n_joint, []
+        for name, value in (("intrados", intrados), ("extrados", extrados)):
+            depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
+        across = self.extrados[:n_joint] - self.intrados[:n_joint]
+        length = np.hypot(*across.T)
         left = length - depths[0] - depths[1]
         if not np.all(left > checks.SMALLEST):
             joint = int(np.argmin(left))
@@ -466,20 +415,17 @@ class Arch:
                 f"recess of joint {joint} leaves {left[joint]:.6g} m of its {length[joint]:.6g} "
                 f"m; it must leave more than {checks.SMALLEST:g} m"
             )
-        along = (end - start) / length[:, None]
+        along = across / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
-        ends = [self.intrados.copy(), self.extrados.copy()]
-        for line, step in zip(ends, moved):
-            line[: self.n_joint] += step
+        ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
+        for line, step in zip(ends.values(), moved):
+            line[:n_joint] += step
         corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
-        chain = self.chain._replace(
-            face_before=np.ascontiguousarray(self.chain.face_before + corner),
-            face_after=np.ascontiguousarray(self.chain.face_after + corner),
-        )
+        before, after = self.chain.face_before + corner, self.chain.face_after + corner
+        chain = self.chain._replace(face_before=before, face_after=after)
         recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
-        changed = {"chain": chain, "intrados": ends[0], "extrados": ends[1]}
         given = {**self.parameters, "recess": recess}
-        return Arch(**{**vars(self), **changed, "parameters": given})
+        return Arch(**{**vars(self), **ends, "chain": chain, "parameters": given})
 
 
 class Block(Arch):
@@ -508,7 +454,7 @@ class Block(Arch):
     ) -> None:  # fmt: skip
         width, height = checks.number("width", width), checks.number("height", height)
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
-        ring = straight_ring(JointLines(right, right * [-1.0, 1.0]))
+        ring = straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
         super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
 
@@ -523,15 +469,15 @@ def _fields(
     coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
     load = 0.0 if dead_load is None else dead_load
     weight = checks.shared_or_each("dead_load", load, n_voussoir, "voussoir", "N")
-    density = checks.number("density", density, "kg/m3")
+    density = checks.number("density", density, "kg/m3", closed=False)
     depth = checks.number("depth", depth)
     matter = {"friction": _plain(friction), "density": density, "depth": depth}
     if profile != "block":
         matter["dead_load"] = _plain(dead_load)
     return {
         "chain": chain_of(ring, coefficient, density * depth, weight),
-        "intrados": ring.lines.intrados,
-        "extrados": ring.lines.extrados,
+        "intrados": ring.intrados,
+        "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),
         "free_end": free_end,
         "flipped": ring.sense < 0,
@@ -543,9 +489,6 @@ def _plain(value: ArrayLike | None) -> Any:
     """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
     if value is None:
         return None
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    listed = np.asarray(value, dtype=float).tolist()
-    if isinstance(listed, list):
-        return _plain(listed)
-    return "inf" if math.isinf(listed) else listed
+    numbers = np.asarray(value, dtype=float).astype(object)
+    numbers[numbers == math.inf] = "inf"
+    return numbers.tolist()

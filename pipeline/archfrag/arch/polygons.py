@@ -1,32 +1,20 @@
 """Chains from simple polygons: edges that two blocks share become joints. It needs shapely."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NoReturn, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.geometry import (
-    anticlockwise,
-    common_part,
-    cross,
-    middle_of,
-    one_line,
-    outline_section,
-    place_text,
-    places_along,
-    sampled,
-)
-from archfrag.arch.ring import JointLines, Ring
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import cross, middle_of, outline_section, place_text, sampled
+from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError, from_extra
 
-FloatArray = NDArray[np.float64]
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
-_SMOOTH = math.radians(30.0)  # corners of a smaller angle are inside a side, as of a drawn arc
+_SHORTEST = 10.0  # joint, in tolerances
 _Segment = FloatArray  # (2, 2): end, xy
 
 
@@ -46,36 +34,29 @@ class Blocks:
     @classmethod
     def from_points(cls, outlines: Sequence[Any], ground: Sequence[Any]) -> Self:
         """Blocks and lines that a user gives as lists of points, checked."""
+        why = "points (x, y), or (x, y, bulge) for a side that is an arc"
         names = [f"outlines[{i}]" for i in range(len(outlines))]
         lines = [f"ground[{i}]" for i in range(len(ground))]
-        return cls(
-            [_checked_corners(rows, name, 3) for rows, name in zip(outlines, names)],
-            [_checked_corners(rows, name, 2)[:, :2] for rows, name in zip(ground, lines)],
-            names,
-            lines,
-        )
+        corners = [checks.points(name, rows, 2, why, 3) for name, rows in zip(names, outlines)]
+        ends = [checks.points(name, rows, 2, "its ends")[:2] for name, rows in zip(lines, ground)]
+        straight = [np.column_stack([rows, np.zeros(len(rows))])[:, :3] for rows in corners]
+        return cls([without_repeated(rows) for rows in straight], ends, names, lines)
 
     def refuse(self, block: int, text: str) -> NoReturn:
         raise GeometryError(f"{self.names[block]} {text}")
 
 
-def _checked_corners(rows: Any, name: str, widest: int) -> FloatArray:
-    """Corners ``(m, 3)`` from x, y or x, y, bulge, without repeated ones."""
-    why = "points (x, y), or (x, y, bulge) for a side that is an arc"
-    corners = checks.points(name, rows, 2, why, widest)
-    full = np.zeros((len(corners), 3))
-    full[:, : corners.shape[1]] = corners
-    apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0
-    if apart.sum() < 2:
-        raise GeometryError(f"{name} has no length: all its points coincide")
-    return full[apart]
+def without_repeated(corners: FloatArray, tolerance: float = 0.0) -> FloatArray:
+    """Corners ``(m, 3)`` of an outline that differ from the next one, or all if fewer than two."""
+    kept = corners[np.hypot(*(np.roll(corners, -1, axis=0) - corners)[:, :2].T) > tolerance]
+    return kept if len(kept) > 1 else corners
 
 
 def polygon_shape(
     drawn: Blocks, tolerance: float | None, thickness_factor: float
 ) -> tuple[dict[str, Any], Ring, bool]:
     """Outlines and ground for `Arch.parameters`, ring, and whether an end is free."""
-    factor = checks.number("thickness_factor", thickness_factor, "")
+    factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
     if tolerance is not None:
         tolerance = checks.number("tolerance", tolerance)
     ring, placed, free = polygon_ring(drawn, tolerance)
@@ -90,8 +71,7 @@ def polygon_shape(
 
 def _ends(ring: Ring, free: bool) -> list[_Segment]:
     """Lines on which the ends of a ring stand."""
-    ends = (0,) if free else (0, len(ring.outlines))
-    return [np.array([side[k] for side in ring.lines[:2]]) for k in ends]
+    return [np.array([ring.intrados[k], ring.extrados[k]]) for k in ((0,) if free else (0, -1))]
 
 
 def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:
@@ -99,22 +79,21 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
 
     Arcs keep their angle: a circular ring stays one, with the thickness times the factor.
     """
-    middle = 0.5 * (ring.lines.intrados + ring.lines.extrados)
-    tolerance = 2.0 * TOLERANCE * float(np.hypot(*np.ptp(np.concatenate(ring.lines[:2]), axis=0)))
+    lines = np.stack([ring.intrados, ring.extrados], axis=1)
+    tolerance = 2.0 * TOLERANCE * float(np.hypot(*np.ptp(lines, axis=(0, 1))))
+    moves = (factor - 1.0) * (lines - 0.5 * (ring.intrados + ring.extrados)[:, None])
     result = []
     for i, outline in enumerate(outlines):
-        ends = np.array([side[k] for k in (i, i + 1) for side in ring.lines[:2]])
-        moves = (factor - 1.0) * (ends - np.repeat(middle[i : i + 2], 2, axis=0))
+        ends, moved = np.concatenate(lines[i : i + 2]), outline.copy()
         apart = np.hypot(*(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
         if apart.max() > tolerance:
             raise GeometryError(
                 f"thickness_factor = {factor:g} is impossible: voussoir {i} is wider than one of "
                 "its joints; every joint must reach across both of its voussoirs"
             )
-        along, places, total = places_along(outline, ends)
-        moved = outline.copy()
-        for axis in (0, 1):
-            moved[:, axis] += np.interp(along, places, moves[:, axis], period=total)
+        along, places, total = _places_along(outline, ends)
+        for axis, move in enumerate(np.concatenate(moves[i : i + 2]).T):
+            moved[:, axis] += np.interp(along, places, move, period=total)
         result.append(moved)
     return result
 
@@ -129,19 +108,20 @@ def polygon_ring(
     `tolerance` [m] is `TOLERANCE` of the size if not given. `GeometryError` names the block that
     is no simple polygon, overlaps, or does not fit into one chain.
     """
-    outlines = drawn.outlines
-    if not 0 < len(outlines) <= checks.MOST_VOUSSOIRS:
+    if not 0 < len(drawn.outlines) <= checks.MOST_VOUSSOIRS:
         raise GeometryError(
-            f"{len(outlines)} outlines make no chain; there must be 1 to {checks.MOST_VOUSSOIRS}"
+            f"outlines are {len(drawn.outlines)}; there must be 1 to {checks.MOST_VOUSSOIRS}"
         )
-    every = np.concatenate([outline[:, :2] for outline in outlines])
-    size = float(np.hypot(*np.ptp(every, axis=0)))
-    given = replace(
-        drawn,
-        outlines=[anticlockwise(outline) for outline in outlines],
-        tolerance=TOLERANCE * size if tolerance is None else tolerance,
-        standing={},
-    )
+    size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
+    outlines = []
+    for outline in drawn.outlines:
+        points = sampled(outline)
+        if cross(points, np.roll(points, -1, axis=0)).sum() <= 0.0:
+            outline = outline[::-1].copy()
+            outline[:, 2] = -np.roll(outline[:, 2], -1)
+        outlines.append(outline)
+    tolerance = TOLERANCE * size if tolerance is None else tolerance
+    given = replace(drawn, outlines=outlines, tolerance=tolerance, standing={})
     _check_simple(given)
     _find_joints(given)
     order = _walk(given)
@@ -151,19 +131,22 @@ def polygon_ring(
     # Along the first edge of an anticlockwise block one comes from its extrados to its intrados.
     ends = [segment[::-1] for segment in segments]
     last = order[-1]
-    ends.append(_far_side(given, last, ends[-1]) if free else given.standing[last])
+    if free:  # the edge that is farthest from the line of the last joint, intrados first
+        first, joint = outlines[last][:, :2], ends[-1]
+        edges = np.stack([first, np.roll(first, -1, axis=0)], axis=1)
+        away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
+        ends.append(edges[int(np.argmax(away))])
+    else:
+        ends.append(given.standing[last])
     intrados, extrados = (np.array([end[k] for end in ends]) for k in (0, 1))
     for place, block in enumerate(order[: len(order) - free]):
         for side in (intrados, extrados):
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
                 given.refuse(block, f"has two joints that meet at {place_text(side[place])}")
-    placed = [given.outlines[block] for block in order]
-    ring = Ring(
-        JointLines(intrados, extrados), 1, [outline_section(outline) for outline in placed],
-        [sampled(outline) for outline in placed],
-        [_back_middle(outline, *extrados[i : i + 2]) for i, outline in enumerate(placed)],
-    )  # fmt: skip
-    return ring, placed, free
+    placed = [outlines[block] for block in order]
+    backs = [_back_middle(outline, *extrados[i : i + 2]) for i, outline in enumerate(placed)]
+    sections = [outline_section(outline) for outline in placed]
+    return Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs), placed, free
 
 
 def _back_middle(outline: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -171,10 +154,30 @@ def _back_middle(outline: FloatArray, first: FloatArray, second: FloatArray) -> 
     points = sampled(outline)
     closed = np.column_stack([points, np.zeros(len(points))])
     # Anticlockwise the back runs from the second joint to the first.
-    along, (start, end), total = places_along(closed, np.array([second, first]))
+    along, (start, end), total = _places_along(closed, [second, first])
     inside = (along - start) % total < (end - start) % total
     inner = points[inside][np.argsort((along[inside] - start) % total)]
     return middle_of(np.vstack([second, inner, first]))
+
+
+def _places_along(
+    outline: FloatArray, points: Iterable[FloatArray]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Where corners ``(m,)`` and points ``(k,)`` of straight sides are along the chords.
+
+    Third, the length of all chords.
+    """
+    start = outline[:, :2]
+    chord = np.roll(start, -1, axis=0) - start
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*chord.T))])
+    places = []
+    for point in points:
+        part = np.clip(((point - start) * chord).sum(1) / (chord**2).sum(1), 0.0, 1.0)
+        off = np.hypot(*(start + part[:, None] * chord - point).T)
+        off[outline[:, 2] != 0.0] += off.max() + 1.0
+        side = int(np.argmin(off))
+        places.append(along[side] + part[side] * np.hypot(*chord[side]))
+    return along[:-1], np.array(places), float(along[-1])
 
 
 def _check_simple(given: Blocks) -> None:
@@ -185,81 +188,102 @@ def _check_simple(given: Blocks) -> None:
     least = given.tolerance
     for block, shape in enumerate(shapes):
         if not shape.is_valid:
-            where = shapely.is_valid_reason(shape).partition("[")[2].rstrip("]").replace(" ", ", ")
-            given.refuse(block, f"crosses or touches itself at ({where}); it must be simple")
+            given.refuse(block, f"must not cross itself: {shapely.is_valid_reason(shape)}")
     # A block without its rim: overlaps of a tolerance leave nothing in common.
     cores = shapely.buffer(shapes, -least, join_style="mitre")
     for block, core in enumerate(cores):
         if core.is_empty:
             given.refuse(block, f"has no area: nowhere is it wider than {2.0 * least:.3g} m")
-    first, second = shapely.STRtree(cores).query(cores, predicate="intersects")
-    for one, other in zip(first, second):
+    for one, other in shapely.STRtree(cores).query(cores, predicate="intersects").T:
         if one < other:
             common = shapely.intersection(shapes[one], shapes[other]).area
-            alike = common > 0.999 * max(shapes[one].area, shapes[other].area)
-            what = "is the same block as" if alike else f"overlaps by {common:.3g} m2 with"
-            given.refuse(one, f"{what} {given.names[other]}")
+            given.refuse(one, f"overlaps by {common:.3g} m2 with {given.names[other]}")
 
 
 def _find_joints(given: Blocks) -> None:
-    """Joints of blocks with each other and with the ground."""
+    """Joints of blocks with each other and with the ground, whose lines count after the blocks."""
     shapely = from_extra("shapely", "drawing")
-    count = len(given.outlines)
-    edges, owner = _straight_edges(given)
-    tree = shapely.STRtree(shapely.linestrings(edges))
+    count, names = len(given.outlines), given.names + given.ground_names
+    edges: list[_Segment] = []
+    owner: list[int] = []
+    for block, outline in enumerate(given.outlines):
+        pairs = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
+        edges += list(pairs[outline[:, 2] == 0.0])
+        owner += [block] * (len(edges) - len(owner))
+    for number, line in enumerate(given.ground, count):
+        edges += [line[::-1], line]
+        owner += [number, number]
+    tree = shapely.STRtree(shapely.linestrings(np.reshape(edges, (-1, 2, 2))))
     shared: dict[tuple[int, int], list[_Segment]] = {}
     near = tree.query(tree.geometries, predicate="dwithin", distance=given.tolerance)
     for one, other in near.T:
         if owner[one] < min(owner[other], count):
-            common = common_part(edges[one], edges[other][::-1], given.tolerance)
+            common = _common_part(edges[one], edges[other][::-1], given.tolerance)
             if common is not None:
                 shared.setdefault((owner[one], owner[other]), []).append(common)
-    given.joints = [{} for _ in given.outlines]
-    for (one, other), parts in shared.items():
-        if other < count:
-            segment = one_line(parts, given.tolerance)
-            if segment is None:
-                given.refuse(
-                    one,
-                    f"and {given.names[other]} meet along {len(parts)} edges not on one line; a "
-                    "joint must be straight",
-                )
-            given.joints[one][other], given.joints[other][one] = segment, segment[::-1]
-    for line, name in enumerate(given.ground_names, count):
-        blocks = [one for one, other in shared if other == line]
-        if len(blocks) != 1:
-            listed = ", ".join(given.names[block] for block in blocks) or "none"
+    given.joints = [{} for _ in names]
+    for (block, neighbour), parts in shared.items():
+        segment = _one_line(parts, given.tolerance)
+        if segment is None:
+            given.refuse(
+                block,
+                f"and {names[neighbour]} meet along {len(parts)} edges not on one line; a joint "
+                "must be straight",
+            )
+        given.joints[neighbour][block] = segment[::-1]
+        if neighbour < count:
+            given.joints[block][neighbour] = segment
+    for name, joints in zip(given.ground_names, given.joints[count:]):
+        if len(joints) != 1:
             raise GeometryError(
                 f"{name} must be on a straight edge of one block, on which it stands on the "
-                f"ground; it is on edges of: {listed}"
+                f"ground; it is on edges of: {', '.join(names[b] for b in joints) or 'none'}"
             )
-        block = blocks[0]
-        before = [given.standing[block]] if block in given.standing else []
-        straight = one_line(shared[block, line] + before, given.tolerance)
-        if straight is None:
+        ((block, segment),) = joints.items()
+        if block in given.standing:
             given.refuse(block, f"stands on two lines, {name} the second; it must be one")
-        given.standing[block] = straight
+        given.standing[block] = segment[::-1]
+    del given.joints[count:]
 
 
-def _straight_edges(drawn: Blocks) -> tuple[FloatArray, list[int]]:
-    """Straight sides ``(n, 2, 2)`` of blocks along their outlines, then ground lines both ways.
+def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
+    """What two edges of one direction have in common, along the first; None if nothing."""
+    length = float(np.hypot(*(edge[1] - edge[0])))
+    place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
+    if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
+        return None
 
-    With the block of each, or the number of blocks plus that of the line.
-    """
-    edges, owner = [], []
-    for block, outline in enumerate(drawn.outlines):
-        pairs = np.stack([outline[:, :2], np.roll(outline[:, :2], -1, axis=0)], axis=1)
-        edges.append(pairs[outline[:, 2] == 0.0])
-        owner += [block] * len(edges[-1])
-    for number, line in enumerate(drawn.ground, len(drawn.outlines)):
-        edges.append(np.stack([line[::-1], line]))
-        owner += [number, number]
-    return np.concatenate(edges), owner
+    def foot(line: _Segment, point: FloatArray) -> FloatArray:
+        step = line[1] - line[0]
+        return line[0] + ((point - line[0]) @ step) / (step @ step) * step
+
+    ours, theirs = edge.copy(), other.copy()
+    # How far each end of the other lies inside the edge.
+    for k, inside in enumerate((place[0], length - place[1])):
+        if inside > tolerance:
+            ours[k] = foot(edge, other[k])
+        elif inside < -tolerance:
+            theirs[k] = foot(other, edge[k])
+    apart = np.hypot(*(ours - theirs).T).max()
+    return 0.5 * (ours + theirs) if apart <= tolerance else None
+
+
+def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
+    """From end to end of segments of one direction; None if they are not on one line."""
+    if len(parts) == 1:
+        return parts[0]
+    points = np.concatenate(parts)
+    unit = parts[0][1] - parts[0][0]
+    unit /= np.hypot(*unit)
+    place = (points - points[0]) @ unit
+    ends = points[[int(np.argmin(place)), int(np.argmax(place))]]
+    off = np.abs(cross(points - ends[0], (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))))
+    return ends if off.max() <= 2.0 * tolerance else None
 
 
 def _walk(given: Blocks) -> list[int]:
     """Blocks from one end to the other; adds the lines on which ends stand if none is given."""
-    count, names = len(given.outlines), given.names
+    names = given.names
     for block, joints in enumerate(given.joints):
         if len(joints) > 2:
             others = ", ".join(names[other] for other in joints)
@@ -273,67 +297,34 @@ def _walk(given: Blocks) -> list[int]:
     order = [ends[0]]
     while ahead := [other for other in given.joints[order[-1]] if other not in order[-2:]]:
         order.append(ahead[0])
-    if len(order) < count:
-        _refuse_gap(given, order)
+    if apart := set(range(len(names))) - set(order):
+        shapely = from_extra("shapely", "drawing")
+        shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
+        gap, one, near = min((shapes[a].distance(shapes[b]), a, b) for a in order for b in apart)
+        given.refuse(
+            one,
+            f"has no edge in common with {names[near]}, {gap:.3g} m away; all must form one "
+            f"chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        )
     if not given.standing:
-        if count == 1:
+        if len(order) == 1:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
         for end, near in ((order[0], order[1]), (order[-1], order[-2])):
             given.standing[end] = _opposite(given, end, given.joints[end][near])
-    first, last = (given.standing.get(order[k]) for k in (0, -1))
-    if first is None or (
-        count > 1 and last is not None
-        and tuple(last.mean(axis=0)) < tuple(first.mean(axis=0))
-    ):  # fmt: skip
-        order.reverse()
-    return order
-
-
-def _refuse_gap(given: Blocks, order: list[int]) -> NoReturn:
-    """Refuse blocks that do not hang together, by the two at the narrowest gap."""
-    shapely = from_extra("shapely", "drawing")
-    shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
-    apart = set(range(len(shapes))) - set(order)
-    gap, one, other = min(
-        (shapes[one].distance(shapes[other]), one, other) for one in order for other in apart
-    )
-    name, text = given.names[other], "has no edge in common with {}, {:.3g} m away"
-    if gap <= given.tolerance:
-        text = "touches {} but has no edge in common with it"
-    given.refuse(
-        one,
-        f"{text.format(name, gap)}; all must form one chain, and edges of neighbours agree to "
-        f"{given.tolerance:.3g} m",
-    )
+    left_first = sorted(given.standing, key=lambda block: (*given.standing[block].mean(axis=0),))
+    return order if order[0] == left_first[0] else order[::-1]
 
 
 def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     """Side of an end block opposite to its joint, which must be one of four and straight."""
     outline = given.outlines[block]
-    along, middle, _ = places_along(outline, joint.mean(axis=0)[None])
-    here = int(np.searchsorted(along, middle[0], "right")) - 1
-    chord = np.roll(outline[:, :2], -1, axis=0) - outline[:, :2]
-    heading, half = np.arctan2(chord[:, 1], chord[:, 0]), 2.0 * np.arctan(outline[:, 2])
-    # Between the end of the edge before and the start of this one.
-    angle = (heading - half) - np.roll(heading + half, 1)
-    turns = np.abs((angle + math.pi) % (2.0 * math.pi) - math.pi) > _SMOOTH
-    side = np.cumsum(turns) % max(turns.sum(), 1)  # of each edge: from one corner to the next
-    if turns.sum() == 4:
-        edges = np.flatnonzero(side == (side[here] + 2) % 4)
-        pairs = [outline[[edge, (edge + 1) % len(outline)], :2] for edge in edges]
-        straight = None if outline[edges, 2].any() else one_line(pairs, given.tolerance)
-        if straight is not None:
-            return straight
-    given.refuse(
-        block,
-        f"is an end of the chain and has {turns.sum()} sides, of which none is straight and "
-        "opposite to its joint; a LINE must show the edge it stands on",
-    )
-
-
-def _far_side(given: Blocks, block: int, joint: _Segment) -> _Segment:
-    """Edge of a free end that is farthest from the line of its joint, intrados first."""
-    corners = given.outlines[block][:, :2]
-    edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-    away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
-    return edges[int(np.argmax(away))]
+    along, (middle,), _ = _places_along(outline, [joint.mean(axis=0)])
+    first = int(np.searchsorted(along, middle, "right")) + 1
+    side = outline[[first % len(outline), (first + 1) % len(outline)]]
+    if len(outline) != 4 or side[0, 2] != 0.0:
+        given.refuse(
+            block,
+            f"is an end of the chain and has {len(outline)} sides; without a LINE that shows the "
+            "edge it stands on they must be four, that opposite to its joint straight",
+        )
+    return side[:, :2]

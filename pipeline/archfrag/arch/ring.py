@@ -2,18 +2,19 @@
 
 Ready-made centre lines have their springings at height 0 and their crown at x = 0. Their joints
 are placed by the fraction of the centre line's length, counted from the crown: −1/2 at the left
-springing, +1/2 at the right one.
+springing, +1/2 at the right one. Joint lines are the ends at the intrados and at the extrados,
+``(n_line, 2)`` each [m], from left to right.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import (
     Section,
     arc,
@@ -26,7 +27,6 @@ from archfrag.arch.geometry import (
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
-FloatArray = NDArray[np.float64]
 # Points of a centre line (n_joint, 2) [m], and its unit normals there, away from the intrados.
 CentreLine = tuple[FloatArray, FloatArray]
 # Corners closer than this part of the ring's size, or sides that differ by a smaller
@@ -34,18 +34,11 @@ CentreLine = tuple[FloatArray, FloatArray]
 _TOLERANCE = 1e-9
 
 
-class JointLines(NamedTuple):
-    """Lines across a ring, from left to right; all are joints but one at `apex`, if any."""
-
-    intrados: FloatArray  # (n_line, 2) [m]
-    extrados: FloatArray  # (n_line, 2) [m]
-    apex: int = -1  # index of the line at a pointed crown that is no joint
-
-
 class Ring(NamedTuple):
     """Voussoirs between joint lines."""
 
-    lines: JointLines
+    intrados: FloatArray  # (n_voussoir + 1, 2) [m]
+    extrados: FloatArray  # (n_voussoir + 1, 2) [m]
     sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
     sections: list[Section]
     outlines: list[FloatArray]  # (m, 2) each: intrados, then extrados backwards; not closed [m]
@@ -63,16 +56,12 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
 
     a, b, right = 0.5 * span, rise, 0.5 * math.pi
     parameter = 1.0 - (b / a) ** 2
-    quarter = float(ellipeinc(right, parameter))
-
-    def at(part: float) -> float:
-        length = 2.0 * abs(part) * quarter
-        root = brentq(
-            lambda u: float(ellipeinc(u, parameter)) - length, 0.0, right, xtol=1e-15, rtol=1e-15
-        )
-        return math.copysign(root, part)
-
-    u = np.array([at(float(part)) for part in fraction])
+    length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
+    roots = [
+        brentq(lambda u, s: float(ellipeinc(u, parameter)) - s, 0.0, right, (s,), 1e-15, 1e-15)
+        for s in length.tolist()
+    ]
+    u = np.copysign(roots, fraction)
     sine, cosine = np.sin(u), np.cos(u)
     # The springings are exact, where cos(pi/2) is not quite zero.
     sine[0], cosine[0], sine[-1], cosine[-1] = -1.0, 0.0, 1.0, 0.0
@@ -107,40 +96,22 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     return np.column_stack([x, y]), np.column_stack([slope / secant, 1.0 / secant])
 
 
-def normal_lines(
+def normal_ring(
     curve: Callable[[float, float, FloatArray], CentreLine],
-    shape: dict[str, float],
-    fraction: FloatArray,
-) -> JointLines:
-    """Joint lines perpendicular to the centre line of a curve's span and rise."""
-    span, rise, thickness = shape.values()
-    (point, outward), profile = curve(span, rise, fraction), curve.__name__
-    step = np.diff(point, axis=0)
-    here, there = outward[:-1], outward[1:]
-    behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
-    if behind.any():
-        joint = int(np.argmax(behind))
-        raise GeometryError(
-            f"joints {joint} and {joint + 1} of this {profile} of span {span} m and rise {rise} m "
-            "stand too unevenly round its crown for a straight-sided voussoir between them; place "
-            "a joint nearer to the crown, or make all voussoirs equal"
-        )
-    bend = cross(here, there)
-    # Distance along each of two neighbouring joints to where their lines meet.
-    with np.errstate(divide="ignore"):
-        meeting = np.minimum(np.abs(cross(step, there) / bend), np.abs(cross(step, here) / bend))
-    _refuse_crossing(shape, 2.0 * meeting, profile, range(len(meeting)))
+    span: float, rise: float, thickness: float, fraction: FloatArray,
+) -> Ring:  # fmt: skip
+    """Straight-sided voussoirs between joints perpendicular to a curve."""
+    point, outward = curve(span, rise, fraction)
     offset = 0.5 * thickness * outward
-    return JointLines(point - offset, point + offset)
+    return straight_ring(point - offset, point + offset)
 
 
-def pointed_lines(shape: dict[str, float], fraction: FloatArray) -> JointLines:
-    """Joint lines of two circular arcs that meet at the crown.
+def pointed_ring(span: float, rise: float, thickness: float, fraction: FloatArray) -> Ring:
+    """Straight-sided voussoirs between joints radial to two circular arcs that meet at the crown.
 
     The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
     radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
     """
-    span, rise, thickness = shape.values()
     reach = (rise**2 - 0.25 * span**2) / span
     radius = reach + 0.5 * span
     sweep = math.atan2(rise, reach)
@@ -152,42 +123,23 @@ def pointed_lines(shape: dict[str, float], fraction: FloatArray) -> JointLines:
     sign = np.sign(side)
     outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
     centre = np.column_stack([-sign * reach, np.zeros_like(side)])
-    left = int(np.flatnonzero(sign < 0.0)[-1])
-    right = left + 1
-    # Distance along the joints next to the crown to where they reach the vertical x = 0.
-    both = slice(left, right + 1)
-    limit = 2.0 * np.abs(centre[both, 0] / outward[both, 0] + radius)
-    _refuse_crossing(shape, limit, "pointed arch", (left, right if at_crown else left))
-    sides = []
-    for r in (radius - 0.5 * thickness, radius + 0.5 * thickness):
-        apex = [0.0, math.sqrt(r**2 - reach**2)]
-        sides.append(np.insert(centre + r * outward, right, apex, axis=0))
-    return JointLines(sides[0], sides[1], -1 if at_crown else right)
-
-
-def _refuse_crossing(
-    shape: dict[str, float], limit: FloatArray, profile: str, first_of_pair: Sequence[int]
-) -> None:
-    """Refuse a thickness at or above the smallest limit, each that of one pair of joints."""
-    if shape["thickness"] < limit.min():
-        return
-    joint = first_of_pair[int(np.argmin(limit))]
-    raise GeometryError(
-        f"thickness = {shape['thickness']} m is impossible for this {profile} of span "
-        f"{shape['span']} m and rise {shape['rise']} m: joints {joint} and {joint + 1} would "
-        f"cross inside the ring; it must be less than {limit.min():.6g} m"
+    right = int(np.flatnonzero(sign < 0.0)[-1]) + 1
+    intrados, extrados = (
+        np.insert(centre + r * outward, right, [0.0, math.sqrt(max(r**2 - reach**2, 0.0))], axis=0)
+        for r in (radius - 0.5 * thickness, radius + 0.5 * thickness)
     )
+    return straight_ring(intrados, extrados, None if at_crown else right)
 
 
-def straight_ring(lines: JointLines) -> Ring:
-    """Straight-sided voussoirs between joint lines; a keystone over an apex keeps its point."""
-    sense = _travel_sense(lines)
-    ends = np.delete(np.arange(len(lines.intrados)), lines.apex if lines.apex >= 0 else [])
+def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None = None) -> Ring:
+    """Straight-sided voussoirs between lines, of which that at an apex is no joint."""
+    sense = _travel_sense(intrados, extrados)
+    ends = np.delete(np.arange(len(intrados)), [] if apex is None else apex)
     spans = [slice(first, last + 1) for first, last in pairwise(ends)]
-    outlines = [np.concatenate([lines.intrados[s], lines.extrados[s][::-1]]) for s in spans]
-    joints = JointLines(lines.intrados[ends], lines.extrados[ends])
-    backs = [middle_of(lines.extrados[s]) for s in spans]
-    return Ring(joints, sense, [polygon_section(each) for each in outlines], outlines, backs)
+    outlines = [np.concatenate([intrados[s], extrados[s][::-1]]) for s in spans]
+    backs = [middle_of(extrados[s]) for s in spans]
+    sections = [polygon_section(each) for each in outlines]
+    return Ring(intrados[ends], extrados[ends], sense, sections, outlines, backs)
 
 
 def circular_ring(
@@ -199,11 +151,15 @@ def circular_ring(
     """
     inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
     direction = np.column_stack([np.sin(angle), np.cos(angle)])
-    lines = JointLines(centre + inner * direction, centre + outer * direction)
+    intrados, extrados = centre + inner * direction, centre + outer * direction
+    if thickness >= 2.0 * radius:
+        raise GeometryError(
+            f"thickness = {thickness} is impossible; it must be less than {2.0 * radius:.9g} m, "
+            "twice the radius of the centre line"
+        )
     if not sector:
-        return straight_ring(lines)
-    _check_corners_apart(lines)
-    ring = Ring(lines, 1, [], [], [])
+        return straight_ring(intrados, extrados)
+    ring = Ring(intrados, extrados, 1, [], [], [])
     for start, end in pairwise(angle):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)
@@ -213,30 +169,21 @@ def circular_ring(
     return ring
 
 
-def _check_corners_apart(lines: JointLines) -> None:
-    """Refuse joints of no length, and neighbouring joints that have a corner in common."""
-    every = np.concatenate([lines.intrados, lines.extrados])
-    least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
-    pairs = [("intrados and extrados", lines.intrados, lines.extrados)]
-    pairs += [(name, side[:-1], side[1:]) for name, side in zip(lines._fields, lines[:2])]
-    for name, one, other in pairs:
-        length = np.hypot(*(other - one).T)
-        if np.any(length <= least):
-            joint = int(np.argmin(length))
-            joints = f"joint {joint}" if "and" in name else f"joints {joint} and {joint + 1}"
-            raise GeometryError(
-                f"the {name} corners of {joints} coincide at {place_text(one[joint])}; they must "
-                f"be more than {least:.3g} m apart"
-            )
+def segmental_ring(
+    span: float, rise: float, thickness: float, fraction: FloatArray, sector: bool
+) -> Ring:
+    """As `circular_ring`, of a span and a rise of at most half of it."""
+    radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
+    angle = 4.0 * math.atan2(2.0 * rise, span) * fraction
+    return circular_ring(np.array([0.0, rise - radius]), radius, thickness, angle, sector)
 
 
-def _travel_sense(lines: JointLines) -> int:
+def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     """Refuse rings that cannot be, and return the side on which the intrados lies."""
-    _check_corners_apart(lines)
-    inner, outer = lines.intrados, lines.extrados
-    quads = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
+    quads = np.stack([intrados[:-1], intrados[1:], extrados[1:], extrados[:-1]], axis=1)
     side = np.roll(quads, -1, axis=1) - quads
-    side /= np.hypot(side[..., 0], side[..., 1])[..., None]
+    with np.errstate(invalid="ignore"):  # corners that coincide are refused below
+        side /= np.hypot(side[..., 0], side[..., 1])[..., None]
     bend = cross(side, np.roll(side, -1, axis=1))
     sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
     if not sense.all():
@@ -244,25 +191,17 @@ def _travel_sense(lines: JointLines) -> int:
         corners = ", ".join(map(place_text, quads[body]))
         raise GeometryError(
             f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
-            f"this order, and joints {body} and {body + 1} must neither cross nor touch"
+            f"this order; joints {body} and {body + 1} must neither cross nor touch inside the "
+            "ring (make it thinner, or its joints more even)"
         )
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))
         raise GeometryError(
-            f"voussoir {body} lies on the same side of joint {body} as voussoir {body - 1}: the "
-            "ring doubles back there; intrados and extrados must run on along the ring from "
-            "joint to joint"
+            f"voussoir {body} lies on the same side of joint {body} as voussoir {body - 1}: "
+            "intrados and extrados must run on along the ring from joint to joint"
         )
-    _refuse_overlap(quads, side)
-    return int(sense[0])
-
-
-def _refuse_overlap(quads: FloatArray, side: FloatArray) -> None:
-    """Refuse convex quadrilaterals ``(n, 4, 2)``, with unit sides, of which any two overlap.
-
-    Neighbours lie on either side of the line of their joint and cannot. Two others overlap if no
-    side of theirs separates them.
-    """
+    # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
+    # convex quadrilaterals overlap if no side of theirs separates them.
     low, high = quads.min(axis=1), quads.max(axis=1)
     near = (low[:, None] < high[None]).all(axis=2)
     first, second = np.nonzero(np.triu(near & near.T, 2))
@@ -277,6 +216,7 @@ def _refuse_overlap(quads: FloatArray, side: FloatArray) -> None:
             f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m; "
             "the ring must not cross itself"
         )
+    return int(sense[0])
 
 
 def chain_of(
@@ -306,7 +246,7 @@ def chain_of(
             "density, depth and dead_load"
         )
     n_voussoir, n_joint = mass.size, friction.size
-    corners = np.stack([ring.lines.intrados, ring.lines.extrados][:: ring.sense], axis=1)
+    corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)
     face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()
     face_before[1:] -= centroid[: n_joint - 1, None]
     face_after[:n_voussoir] -= centroid[:, None]

@@ -46,43 +46,24 @@ class Marginal:
         return np.clip(self.full.ppf(inside), self.lower, self.upper)
 
 
-def unit_points(
-    count: int, dimension: int, scheme: Scheme, seed: int | Sequence[int]
-) -> FloatArray:
-    """Points inside the unit cube that fill it evenly, (count, dimension); see `sample`."""
-    generator = np.random.default_rng(seed)
-    if scheme == "sobol":
-        power = max(count - 1, 0).bit_length()
-        points = qmc.Sobol(dimension, scramble=True, seed=generator).random_base2(power)[:count]
-    else:
-        points = qmc.LatinHypercube(dimension, seed=generator).random(count)
-    return np.clip(points, _EDGE, 1.0 - _EDGE)
-
-
 def correlation_factor(
     names: Sequence[str], correlation: Mapping[str, Mapping[str, float]]
 ) -> FloatArray:
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
     `correlation` maps names to mappings of names to coefficients; other pairs are not correlated.
-    `InputError` if a pair cannot be, or no distribution has these coefficients together.
     """
     matrix = np.eye(len(names))
     pairs = [(a, b, rho) for a, others in correlation.items() for b, rho in others.items()]
     for one, other, coefficient in pairs:
-        what = f"correlation of {one} and {other}"
-        if unknown := sorted({one, other} - set(names)):
-            listed = ", ".join(names)
+        if {one, other} - set(names) or not -1.0 < coefficient < 1.0 or one == other:
             raise InputError(
-                f"{what}: {unknown[0]} is not one of the parameters that vary ({listed})"
+                f"correlation of {one} and {other} = {coefficient:g} must be greater than -1 and "
+                f"less than 1, of two of the parameters that vary ({', '.join(names)})"
             )
         i, j = names.index(one), names.index(other)
-        if i == j:
-            raise InputError(f"{what}: with itself")
         if matrix[i, j] != 0.0:
-            raise InputError(f"{what}: is given twice")
-        if not -1.0 < coefficient < 1.0:
-            raise InputError(f"{what} = {coefficient:g} must be greater than -1 and less than 1")
+            raise InputError(f"correlation of {one} and {other}: is given twice")
         matrix[i, j] = matrix[j, i] = coefficient
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
@@ -94,20 +75,15 @@ def correlation_factor(
 
 
 def sample(
-    marginals: Mapping[str, Marginal],
-    count: int,
-    *,
-    scheme: Scheme = "sobol",
-    seed: int | Sequence[int] = 1,
-    correlation: Mapping[str, Mapping[str, float]] | None = None,
-) -> dict[str, FloatArray]:
+    marginals: Mapping[str, Marginal], count: int, *, scheme: Scheme = "sobol",
+    seed: int | Sequence[int] = 1, correlation: Mapping[str, Mapping[str, float]] | None = None,
+) -> dict[str, FloatArray]:  # fmt: skip
     """Sample parameters with given distributions and correlations, `count` values of each.
 
-    `scheme` is Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek
-    1998): the first samples of a longer design are those of a shorter one, and its one- and
-    two-dimensional projections are even if `count` is a power of two. Or it is the Latin hypercube
-    (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every parameter,
-    for any `count`; a longer design has none of the samples of a shorter one.
+    `scheme` is Sobol's sequence, scrambled (Owen 1998): the first samples of a longer design are
+    those of a shorter one, and its one- and two-dimensional projections are even if `count` is a
+    power of two. Or it is the Latin hypercube (McKay, Beckman and Conover 1979), for any `count`:
+    one sample in each of `count` slices of every parameter.
 
     `correlation` is as in `correlation_factor`: coefficients rho of the Gaussian copula, which are
     the correlations of the normal scores (of the logarithms, if both are lognormal). The rank
@@ -123,10 +99,16 @@ def sample(
     >>> round(float(values["thickness"].mean()), 2)
     1.5
     """
-    names = list(marginals)
+    names, generator = list(marginals), np.random.default_rng(seed)
     if not names:
         return {}
-    points = unit_points(count, len(names), scheme, seed)
+    if scheme == "sobol":
+        power = max(count - 1, 0).bit_length()
+        design = qmc.Sobol(len(names), scramble=True, seed=generator)
+        points = design.random_base2(power)[:count]
+    else:
+        points = qmc.LatinHypercube(len(names), seed=generator).random(count)
+    points = np.clip(points, _EDGE, 1.0 - _EDGE)
     if correlation:
         points = ndtr(ndtri(points) @ correlation_factor(names, correlation).T)
     return {

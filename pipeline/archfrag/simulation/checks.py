@@ -1,23 +1,14 @@
-"""Refusals: one message that names the argument."""
+"""Checks of what a run is asked for: one message that names the argument."""
 
 import importlib.util
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 from archfrag.errors import InputError
-from archfrag.methods.registry import (
-    AUTO,
-    METHODS,
-    MethodInfo,
-    Parameter,
-    known_methods,
-    resolve,
-)
+from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods, resolve
 
-# Baselines of archbench, which has to be imported for them.
-BASELINES = ("four_link", "penalty", "gauss_seidel", "quadratic_programme")
+# Parameters of methods that are arguments of `simulate`.
 COMMON = ("dt", "rtol", "follow")
 
 
@@ -46,13 +37,9 @@ def check_method(name: Any) -> MethodInfo:
     """The method of a name; `InputError` if there is none, or its package is not installed."""
     info = resolve(name) if isinstance(name, str) else None
     if info is None:
-        hint = "; in Python, import archbench for the baselines" if name in BASELINES else ""
-        raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}{hint}")
+        raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
     if not is_available(info):
-        raise InputError(
-            f"method {info.name} needs the package {info.needs}, which is not installed: "
-            f"pip install {info.needs}"
-        )
+        raise InputError(f"method {name} needs the package {info.needs}: pip install {info.needs}")
     return info
 
 
@@ -81,29 +68,24 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
     """All of a method's own parameters: those given, if allowed, the others at their defaults."""
     own = own_parameters(info)
-    values = {name: parameter.default for name, parameter in own.items()}
     if not isinstance(settings, Mapping | None):
         raise InputError(f"settings is {type(settings).__name__}; it must map names to numbers")
     for name, value in (settings or {}).items():
         if name not in own:
             allowed = ", ".join(own) or "none"
             raise InputError(f"settings has {name!r}; allowed for method {info.name}: {allowed}")
-        parameter = own[name]
-        allowed = f"from {parameter.least:g} to {parameter.most:g} [{parameter.unit}]"
-        check_number(f"settings.{name}", value, allowed, partial(_within, parameter))
-        values[name] = float(value)
-    return values
+        check_number(f"settings.{name}", value, own[name].least, own[name].most, own[name].unit)
+    given = {name: float(value) for name, value in (settings or {}).items()}
+    return {name: parameter.default for name, parameter in own.items()} | given
 
 
-def _within(parameter: Parameter, value: float) -> bool:
-    return parameter.least <= value <= parameter.most and math.isfinite(value)
-
-
-def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bool]) -> None:
-    """See that a value is a number that `fits`; `allowed` states in words what that means."""
+def check_number(name: str, value: Any, least: float, most: float, unit: str = "1") -> None:
+    """See that a value is a finite number between bounds, which are allowed themselves."""
     try:
-        good = not isinstance(value, bool) and fits(float(value))
-    except (TypeError, ValueError):
+        good = not isinstance(value, bool) and math.isfinite(value) and least <= value <= most
+    except TypeError:
         good = False
     if not good:
-        raise InputError(f"{name} is {value!r}; it must be a number, {allowed}")
+        raise InputError(
+            f"{name} is {value!r}; it must be a finite number from {least:g} to {most:g} [{unit}]"
+        )

@@ -11,16 +11,7 @@ import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.mechanics.laws import CLOSED_STICK
-from archfrag.mechanics.status import (
-    Cause,
-    CollapseMode,
-    Count,
-    Energy,
-    Loss,
-    Model,
-    Peak,
-    Status,
-)
+from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
 from archfrag.mechanics.types import Frames, MechanismLog, Results
 
 if TYPE_CHECKING:
@@ -39,7 +30,6 @@ _ENERGY = {
     "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
     "balance_error": Energy.BALANCE_ERROR, "largest_kinetic": Energy.LARGEST_KINETIC,
 }  # fmt: skip
-FIRST_LOG, LARGEST_LOG = 1024, 50_000
 
 CAUSE_WORDS = {
     Cause.START: "start", Cause.HINGE: "new hinge", Cause.SLIDE: "sliding starts",
@@ -63,13 +53,11 @@ class MechanismChange:
     time, until : float
         From when to when this mechanism holds [s]. `until` is nan if changes that followed were
         too many to be kept.
-    cause : str
-        Why it changed: a name of `archfrag.mechanics.status.Cause` in lower case.
+    cause, model : str
+        Why it changed, and the model from then on: names of `archfrag.mechanics.status.Cause` and
+        `archfrag.mechanics.status.Model` in lower case.
     joint : int
         Joint that caused it; -1 where none did.
-    model : str
-        Model from then on: a name of `archfrag.mechanics.status.Model` in lower
-        case.
     joints : dict of int to str
         What each joint does that is not closed and sticking: "hinge intrados", "slides towards
         extrados", "hinge extrados sliding towards intrados", or "open". A joint slides towards
@@ -100,8 +88,7 @@ mega-voussoirs
         why = CAUSE_WORDS[Cause[self.cause.upper()]]
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
         parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Model[self.model.upper()]]]
-        what = "; ".join(parts)
-        return f"{self.time:.4f} s  {why}{where}: {what}"
+        return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
 
 
 @dataclass(frozen=True)
@@ -114,26 +101,21 @@ class Response:
         How the run ended; `archfrag.errors.STATUS_MESSAGE` has its text.
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
-    collapse_time : float
-        Instant at which the joint lost contact for good [s]; nan if none. If a joint collapsed
-        with contact kept, the instant of the verdict.
-    collapse_joint : int
-        -1 if none.
+    collapse_time, collapse_joint
+        When and where contact was lost for good [s], nan and -1 if it was not. If a joint
+        collapsed with contact kept, the instant of the verdict.
     collapse_mode : str
         "hinging" or "sliding" if the rotation [rad] of that joint, or its slip over its length,
         was larger when it lost contact; "lift_off" if it had neither; "overturning" if a joint
         rotated by 90 degrees with contact kept; else "none".
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same for the first loss of contact that opened a joint at both corners by more than 2 %
-        of its length, regained or not: nan, -1 and "none" where there was none.
+        of its length, regained or not.
     widest_gap : float
         Largest gap at both corners of a joint at once, over its length [1].
-    peak_rotation : float
-        Of any voussoir [rad].
-    peak_displacement : float
-        Of any voussoir's centroid, relative to the ground [m].
-    residual_rotation, residual_displacement : float
-        Largest rotation [rad] and displacement [m] at the end of the run.
+    peak_rotation, peak_displacement, residual_rotation, residual_displacement : float
+        Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
+        ground [m]: of the whole run, and at its end.
     events : dict of str to int
         "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
         "events": instants located at which the mechanism changed; "switches": times that
@@ -155,25 +137,21 @@ class Response:
         than one round; "general", those that the levels left to the general solver; "sweeps" and
         "unconverged", of baselines; "refused", states that bodies would have had to be moved for;
         "refined", times that auto made a run again: with a tighter tolerance, then by steps alone.
-    wall_time : float
-        Time it took, compilation included if there was any [s].
-    end_time : float
-        Simulated time at which the run ended [s].
+        `steps` and `fallbacks` ("compliant") are attributes too.
+    wall_time, end_time : float
+        Time it took, compilation included if there was any, and simulated time at its end [s].
     residual : float
         Largest measured violation of the contact laws, by one measure for all methods
         (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
         rates over the speed of a fall through them, forces over the weight [1].
     overlap : float
-        Deepest overlap of two bodies at a corner that was seen, over the joint's
-        length [1].
+        Deepest overlap of two bodies at a corner that was seen, over the joint's length [1].
     method : str
         Its name.
     mechanism : tuple of MechanismChange or None
         With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
         one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
     history : xarray.Dataset or None
-    steps, fallbacks : int
-        As in `work`; fallbacks are its "compliant".
     """
 
     status: Status
@@ -212,12 +190,8 @@ def response_of(
 ) -> Response:  # fmt: skip
     """What a method returned of one run, in names; mechanism and history as in `Response`."""
     status = Status(int(results.status[row]))
-    count, energy, model_time, peak, loss = (
-        values[row].tolist()
-        for values in (
-            results.count, results.energy, results.model_time, results.peak, results.loss
-        )
-    )  # fmt: skip
+    of_run = results.count, results.energy, results.model_time, results.peak, results.loss
+    count, energy, model_time, peak, loss = (values[row].tolist() for values in of_run)
     largest = energy[Energy.LARGEST_KINETIC]
     return Response(
         status=status,
@@ -252,17 +226,13 @@ def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
     """Space for so many frames of a history and entries of a log."""
-    body, joint, modes = (n_frame, n_body, 3), (n_frame, n_joint, 3), np.int8
-    frames = Frames(
-        time=np.zeros(n_frame), position=np.zeros(body), velocity=np.zeros(body),
-        reaction=np.zeros(joint), mode=np.zeros(joint[:2], modes),
-    )  # fmt: skip
-    log = MechanismLog(
-        time=np.zeros(n_entry), cause=np.zeros(n_entry, np.int8),
-        joint=np.zeros(n_entry, np.int32), model=np.zeros(n_entry, np.int8),
-        mode=np.zeros((n_entry, n_joint), modes),
-    )  # fmt: skip
-    return frames, log
+    body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
+    time, cause, joint_of_cause, model = (
+        np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
+    )
+    log = MechanismLog(time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8))
+    numbers = np.zeros(n_frame), np.zeros(body), np.zeros(body), np.zeros(joint)
+    return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
@@ -275,39 +245,37 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     import xarray
 
     body, joint = ("time", "voussoir", "component"), ("time", "joint", "component")
-    place, rate, force = (each[:n_frame] for each in frames[1:4])
-    variables = {
-        name: (dimensions, values, {"units": units, "long_name": text})
-        for name, dimensions, values, units, text in (
-            ("displacement", body, place[:, :, :2], "m", "displacement of the centroid from rest"),
-            ("rotation", body[:2], place[:, :, 2], "rad", "rotation of the voussoir"),
-            ("velocity", body, rate[:, :, :2], "m s-1",
-             "velocity of the centroid relative to the ground"),
-            ("angular_velocity", body[:2], rate[:, :, 2], "rad s-1",
-             "angular velocity of the voussoir"),
-            ("reaction", joint, force[:, :, :2], "N", "reaction on the voussoir after the joint"),
-            ("moment", joint[:2], force[:, :, 2], "N m",
-             "moment of the reaction about the middle between the joint's contact points"),
-        )
-    }  # fmt: skip
+    place, rate, force, mode = (each[:n_frame] for each in frames[1:5])
     places = (arch.corner_name(0), arch.corner_name(1), "closed")
     slips = ("sticks", "slides_plus", "slides_minus")
-    meanings = ["open", *(f"{place}_{slip}" for place in places for slip in slips)]
-    mode = {
-        "long_name": "contact mode of the joint",
+    flags = {
         "flag_values": np.arange(10, dtype=np.int8),
-        "flag_meanings": " ".join(meanings),
+        "flag_meanings": " ".join(["open", *(f"{p}_{slip}" for p in places for slip in slips)]),
     }
-    return xarray.Dataset(
-        variables | {"contact_mode": (joint[:2], frames.mode[:n_frame], mode)},
-        coords={
-            "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
-            "voussoir": np.arange(arch.n_voussoir),
-            "joint": np.arange(arch.n_joint),
-            "component": ["x", "y"],
-        },
-        attrs={"gravity": STANDARD_GRAVITY},
-    )
+    variables = {
+        name: (dimensions, values, {**attributes, "long_name": text})
+        for name, dimensions, values, attributes, text in (
+            ("displacement", body, place[:, :, :2], {"units": "m"},
+             "displacement of the centroid from rest"),
+            ("rotation", body[:2], place[:, :, 2], {"units": "rad"}, "rotation of the voussoir"),
+            ("velocity", body, rate[:, :, :2], {"units": "m s-1"},
+             "velocity of the centroid relative to the ground"),
+            ("angular_velocity", body[:2], rate[:, :, 2], {"units": "rad s-1"},
+             "angular velocity of the voussoir"),
+            ("reaction", joint, force[:, :, :2], {"units": "N"},
+             "reaction on the voussoir after the joint"),
+            ("moment", joint[:2], force[:, :, 2], {"units": "N m"},
+             "moment of the reaction about the middle between the joint's contact points"),
+            ("contact_mode", joint[:2], mode, flags, "contact mode of the joint"),
+        )
+    }  # fmt: skip
+    coordinates = {
+        "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
+        "voussoir": np.arange(arch.n_voussoir),
+        "joint": np.arange(arch.n_joint),
+        "component": ["x", "y"],
+    }
+    return xarray.Dataset(variables, coordinates, {"gravity": STANDARD_GRAVITY})
 
 
 def mechanism_of(
@@ -321,34 +289,30 @@ def mechanism_of(
     # where it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
     # corner 0.
     sides = [arch.corner_name(corner) for corner in (0, 1)]
-    towards = [f"towards {side}" for side in sides]
-    hinges = [[f"hinge {side}", *(f"hinge {side} sliding {to}" for to in towards)]
-              for side in sides]  # fmt: skip
-    words = ["open", *hinges[0], *hinges[1], "closed", *(f"slides {to}" for to in towards)]
+    slides = [f"towards {side}" for side in sides]
+    words = ["open"]
+    for side in sides:
+        words += [f"hinge {side}", *(f"hinge {side} sliding {to}" for to in slides)]
+    words += ["closed", *(f"slides {to}" for to in slides)]
     kept = min(n_entry, log.time.size)
-    until = np.append(log.time[1:kept], end_time if kept == n_entry else np.nan)
-    changes = tuple(
+    until = np.append(log.time[1:kept], end_time if kept == n_entry else np.nan).tolist()
+    changes = [
         MechanismChange(
-            time=float(log.time[i]),
-            until=float(until[i]),
-            cause=Cause(log.cause[i]).name.lower(),
-            joint=int(log.joint[i]),
-            model=Model(log.model[i]).name.lower(),
-            joints={
-                int(j): words[log.mode[i, j]] for j in np.flatnonzero(log.mode[i] != CLOSED_STICK)
-            },
+            time, to, Cause(cause).name.lower(), int(joint), Model(model).name.lower(),
+            {int(j): words[mode[j]] for j in np.flatnonzero(mode != CLOSED_STICK)},
         )
-        for i in range(kept)
-    )
+        for time, to, cause, joint, model, mode in zip(
+            log.time[:kept].tolist(), until, log.cause, log.joint, log.model, log.mode
+        )
+    ]  # fmt: skip
     first = changes[0].time if changes else end_time
-    if not from_rest or first <= 0.0:
-        return changes
-    return (MechanismChange(0.0, first, "start", -1, "rest", {}), *changes)
+    if from_rest and first > 0.0:
+        changes.insert(0, MechanismChange(0.0, first, "start", -1, "rest", {}))
+    return tuple(changes)
 
 
 def summary(changes: Sequence[MechanismChange]) -> str:
     """How often the mechanism changed, and why, most frequent causes first."""
     causes = Counter(change.cause for change in changes if change.cause not in ("start", "end"))
     why = [f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()]
-    n = sum(causes.values())
-    return f"{n} changes of the mechanism" + (f" ({', '.join(why)})" if why else "")
+    return f"{causes.total()} changes of the mechanism ({', '.join(why) or 'none'})"

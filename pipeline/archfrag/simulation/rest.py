@@ -1,5 +1,5 @@
-"""Rest: how much steady acceleration an arch withstands, how it would start to move, and how far
-it can rotate slowly before it falls by itself; checks of initial states."""
+"""Rest: the steady acceleration that an arch withstands, how it starts to move, and how far it
+can rotate slowly before it falls by itself; checks of initial states."""
 
 from __future__ import annotations
 
@@ -43,12 +43,11 @@ class Onset:
         Joint and side ("intrados" or "extrados") of the hinges at `plus` and at `minus`.
     sliding, sliding_minus : list of int
         Joints that slide there.
-    thrust : ndarray, (n_joint, 2) or None
-        Contact centres under self-weight [m]; nan at joints without a force; None if the arch
-        does not stand. An arch at rest is hyperstatic: this is the admissible thrust line of
-        joints that are equal springs, in the limit of infinite stiffness.
-    thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
-        Contact centres at the two ends of the range, where they are unique [m].
+    thrust, thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
+        Contact centres under self-weight and at the two ends of the range [m]; nan at joints
+        without a force; None if the arch does not stand or they are not unique. An arch at rest
+        is hyperstatic: its thrust line is the admissible one of joints that are equal springs, in
+        the limit of infinite stiffness.
     """
 
     stands: bool
@@ -66,25 +65,10 @@ class Onset:
 def onset(arch: Arch) -> Onset:
     """Find the steady ground acceleration that starts to move an arch, and the mechanism.
 
-    Parameters
-    ----------
-    arch : Arch
-
-    Returns
-    -------
-    Onset
-        Also for an arch that does not stand (``stands`` is then False).
-
-    Raises
-    ------
-    InputError
-        If `arch` is not an arch.
-
-    Notes
-    -----
-    Static theorem: rest is the contact problem of the chain with no acceleration,
-    solved for the largest load factor (`archfrag.mechanics.onset`). With friction it is the
-    largest load for which admissible reactions exist.
+    An arch that does not stand has an onset too (``stands`` is then False). By the static theorem,
+    rest is the contact problem of the chain with no acceleration, solved for the largest load
+    factor (`archfrag.mechanics.onset`). With friction it is the largest load for which admissible
+    reactions exist.
 
     Examples
     --------
@@ -101,18 +85,25 @@ def onset(arch: Arch) -> Onset:
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.candidate[:], state.contact[:] = 1.0, 1.0
     closed = np.ones(work.candidate.shape, np.int8)
+    joints = work.point, work.normal, closed, chain.friction
     plus, minus = (
-        rest_limit(
-            chain.mass, chain.centroid, work.point, work.normal, closed, chain.friction,
-            chain.gravity, sense,
-        )
+        rest_limit(chain.mass, chain.centroid, *joints, chain.gravity, sense)
         for sense in (1.0, -1.0)
-    )  # fmt: skip
+    )
     found = plus.found and minus.found
     stands = bool(
         found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
     )
-    moves = [limit.found and not math.isinf(limit.load_factor) for limit in (plus, minus)]
+    thrusts = [
+        _thrust(work, limit.reaction) if limit.found and math.isfinite(limit.load_factor) else None
+        for limit in (plus, minus)
+    ]
+    if stands:
+        work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
+        solve_with_fallback(model, state, work, new_path(model))
+        pivot, weight = work.pivot, work.reaction.copy()
+        # Moments about the origin, as of the limits.
+        weight[:, 2] += pivot[:, 0] * weight[:, 1] - pivot[:, 1] * weight[:, 0]
     return Onset(
         stands=stands,
         plus=float(plus.load_factor) if found else math.nan,
@@ -121,9 +112,9 @@ def onset(arch: Arch) -> Onset:
         sliding=np.flatnonzero(plus.mechanism & SLIDING).tolist(),
         hinges_minus=_hinges(arch, minus),
         sliding_minus=np.flatnonzero(minus.mechanism & SLIDING).tolist(),
-        thrust=_thrust(work, _reactions_at_rest(model, state, work)) if stands else None,
-        thrust_plus=_thrust(work, plus.reaction) if moves[0] else None,
-        thrust_minus=_thrust(work, minus.reaction) if moves[1] else None,
+        thrust=_thrust(work, weight) if stands else None,
+        thrust_plus=thrusts[0],
+        thrust_minus=thrusts[1],
     )
 
 
@@ -152,26 +143,23 @@ def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
 
 def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
     """Displacement and velocity as arrays, each (n_voussoir, 3)."""
-    n_voussoir = arch.n_voussoir
     try:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
         raise InputError("initial must be a pair of arrays: position and velocity") from error
+    shape = (arch.n_voussoir, 3)
     for name, part in (("position", shift), ("velocity", velocity)):
-        if part.shape != (n_voussoir, 3) or not np.isfinite(part).all():
-            raise InputError(
-                f"initial {name} has shape {part.shape}; it must be ({n_voussoir}, 3) and finite"
-            )
+        if part.shape != shape or not np.isfinite(part).all():
+            raise InputError(f"initial {name} has shape {part.shape}, must be {shape} and finite")
     model, _, work = _placed(arch, shift)
-    for j in range(arch.n_joint):
-        for corner in range(2):
-            gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
-            if gap < -MOST_OVERLAP:
-                raise InputError(
-                    f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
-                    f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a "
-                    "rounding, is allowed"
-                )
+    for j, corner in np.ndindex(arch.n_joint, 2):
+        gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
+        if gap < -MOST_OVERLAP:
+            raise InputError(
+                f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
+                f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a rounding, "
+                "is allowed"
+            )
     return shift, velocity
 
 
@@ -183,15 +171,6 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     return model, state, work
-
-
-def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.float64]:
-    """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
-    work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
-    solve_with_fallback(model, state, work, new_path(model))
-    reaction = work.reaction.copy()
-    reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]
-    return reaction
 
 
 def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,13 +187,8 @@ def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
-    corners = ((0, HINGE_INTRADOS), (1, HINGE_EXTRADOS))
-    return [
-        (j, arch.corner_name(corner))
-        for j, bits in enumerate(limit.mechanism)
-        for corner, bit in corners
-        if bits & bit
-    ]
+    bits = np.stack([limit.mechanism & HINGE_INTRADOS, limit.mechanism & HINGE_EXTRADOS], axis=1)
+    return [(joint, arch.corner_name(corner)) for joint, corner in np.argwhere(bits).tolist()]
 
 
 def static_limit(arch: Arch, start: Onset) -> float:
@@ -226,43 +200,40 @@ def static_limit(arch: Arch, start: Onset) -> float:
     The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
     a free end nor four hinges.
     """
-    ends = ((start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus))
-    limits = [_limit(arch, hinges) for hinges, sliding in ends if hinges and not sliding]
-    return min((limit for limit in limits if np.isfinite(limit)), default=np.nan)
+    least = np.inf
+    for hinges, sliding in (
+        (start.hinges, start.sliding),
+        (start.hinges_minus, start.sliding_minus),
+    ):
+        if not sliding and (len(hinges) == 4 or (arch.free_end and len(hinges) == 1)):
+            least = min(least, *(_limit(arch, hinges, sense) for sense in (1.0, -1.0)))
+    return least if np.isfinite(least) else np.nan
 
 
-def _limit(arch: Arch, hinges: list[Hinge]) -> float:
+def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
+    """Static limit of one mechanism in one sense; inf if the weight does not resist in it."""
     # Points of the plane are complex numbers: x + i y.
     points = np.array([getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges])
     centroid = arch.chain.centroid @ [1.0, 1j]
-    joints = [joint for joint, _ in hinges]
-    if arch.free_end and len(hinges) == 1:
-        joints.append(arch.n_voussoir)
-    elif len(hinges) != 4:
-        return np.nan
-    least = np.inf
-    for sense in (1.0, -1.0):
-        angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
-        placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
-        energy = np.zeros(angle.size)
-        for pivot, (moved, rotation), first, last in zip(points, placed, joints, joints[1:]):
-            arm = np.exp(1j * rotation)[:, None] * (centroid[first:last] - pivot)
-            height = (arm + np.reshape(moved, (-1, 1))).imag
-            energy += height @ arch.chain.mass[first:last]
-        left = np.isfinite(energy)
-        end = int(np.argmin(left)) if not left.all() else angle.size
-        rise = np.diff(energy[:end])
-        # Only in one sense does the weight resist.
-        if not rise.size or rise[0] <= 0.0:
-            continue
-        place = float(rise.size)
-        if (past := rise <= 0.0).any():
-            top = int(np.argmax(past))
-            # The energy is a parabola about its top: its slope vanishes between two positions.
-            place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
-        reached = [np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed]
-        least = min(least, float(max(reached)))
-    return least if np.isfinite(least) else np.nan
+    joints = [*(joint for joint, _ in hinges), arch.n_voussoir]
+    angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
+    placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
+    energy = np.zeros(angle.size)
+    for pivot, (moved, rotation), first, last in zip(points, placed, joints, joints[1:]):
+        arm = np.exp(1j * rotation)[:, None] * (centroid[first:last] - pivot)
+        height = (arm + np.reshape(moved, (-1, 1))).imag
+        energy += height @ arch.chain.mass[first:last]
+    left = np.isfinite(energy)
+    end = int(np.argmin(left)) if not left.all() else angle.size
+    rise = np.diff(energy[:end])
+    if not rise.size or rise[0] <= 0.0:
+        return np.inf
+    place = float(rise.size)
+    if (past := rise <= 0.0).any():
+        top = int(np.argmax(past))
+        # The energy is a parabola about its top: its slope vanishes between two positions.
+        place = top - 0.5 + rise[top - 1] / (rise[top - 1] - rise[top])
+    return float(max(np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed))
 
 
 def _linkage(

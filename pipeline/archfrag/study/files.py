@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import archfrag
 from archfrag.errors import OutputError
-from archfrag.files import entries, opened, replacing, sha256_of, sweep
+from archfrag.files import opened, replacing, sha256_of, sweep
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
@@ -87,7 +87,7 @@ def check_own(study: "Study") -> None:
         raise OutputError(f"{study.work}: {strange}")
     for entry in entries(study.work):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
-            raise OutputError(f"{entry.path}: {strange}")
+            raise OutputError(f"{entry}: {strange}")
     sweep(study.work)
 
 
