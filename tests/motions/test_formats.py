@@ -98,7 +98,7 @@ class TestEachFormat:
         for word in ("NaN", "1_0", "******"):
             path = put(tmp_path, "\n".join([*lines[:place], f"   {word}", *lines[place + 1 :]]))
             with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number"):
-                plug_in(form, "read", "")(path)
+                plug_in(form, "read")(path)
 
     @pytest.mark.parametrize(
         ("text", "rounding"),
