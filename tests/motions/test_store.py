@@ -75,14 +75,10 @@ class TestFlatfile:
 
     @pytest.mark.parametrize(
         ("text", "reason"),
-        [("a,b\n1,2\n", "has no column 'record'"), ("", "cannot be read as a flatfile in CSV"),
+        [("a,b\n1,2\n", "has no column 'record'"), ("", "the flatfile cannot be read as CSV"),
          ("record,magnitude\nx,big\n", "could not convert string")],
     )  # fmt: skip
     def test_no_flatfile(self, tmp_path, text, reason):
         (tmp_path / "flat.csv").write_text(text)
         with pytest.raises(InputError, match=reason):
             read_flatfile(tmp_path / "flat.csv")
-
-    def test_two_periods_of_one_column(self):
-        with pytest.raises(InputError, match="must differ in their first three decimals"):
-            measure_records([], periods=[0.1, 0.1001])

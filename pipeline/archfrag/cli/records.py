@@ -74,7 +74,7 @@ def inspect(
     """
     from archfrag.cli import record_work as work
     from archfrag.errors import RecordError
-    from archfrag.motions.channels import inspect_record
+    from archfrag.motions.read import inspect_record
     from archfrag.motions.index import goes_with_records
     from archfrag.study.files import finite, write_text
 

@@ -21,7 +21,7 @@ HORIZONTAL = re.compile(
 )
 AZIMUTHS = {"N": 0.0, "NORTH": 0.0, "NS": 0.0, "E": 90.0, "EAST": 90.0, "EW": 90.0, "WE": 90.0,
             "S": 180.0, "SOUTH": 180.0, "W": 270.0, "WEST": 270.0}  # fmt: skip
-_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])", re.IGNORECASE)
+_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
 _CODE = re.compile(
     r"(?<![A-Za-z\d])[Hh][12](?![A-Za-z\d])"
@@ -64,12 +64,10 @@ def is_horizontal(trace: "Trace") -> bool:
 
 def quadrant(text: str) -> float | None:
     """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is not one."""
-    found = _QUADRANT.fullmatch(text)
-    if found is None:
+    if (found := _QUADRANT.fullmatch(text.upper())) is None:
         return None
-    origin, angle, towards = found[1].upper(), float(found[2]), found[3].upper()
-    angle = angle if origin == "N" else 180.0 - angle
-    return (angle if towards == "E" else -angle) % 360.0
+    angle = float(found[2]) if found[1] == "N" else 180.0 - float(found[2])
+    return (angle if found[3] == "E" else -angle) % 360.0
 
 
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -89,11 +87,11 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         for code in _CODE.finditer(name):
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
-            plain = None if azimuth is None or azimuth > 360.0 else (0, azimuth)
-            kinds = ((kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
+            plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
+            kinds = ((name, kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
             if direction := next(kinds, plain):
                 frame = name[: code.start()].lower(), name[code.end() :].lower()
-                frames.setdefault(frame, []).append((name, *direction))
+                frames.setdefault(frame, []).append(direction)
     known = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}
@@ -111,11 +109,10 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
     """Files that by their names are the vertical component of another one among them."""
-    folders: dict[Path, list[str]] = {}
-    for path in paths:
-        folders.setdefault(path.parent, []).append(path.name)
-    verticals = ((folder, partners(names)[1]) for folder, names in folders.items())
-    return {folder / name for folder, found in verticals for name in found.values()}
+    folders = {path.parent: [each.name for each in paths if each.parent == path.parent]
+               for path in paths}  # fmt: skip
+    return {folder / name for folder, names in folders.items()
+            for name in partners(names)[1].values()}  # fmt: skip
 
 
 def folder_names(folder: Path) -> list[str]:
@@ -128,7 +125,6 @@ def folder_names(folder: Path) -> list[str]:
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """The other horizontal component of an instrument, of those of one file."""
-
     others = [other for other in motions if other is not motion]
     family, *families = (str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
                          for one in (motion, *others))  # fmt: skip
@@ -156,35 +152,32 @@ def with_transverse(motion: Motion, other: Motion) -> Motion:
 
 
 def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
-    own, its = motion.metadata, other.metadata
-    its_name, code = its.get("file") or other.id, its.get("component", "")
+    own, its, code = motion.metadata, other.metadata, other.metadata.get("component", "")
+    its_name, one_file = its.get("file") or other.id, own.get("file") == its.get("file")
     name = f"{motion.id} and {its_name} ({code})"
-    one_file = own.get("file") == its.get("file")
     for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
             raise RecordError(f"{name}: do not belong together, {fact} is {one!r} and {two!r}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
-    starts = [about["start_time"] for about in (own, its) if about.get("start_time")]
-    seconds = [datetime.fromisoformat(str(start)).timestamp() for start in starts]
-    later = round((seconds[1] - seconds[0]) / motion.dt) if len(seconds) == 2 else 0
-    sizes = motion.acceleration.size, other.acceleration.size
+    starts = [datetime.fromisoformat(str(about["start_time"])).timestamp()
+              for about in (own, its) if about.get("start_time")]  # fmt: skip
+    later = round((starts[1] - starts[0]) / motion.dt) if len(starts) == 2 else 0
     first, its_first = max(0, later), max(0, -later)
-    count = min(sizes[0] - first, sizes[1] - its_first)
+    count = min(motion.acceleration.size - first, other.acceleration.size - its_first)
     if count < 2:
         raise RecordError(f"{name}: have no time in common")
     word = "Vertical" if key == "vertical" else "Other horizontal"
     its_log = other.log[1:] if one_file else other.log
     steps = (s if s in its.get("accepted", ()) else f"{word} {code}: {s}" for s in its_log)
     log = (*motion.log, *steps)
-    if count < max(sizes):
+    if count < max(motion.acceleration.size, other.acceleration.size):
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
     arrays = {part: None if samples is None else samples[first : first + count]
               for part, samples in motion.components.items()}  # fmt: skip
     arrays[key] = other.acceleration[its_first : its_first + count]
-    metadata = {**own, **labels}
     for found in ("faults", "accepted"):
         if both := [*own.get(found, ()), *its.get(found, ())]:
-            metadata[found] = list(dict.fromkeys(both))
-    return motion._replaced(**arrays, metadata=metadata, log=log)
+            labels[found] = list(dict.fromkeys(both))
+    return motion._replaced(**arrays, metadata={**own, **labels}, log=log)
