@@ -70,7 +70,7 @@ BAD = [
     (rows(times=np.delete(EVEN, 100)), TIMED, ["line 101", "column 1", "evenly spaced"]),
     ("# head\n" + rows(times=BACK), TIMED, ["line 202", "column 1", "after 1.99 s"]),
     (rows(), STEPPED, ["rises evenly"]),
-    ("El Centro 1940\n" + rows(), TIMED, ["line 1", "'El' is not a number"]),
+    ("El Centro 1940\n" + rows(), TIMED, ["line 1", "'El' is not a finite number"]),
     (rows().replace("0.050000\t", "0.050000 \n"), TIMED, ["line 6", "1 column(s)", "column 2"]),
     (rows().replace("0.000000\n", "nan\n", 1), TIMED, ["line 1", "'nan'", "finite"]),
     (rows() + "4.00 1e999\n", TIMED, ["line 401", "'1e999'", "finite"]),

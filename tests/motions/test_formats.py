@@ -11,7 +11,7 @@ from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import OWN, plug_in, recognise
-from archfrag.motions.formats.text import Text, on_even_steps
+from archfrag.motions.formats.common import Text, on_even_steps
 from archfrag.motions.read import read_motion, read_motions, read_vertical
 
 from .helpers import FOURTH_LINES, at2_text, pga, refused, wave
@@ -285,7 +285,7 @@ class TestFaults:
          ["none of the channels"]),
         (cosmos(0, 50, factor=5e6), ["does not state the unit"]),
         (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
-        (dmg_v1().replace("at 100 pts/sec", ""), ["no time step"]),
+        (dmg_v1().replace("at 100 pts/sec", ""), ["no time step above 0 s"]),
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),

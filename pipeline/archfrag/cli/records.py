@@ -74,8 +74,8 @@ def inspect(
     """
     from archfrag.cli import record_work as work
     from archfrag.errors import RecordError
-    from archfrag.motions.read import inspect_record
     from archfrag.motions.index import goes_with_records
+    from archfrag.motions.read import inspect_record
     from archfrag.study.files import finite, write_text
 
     found, facts, unreadable = [], [], []

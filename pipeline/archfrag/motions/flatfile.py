@@ -35,9 +35,7 @@ _FACTS: dict[str, tuple[Any, ...]] = {
 _TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
 
 
-def measure_records(
-    motions: Iterable[Motion], periods: Sequence[float] = PERIODS
-) -> pd.DataFrame:
+def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIODS) -> pd.DataFrame:
     """Measure records, one row each, taken one after the other.
 
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,

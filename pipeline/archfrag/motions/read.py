@@ -24,7 +24,7 @@ from archfrag.motions.calibrate import (
 )
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
-from archfrag.motions.formats.facts import known
+from archfrag.motions.formats.common import known
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion
 from archfrag.motions.partners import (
@@ -203,9 +203,7 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
     return channels, entry
 
 
-def _examine(
-    path: Path, options: Reading, entry: IndexEntry | None
-) -> tuple[list[Trace], str]:
+def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[list[Trace], str]:
     """Channels of a file whatever is wrong with it, and why its pieces cannot be joined."""
     check_file(path)
     if columns := options.columns or (entry.columns if entry else None):

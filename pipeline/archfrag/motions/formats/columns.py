@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from obspy import Trace
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.formats.facts import trace_of
-from archfrag.motions.formats.text import Text, split
+from archfrag.motions.formats.common import FORTRAN, Text, split, trace_of
 
 MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
-_BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
+_BETWEEN = str.maketrans(",;", "  ")
 _RISES = "what would be accelerations rises evenly, as times do; name the columns of both"
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
@@ -76,13 +75,12 @@ def parse_columns(text: str) -> Columns:
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
         try:
-            number = (float if key == "dt" else int)(value)
+            if key not in Columns.__annotations__ or key in given:
+                raise ValueError
+            given[key] = (float if key == "dt" else int)(value)
         except ValueError:
-            key = ""
-        if key not in Columns.__annotations__ or key in given:
-            wrong = f"{word!r} {'occurs twice' if key in given else 'is not known'}"
-            raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}")
-        given[key] = number
+            wrong = f"{word!r} is not known or occurs twice"
+            raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None
     try:
         return Columns(**given)
     except InputError as error:
@@ -94,17 +92,18 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     text, name = Text(path), str(path)
     _make_plain(text, columns.skip)
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    if not chosen and _times_in_front([row for row in text.lines if row][:10_000]):
-        raise RecordError(f"{name}: {_RISES}")
     values = _picked(text, chosen) if chosen else text.numbers(columns.skip)[:, None]
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
+    # Rows of several numbers that each begin with a time are no samples row after row.
+    width = len(next(filter(None, text.lines)).split())
+    first = values[::width, 0] if not chosen and width > 1 else values[:0, 0]
     timed = columns.time is not None
     step = _even_step(values[:, 0], text, columns) if timed else columns.dt
     traces = []
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
         samples = np.ascontiguousarray(values[:, index])
-        if _rises_evenly(samples):
+        if _rises_evenly(samples) or _rises_evenly(first):
             raise RecordError(f"{name}: {_RISES}")
         record = {
             "announced": samples.size, "held": samples.size, "component": code,
@@ -133,7 +132,7 @@ def _make_plain(text: Text, skip: int) -> None:
 
 def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
     """Columns of rows, shape (n_row, n_chosen)."""
-    filled = [row.translate(_FORTRAN) for row in text.lines if row]
+    filled = [row.translate(FORTRAN) for row in text.lines if row]
     if not filled:
         return np.empty((0, len(chosen)))
     with contextlib.suppress(ValueError):
@@ -164,17 +163,6 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
     found = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
     remedy = "if times are only rounded, give dt instead of their column"
     raise RecordError(f"{where}: times must be evenly spaced, {found}; {remedy}")
-
-
-def _times_in_front(rows: list[str]) -> bool:
-    """Whether rows of several numbers each begin with one that rises evenly."""
-    words = [row.split() for row in rows]
-    if len({len(row) for row in words[:-1]}) != 1 or len(words[0]) < 2:
-        return False
-    try:
-        return _rises_evenly(np.array([row[0] for row in words], dtype=np.float64))
-    except ValueError:
-        return False
 
 
 def _rises_evenly(values: NDArray[np.float64]) -> bool:

@@ -22,8 +22,7 @@ from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats import facts
-from archfrag.motions.formats.text import Source, Text, begins_with
+from archfrag.motions.formats import common
 from archfrag.motions.partners import AZIMUTHS
 
 _AT2_LINES = 4
@@ -39,10 +38,10 @@ _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
-    "magnitude": (facts.number, "MAGNITUDE_W", "MAGNITUDE_L"),
+    "magnitude": (common.number, "MAGNITUDE_W", "MAGNITUDE_L"),
     "station": (str, "STATION_CODE"),
-    "vs30_mps": (facts.number, "VS30_M/S", "VS30_MS"),
-    "epicentral_km": (facts.number, "EPICENTRAL_DISTANCE_KM"),
+    "vs30_mps": (common.number, "VS30_M/S", "VS30_MS"),
+    "epicentral_km": (common.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -56,19 +55,21 @@ _KNET = {"date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (flo
 
 
 # An acceleration with its unit, number of samples and time step.
-is_at2 = begins_with(
+is_at2 = common.begins_with(
     r"(?i)\A(?:[^\n\x80-\xff]*\n){2}(?=.*ACCELERATION)"
     r"[^\n\x80-\xff]*?UNITS?[ \t]+OF[ \t]+[^\s.,;].*\n"
     rf"(?:(?=.*{_NPTS}).*{_DT}|{_TRAILING[1:]})"
 )
 # The event, and the time step or the number of samples in a later line.
-is_dyna = begins_with(r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:")
-is_resorce = begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
+is_dyna = common.begins_with(
+    r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:"
+)
+is_resorce = common.begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
 
 
-def read_at2(source: Source, **_: Any) -> Stream:
+def read_at2(source: common.Source, **_: Any) -> Stream:
     """Read a PEER AT2 acceleration record."""
-    text = Text(source)
+    text = common.Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
     if len(text.lines) <= _AT2_LINES:
@@ -76,32 +77,32 @@ def read_at2(source: Source, **_: Any) -> Stream:
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")
-    unit = facts.acceleration_unit(
-        facts.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
+    unit = common.acceleration_unit(
+        common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
     )
-    count, step = (facts.search(pattern, header[3]) for pattern in (_NPTS, _DT))
+    count, step = (common.search(pattern, header[3]) for pattern in (_NPTS, _DT))
     if not (count and step):
-        count, step = (facts.search(_TRAILING, header[3], group) for group in (1, 2))
+        count, step = (common.search(_TRAILING, header[3], group) for group in (1, 2))
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
-    stated, where = facts.number(count), text.place(3)
+    stated, where = common.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
     record: dict[str, Any] = {"event": header[1], "component": ""}
     parts = [part.strip() for part in header[1].split(",")]
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
-        record = (facts.direction(component) if component else {}) | {
+        record = (common.direction(component) if component else {}) | {
             "event": parts[0], "date": parts[1] if dated else "",
             "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
         }  # fmt: skip
-    record |= {"unit": unit, "announced": facts.checked_count(count, where)}
-    return Stream([facts.trace_of(text.numbers(_AT2_LINES), facts.number(step), where, record)])
+    record |= {"unit": unit, "announced": common.checked_count(count, where)}
+    return Stream([common.trace_of(text.numbers(_AT2_LINES), common.number(step), where, record)])
 
 
-def read_dyna(source: Source, **_: Any) -> Stream:
+def read_dyna(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
-    text = Text(source)
+    text = common.Text(source)
     header: dict[str, str] = {}
     places: dict[str, str] = {}
     for count, line in enumerate(text.lines):
@@ -119,9 +120,9 @@ def read_dyna(source: Source, **_: Any) -> Stream:
     return _keyed(text, header, places, len(header), codes)
 
 
-def read_resorce(source: Source, **_: Any) -> Stream:
+def read_resorce(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
-    text = Text(source)
+    text = common.Text(source)
     series = text.first(0, _SERIES.match)
     match = _SERIES.match(text.lines[series]) if series < len(text.lines) else None
     if match is None:
@@ -139,7 +140,7 @@ def read_resorce(source: Source, **_: Any) -> Stream:
 
 
 def _keyed(
-    text: Text, header: dict[str, str], places: dict[str, str], first: int,
+    text: common.Text, header: dict[str, str], places: dict[str, str], first: int,
     codes: tuple[str, str, str],
 ) -> Stream:  # fmt: skip
     """The record of a header in DYNA's keys, its samples from line `first` on."""
@@ -149,15 +150,15 @@ def _keyed(
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
             raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
-    record = facts.read_fields(_DYNA, header.get)
+    record = common.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    record |= facts.known(
-        unit=facts.acceleration_unit(header["UNITS"], places["UNITS"]),
+    record |= common.known(
+        unit=common.acceleration_unit(header["UNITS"], places["UNITS"]),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
-        announced=facts.checked_count(header["NDATA"], places["NDATA"]),
+        announced=common.checked_count(header["NDATA"], places["NDATA"]),
         vertical=letter in _VERTICALS if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
@@ -167,15 +168,15 @@ def _keyed(
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
     clock = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", start)
-    return Stream([facts.trace_of(
-        text.numbers(first), facts.number(header["SAMPLING_INTERVAL_S"]),
+    return Stream([common.trace_of(
+        text.numbers(first), common.number(header["SAMPLING_INTERVAL_S"]),
         places["SAMPLING_INTERVAL_S"], record, codes=codes,
         peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
-        start=facts.moment(*map(float, clock.groups())) if clock else None,
+        start=common.moment(*map(float, clock.groups())) if clock else None,
     )])  # fmt: skip
 
 
-def read_knet(source: Source, **_: Any) -> Stream:
+def read_knet(source: common.Source, **_: Any) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
     read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
     stream = read(source if hasattr(source, "read") else str(source))
@@ -183,7 +184,7 @@ def read_knet(source: Source, **_: Any) -> Stream:
         if "knet" not in trace.stats:
             continue  # the header is cut off, and so is what follows
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = facts.read_fields(_KNET, knet.get) | facts.known(
+        record = common.read_fields(_KNET, knet.get) | common.known(
             level="raw",
             announced=round(knet.duration * trace.stats.sampling_rate),
             component=component,
@@ -192,6 +193,6 @@ def read_knet(source: Source, **_: Any) -> Stream:
             sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
             station=trace.stats.station,
         )
-        facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        common.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
         trace.stats.record = AttribDict(record)
     return stream
