@@ -27,9 +27,8 @@ NEAR = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
 
 class TestModels:
     @pytest.mark.parametrize("model", MODELS)
-    @pytest.mark.parametrize("mechanism", ["SS", "RS"])
-    def test_all_are_within_a_factor_of_two_of_each_other(self, model, mechanism):
-        rupture = Rupture(6.5, 20.0, 500.0, mechanism=mechanism, dip=60.0)
+    def test_all_are_within_a_factor_of_two_of_each_other(self, model):
+        rupture = Rupture(6.5, 20.0, 500.0)
         ln_median, sd, notes = predict(rupture, model, [0.1, 1.0])
         assert np.abs(ln_median - predict(rupture, "BSSA14", [0.1, 1.0])[0]).max() < np.log(2.0)
         assert ((sd > 0.5) & (sd < 0.9)).all()
@@ -37,7 +36,7 @@ class TestModels:
 
     def test_beyond_what_is_recommended_is_noted(self):
         found = predict(Rupture(6.5, 20.0, 1600.0), "CY14", [1.0])
-        assert found[2] == ("CY14 is recommended for Vs30 180 to 1500 m/s, not 1600 m/s",)
+        assert found[2] == ("CY14 is recommended for Vs30 [m/s] 180 to 1500, not 1600",)
 
 
 class TestTargets:
@@ -191,7 +190,6 @@ def in_csv(text):
         (lambda *_: correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
-        (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
         (predicted({"vs30_mps": 0.0}), ["vs30_mps = 0.0"]),
         (given(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
         (given(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),

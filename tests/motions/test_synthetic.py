@@ -12,7 +12,15 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import spectral_acceleration, velocity
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.synthetic import Plan, Recipe, make_motion, plan_motions
+from archfrag.motions.synthetic import (
+    Plan,
+    Recipe,
+    _amplitude,
+    _generator,
+    amplification,
+    make_motion,
+    plan_motions,
+)
 from archfrag.motions.synthetic import amplitude as source
 from archfrag.motions.synthetic.amplitude import (
     COEFFICIENTS,
@@ -22,7 +30,6 @@ from archfrag.motions.synthetic.amplitude import (
     correlation,
     draw_term,
 )
-from archfrag.motions.synthetic.motion import _amplitude, _generator, amplification
 from archfrag.motions.target import Rupture, predict
 
 from .helpers import SHIPPED, pga
@@ -122,7 +129,7 @@ class TestSuite:
             about = entry.metadata
             seeds.append([about[key] for key in ("event_seed", "site_seed", "seed")])
             facts = (about[key] for key in ("Mw", "distance_km", "Vs30_mps"))
-            median = predict(Rupture(*facts, region="california"), "CY14", PERIODS)[0]
+            median = predict(Rupture(*facts), "CY14", PERIODS)[0]
             spectrum = spectral_acceleration(load_motion(entry), PERIODS) / STANDARD_GRAVITY
             ratios.append(np.log(spectrum) - median)
         found = np.exp(np.mean(ratios, axis=0) - mean_term(seeds))

@@ -66,6 +66,7 @@ def convert_record(
             "event": str(first.record.get("event", "")),
             **{key: first.record[key] for key in _HEADER if key in first.record},
             "dt_s": float(first.delta), "unit": unit,
+            "columns": "" if form == "mseed" else "time=1 acceleration=2",
             "channels": " ".join(map(channel_code, group)),
             "source": file.name, "source_sha256": digest,
             "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),

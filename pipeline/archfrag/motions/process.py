@@ -4,7 +4,6 @@ A step does the same to all components. What its settings may be is checked in
 `archfrag.study.file.motions`; what depends on the motion, too, is checked here.
 """
 
-import itertools
 import re
 from collections.abc import Sequence
 from fractions import Fraction
@@ -70,10 +69,8 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
 
     `side` is ``both``, ``left`` or ``right``.
     """
-    count = max(1, int(fraction * motion.acceleration.size))
+    count, factor = max(1, int(fraction * motion.acceleration.size)), np.ones_like(motion.time)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
-
-    factor = np.ones(motion.acceleration.size)
     if side != "right":
         factor[:count] *= rise
     if side != "left":
@@ -94,13 +91,10 @@ def bandpass(
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
-    nyquist = 0.5 / motion.dt
-    corners = [corner for corner in (lowest, highest) if corner is not None]
-    rising = all(low < high for low, high in itertools.pairwise((0.0, *corners, nyquist)))
-    if not corners or not rising:
-        allowed = f"0 < lowest < highest < {nyquist:g} Hz"
-        both = f"corners {lowest} and {highest} Hz"
-        raise InputError(f"{motion.id or 'motion'}: {both} must satisfy {allowed}")
+    nyquist, corners = 0.5 / motion.dt, [each for each in (lowest, highest) if each is not None]
+    if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
+        needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
+        raise InputError(f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}")
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
     sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
     band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
@@ -108,7 +102,6 @@ def bandpass(
     done = f"Band-pass {band}, Butterworth of order {order}, {passes}."
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
     edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
-
     if causal:
         return motion._changed(lambda a: sosfilt(sections, a), done)
     return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
@@ -167,8 +160,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     from scipy.signal import firwin, resample_poly
 
     ratio = motion.dt / dt if dt > 0.0 else 0.0
-    parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
-    up, down = parts.numerator, parts.denominator
+    up, down = Fraction(ratio).limit_denominator(_MOST_PARTS).as_integer_ratio()
     if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
         raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
     if up == down:
@@ -188,21 +180,19 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     component towards the other one, which is then taken to be perpendicular. RecordError if there
     is one component only, an azimuth is not known, or both are nearly parallel.
     """
-    name = motion.id or "motion"
+    name, about = motion.id or "motion", dict(motion.metadata)
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
     if motion.transverse is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
-    codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_transverse")]
-    own = [0.0, 90.0]
-    if azimuth is not None:
-        for place, (key, code) in enumerate(zip(("azimuth", "azimuth_transverse"), codes)):
-            given = motion.metadata.get(key)
-            value = azimuth_of_code(code) if given in (None, "") else float(given)
-            if value is None:
-                raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
-            own[place] = value
-    turned = float(angle or 0.0) if azimuth is None else azimuth
+    codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
+    own, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
+    for place, code in enumerate(codes if azimuth is not None else ()):
+        given = about.get(("azimuth", "azimuth_transverse")[place])
+        value = azimuth_of_code(code) if given in (None, "") else float(given)
+        if value is None:
+            raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
+        own[place] = value
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
@@ -215,15 +205,12 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    labels: dict[str, str | float] = {
-        "component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
-    }  # fmt: skip
+    about = about | {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}"}
     words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is not None:
-        labels |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
+        about |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    about = {**motion.metadata, **labels}
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
 
 
@@ -232,11 +219,9 @@ def azimuth_of_code(code: str) -> float | None:
     text = code.strip().upper().lstrip("-+")
     if (bearing := quadrant(text)) is not None:
         return bearing
-    if re.fullmatch(r"\d{1,3}", text):
-        return float(text) % 360.0 if len(text) > 1 else None
-    if re.fullmatch(r"[A-Z][A-Z][NE]", text):
-        text = text[-1]
-    return AZIMUTHS.get(re.sub(r"\d$", "", text))
+    if re.fullmatch(r"\d{2,3}", text):
+        return float(text) % 360.0
+    return AZIMUTHS.get(re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text))
 
 
 def remove_response(
@@ -266,16 +251,13 @@ def remove_response(
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
         known = known or find_inventory(Path(record), trace, inventory)
         if known is None:
-            raise RecordError(
-                f"{record}: has no StationXML by which to remove its response; give `inventory`"
-            )
+            lacking = "has no StationXML by which to remove its response; give `inventory`"
+            raise RecordError(f"{record}: {lacking}")
         try:
             response = known.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(
-                known, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
-                taper=False,
-            )  # fmt: skip
+            trace.remove_response(known, output="ACC", water_level=water_level, pre_filt=band,
+                                  zero_mean=False, taper=False)  # fmt: skip
         except Exception as error:
             failed = f"the response of channel {trace.id} cannot be removed"
             raise RecordError(f"{record}: {failed} ({reason_of(error)})") from None

@@ -6,6 +6,7 @@ is refused unless accepted); if ``unit_in_file`` is empty the samples are those 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -334,14 +335,14 @@ def inspect_record(
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
         unit = record.unit_in_file
         names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-        warned = (*record.warnings, *(implausible(trace) if unit else ()))
-        faults = dict.fromkeys((*(text for _, text in warned), *record.faults))
+        more = implausible(trace) if unit else ()
+        faults = [text for _, text in record.warnings], record.faults, [text for _, text in more]
         channels.append({
             "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
             "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
             "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
             "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
-            "vertical": is_vertical(trace), "faults": list(faults),
+            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(chain(*faults))),
             "duration": (record.held - 1) * dt,
             "PGA": float(abs(trace.data).max()) if unit else None,
             "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,

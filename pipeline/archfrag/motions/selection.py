@@ -5,7 +5,6 @@ Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 
 import os
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,8 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.target import Array, Target, numbers
+from archfrag.motions.flatfile import numbers
+from archfrag.motions.target import Array, Target
 
 LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
 STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
@@ -62,12 +62,10 @@ class Selection:
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
         found, count = list(self.target.notes), len(self.table)
-        scale = self.table.set_index("record")["scale"].astype(float)
-        large = scale.where(scale >= 1.0, 1.0 / scale)
-        if (many := (large > LARGE_SCALE).sum()) > 0:
+        scale = self.table["scale"].astype(float)
+        if (many := (np.maximum(scale, 1.0 / scale) > LARGE_SCALE).sum()) > 0:
             beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
-            end = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
-            found.append(f"{many} of {count} records are scaled by {beyond}, {end}")
+            found.append(f"{many} of {count} records are scaled by {beyond}")
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):
@@ -99,8 +97,7 @@ class Selection:
         place = Path(os.path.realpath(path))
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
-        known = [name for name in _INDEX if name in self.table]
-        rows = self.table[known].rename(columns=_INDEX)
+        rows = self.table[[name for name in _INDEX if name in self.table]].rename(columns=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         rows["unit"] = rows.get("unit", "")
@@ -131,17 +128,16 @@ def select_records(
     rows, and the same seed give the same set. RecordError if the flatfile lacks a column or
     period, or fewer records than asked for may be selected, InputError for another argument.
     """
-    for name, value, least in (
-        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
-        ("per_event", 1 if per_event is None else per_event, 1),
-    ):  # fmt: skip
+    least_of = {"count": (count, 1), "seed": (seed, 0), "max_scale": (max_scale, 1),
+                "per_event": (1 if per_event is None else per_event, 1)}  # fmt: skip
+    for name, (value, least) in least_of.items():
         if not value >= least:
             raise InputError(f"{name} = {value} must be at least {least}")
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
     limit = float(np.log(max_scale))
-    records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
+    records, ln_sa, groups = _candidates(table, target, count, limit, per_event)
 
     def scaled(spectrum: Array) -> Array:
         return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
@@ -193,10 +189,8 @@ def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Arr
 
 def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
     """Records that may not join those chosen, shape (n_record,)."""
-    taken = np.zeros(len(groups[0][0]), dtype=bool)
-    for group, most in groups:
-        taken |= np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
-    return taken
+    return np.any([np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
+                   for group, most in groups], axis=0)  # fmt: skip
 
 
 def _improve(
@@ -224,7 +218,7 @@ def _improve(
 
 
 def _candidates(
-    table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
+    table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
     """Records that may be selected, their ln Sa, and which of them may be together."""
     ids = table["record"].astype(str)
@@ -236,10 +230,9 @@ def _candidates(
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     if target.given is not None:
-        limit = float(np.log(max_scale))
         # Rounding must not put a record that needs no factor beyond a limit of 1.
         usable &= np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
-        story += f", {usable.sum()} of them a factor from 1/{max_scale:g} to {max_scale:g}"
+        story += f", {usable.sum()} of them with a factor within the limit"
     records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
     recording = _groups(records, ["event", "station"])
     groups, most = [(recording, 1)], len(set(recording))
@@ -247,8 +240,8 @@ def _candidates(
     if per_event is not None:
         event = _groups(records, ["event"])
         groups.append((event, per_event))
-        of_event = Counter(dict(set(zip(recording, event))).values())
-        most = sum(min(number, per_event) for number in of_event.values())
+        pairs = pd.DataFrame({"event": event, "recording": recording}).drop_duplicates()
+        most = int(pairs["event"].value_counts().clip(upper=per_event).sum())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
         raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
@@ -266,15 +259,13 @@ def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
 def _spectra(table: pd.DataFrame, periods: Array) -> Array:
     """ln Sa [g] of records, (n_record, n_period); nan if it is missing or not positive (-999)."""
     matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    have = {float(match[1]): match[0] for match in matches if match}
-    names = []
+    have, columns = {float(match[1]): match[0] for match in matches if match}, []
     for period in periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
         if abs(near - period) > 2e-3 * period:
-            raise RecordError(
-                f"the flatfile: no column T{period:.3f}S; measure at that period too"
-            )
-        names.append(have[near])
-    sa = np.column_stack([numbers(table, name) for name in names])
+            lacking = f"no column T{period:.3f}S"
+            raise RecordError(f"the flatfile: {lacking}; measure at that period too")
+        columns.append(numbers(table, have[near], "the flatfile"))
+    sa = np.column_stack(columns)
     with np.errstate(invalid="ignore"):
         return np.log(np.where(sa > 0.0, sa, np.nan))

@@ -19,24 +19,19 @@ MODELS = {
 }  # fmt: skip
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
 SAME = 1e-6  # relative difference of periods that are the same
-_WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]",
-          "dist_jb": "Joyner-Boore distance [km]", "dip": "dip [degrees]",
-          "depth_tor": "depth to the top of the rupture [km]"}  # fmt: skip
+_WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"}
 
 
 class Rupture(NamedTuple):
-    """An earthquake and a site, as ground-motion models for active shallow crust want them.
+    """A strike-slip earthquake of active shallow crust, and a site.
 
-    The site is on the footwall's side; the top of the rupture is its closest point, as deep as
+    The fault is vertical; the top of the rupture is the closest point to the site, as deep as
     Chiou and Youngs (2014) expect.
     """
 
     magnitude: float  # moment magnitude
     distance_km: float  # closest distance to the rupture
     vs30_mps: float
-    mechanism: str = "SS"  # strike-slip, or RS (reverse), NS (normal)
-    dip: float = 90.0  # [degrees]
-    region: str | None = None  # that the model knows (italy, japan)
 
 
 def predict(
@@ -48,32 +43,24 @@ def predict(
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
     5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
-    unknown or does not know the mechanism or region, a number is not positive, or a period [s] is
-    outside the model's.
+    unknown, a number is not positive, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
-    magnitude, distance, vs30, mechanism, dip, region = rupture
-    for name, value in zip(rupture._fields, rupture[:3]):
+    for name, value in rupture._asdict().items():
         _check_positive(value, f"{name} = {value} of a rupture")
-    # Chiou and Youngs (2014), Eqs 4 and 5: mean depth to the top, reverse or other faults.
-    a, b, c = (2.704, 1.226, 5.849) if mechanism == "RS" else (2.673, 1.136, 4.970)
-    top = min(max(a - b * max(magnitude - c, 0.0), 0.0) ** 2, distance)
+    magnitude, distance, vs30 = rupture
+    # Chiou and Youngs (2014), Eq 5: mean depth to the top.
+    top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
     surface = float(np.sqrt(distance**2 - top**2))
-    facts = {
-        "mag": magnitude, "dist_rup": distance, "dist_jb": surface, "dist_x": -surface,
-        "v_s30": vs30, "dip": dip, "depth_tor": top, "mechanism": mechanism,
-        "on_hanging_wall": False, **({"region": region} if region else {}),
-    }  # fmt: skip
+    facts = {"mag": magnitude, "dist_rup": distance, "dist_jb": surface, "dist_x": -surface,
+             "v_s30": vs30, "dip": 90.0, "depth_tor": top, "mechanism": "SS",
+             "on_hanging_wall": False}  # fmt: skip
     pygmm = from_extra("pygmm", "select")
     kind, notes = getattr(pygmm, MODELS[model]), []
     parameters = [each for each in kind.PARAMS if each.name in facts]
     for parameter in parameters:
         word, value = _WORDS.get(parameter.name, parameter.name), facts[parameter.name]
-        options = getattr(parameter, "options", None)
-        if options and value not in options:
-            have = ", ".join(options)
-            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {have}")
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"{low or 0} to {high or 'any'}, not {value:g}"
