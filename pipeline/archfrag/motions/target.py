@@ -3,7 +3,6 @@
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from archfrag.errors import InputError, from_extra
 from archfrag.motions.flatfile import numbers, read_table
 
 Array = NDArray[np.float64]
+Rupture = tuple[float, float, float]  # moment magnitude, closest distance [km], Vs30 [m/s]
 MODELS = {
     "ASK14": "AbrahamsonSilvaKamai2014", "BSSA14": "BooreStewartSeyhanAtkinson2014",
     "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
@@ -22,23 +22,12 @@ SAME = 1e-6  # relative difference of periods that are the same
 _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"}
 
 
-class Rupture(NamedTuple):
-    """A strike-slip earthquake of active shallow crust, and a site.
-
-    The fault is vertical; the top of the rupture is the closest point to the site, as deep as
-    Chiou and Youngs (2014) expect.
-    """
-
-    magnitude: float  # moment magnitude
-    distance_km: float  # closest distance to the rupture
-    vs30_mps: float
-
-
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
+    The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
@@ -47,9 +36,9 @@ def predict(
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
-    for name, value in rupture._asdict().items():
-        _check_positive(value, f"{name} = {value} of a rupture")
     magnitude, distance, vs30 = rupture
+    for name, value in (("magnitude", magnitude), ("distance", distance), ("Vs30", vs30)):
+        _check_positive(value, f"{name} {value} of a rupture")
     # Chiou and Youngs (2014), Eq 5: mean depth to the top.
     top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
     surface = float(np.sqrt(distance**2 - top**2))
