@@ -1,9 +1,8 @@
 """Intensity measures of a ground motion, all in SI units: a table with one interpreter.
 
-They are those of its horizontal component, but for RotD50 and RotD100, which need the other
-horizontal one too. No measure changes the record: nothing is demeaned, filtered or tapered here
-(see `process`), so that a raw record must be filtered before its velocity means anything. Samples
-are integrated from rest by the trapezoid rule. Damping is 5 %.
+They are those of its horizontal component; RotD50 and RotD100 need the other horizontal one too.
+No measure changes the record: a raw one must be filtered before its velocity means anything (see
+`process`). Samples are integrated from rest by the trapezoid rule. Damping is 5 %.
 
 Arias intensity: pi / (2 g) times the integral of the squared acceleration, Arias (1970). CAV:
 integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930; CAVstd: that
@@ -126,11 +125,10 @@ _ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of 
 
 
 def parse_measure(name: str) -> Measure:
-    """Read the name of an intensity measure.
+    """Read the name of an intensity measure; InputError for an unknown name or period.
 
     ``PGA``, ``PGV``, ``PGD``, ``Arias``, ``CAV``, ``CAVstd``, ``D5_95``, ``HI``, ``Sa(0.5)`` or
-    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``;
-    InputError for any other name, or a period that is not a positive number.
+    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``.
 
     >>> parse_measure("SaAvg(0.2, 1.0)")
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
@@ -170,11 +168,7 @@ def scaling_exponent(name: str) -> int:
 
 
 def measure(motion: Motion, name: str) -> float:
-    """Value of the named intensity measure in its SI unit (see `parse_measure`).
-
-    InputError for an unknown name, or one that needs the other horizontal component if the motion
-    has only one.
-    """
+    """Value of the named intensity measure in its SI unit; InputError if it cannot be had."""
     found, one, other = parse_measure(name), motion.acceleration, motion.transverse
     if not found.rotated:
         return _KINDS[found.kind][3](motion, *found.periods)
@@ -208,8 +202,7 @@ def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0
 def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     """Factor on a motion that brings a measure to a level, in its SI unit, above 0.
 
-    InputError if the level is not a positive number or the measure does not change with scaling
-    by a power of the factor, RecordError if there is no motion.
+    InputError if the measure does not grow by a power of it, RecordError if there is no motion.
     """
     if not scaling_exponent(measure_name):
         scaled = ", ".join(name for name, (_, exponent, _, _) in _KINDS.items() if exponent)

@@ -131,12 +131,10 @@ def conditional_spectrum(
     mean_i = mu_i + rho_i* epsilon sigma_i
     covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
 
-    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
-    27(3), 797-815.
-
-    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
-    of them. InputError if a number is not positive, or a period occurs twice or is outside the
-    range of the model or of the correlation.
+    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
+    InputError if a number is not positive, or a period occurs twice or is outside the range of
+    the model or of the correlation.
     """
     _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
     _check_positive(conditioning, f"conditioning period {conditioning} s")
@@ -160,8 +158,7 @@ def spectrum_target(
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
     period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
-    to which records are to be close. InputError, beginning with `source`, for numbers that are
-    missing or not positive, a period twice, or an sd of 0 at several periods but not at all.
+    to which records are to be close. InputError, beginning with `source`, for other numbers.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")

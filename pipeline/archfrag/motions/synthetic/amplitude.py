@@ -6,8 +6,8 @@ Vs30 = 760 m/s, as the average over depths to the top of rupture. `median_adjust
 response spectra to the mean of two ground-motion models.
 
 The logarithm of the amplitude varies by normal terms of the earthquake (tau), the site (phi_s2s)
-and the record (phi_ss), each a row over frequency, by [7]_ and [8]_; that response spectra then
-vary as those of records is the theory of [9]_. A vertical has V/H of spectra by [10]_, strike-slip.
+and the record (phi_ss), rows over frequency, by [7]_ and [8]_; response spectra then vary as those
+of records, as [9]_ explains. A vertical has V/H of spectra by [10]_, strike-slip faults.
 
 References
 ----------
