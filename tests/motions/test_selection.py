@@ -189,7 +189,7 @@ def in_csv(text):
         (lambda *_: correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
-        (predicted({"vs30_mps": 0.0}), ["Vs30 0.0 of a rupture"]),
+        (predicted({"vs30_mps": 0.0}), ["20.0, 0.0) must be numbers above 0"]),
         (given(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
         (given(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),

@@ -91,7 +91,7 @@ def accept_or_refuse(
     return lines
 
 
-def calibrate(
+def to_si(
     trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
     entry: "IndexEntry | None",
 ) -> None:  # fmt: skip

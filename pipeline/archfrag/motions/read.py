@@ -14,27 +14,14 @@ import numpy as np
 from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import (
-    Reading,
-    Warned,
-    accept_or_refuse,
-    accepted_words,
-    calibrate,
-    check_file,
-    implausible,
-)
+from archfrag.motions import calibrate, partners
+from archfrag.motions.calibrate import Reading, Warned, accept_or_refuse, implausible
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.common import known
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion
-from archfrag.motions.partners import (
-    channel_code,
-    instrument,
-    is_horizontal,
-    is_vertical,
-    with_vertical,
-)
+from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
@@ -100,7 +87,7 @@ def read_motion(
     options = Reading(unit, inventory, accept, columns)
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
-        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+        return partners.with_vertical(motion, read_vertical(vertical, **options._asdict()))
     return motion
 
 
@@ -183,7 +170,7 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry | None]:
     """Return the channels of a file in their order, and the row of an index that lists it."""
-    accept = accepted_words(options.accept, str(path))
+    accept = calibrate.accepted_words(options.accept, str(path))
     entry = find_entry(path)
     if entry is not None and path.is_file():
         check_sha256(entry)
@@ -201,7 +188,7 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
 
 def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[list[Trace], str]:
     """Channels of a file whatever is wrong with it, and why its pieces cannot be joined."""
-    check_file(path)
+    calibrate.check_file(path)
     if columns := options.columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:
@@ -231,7 +218,7 @@ def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[li
             channel.data = channel.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             warnings.append(("samples", left))
-        calibrate(channel, tuple(warnings), path, options, entry)
+        calibrate.to_si(channel, tuple(warnings), path, options, entry)
         record.faults += fault if unequal else ()
     return channels, gap
 
@@ -298,12 +285,14 @@ def _motion(
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
     motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
-    own = next((v for v in verticals if instrument(v) == instrument(channel)), None)
+    own = next(
+        (v for v in verticals if partners.instrument(v) == partners.instrument(channel)), None
+    )
     if own is None:
         return motion
     vertical = _motion(path, own, name, entry)
     try:
-        return with_vertical(motion, vertical)
+        return partners.with_vertical(motion, vertical)
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from None
 

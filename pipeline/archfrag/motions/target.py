@@ -37,8 +37,8 @@ def predict(
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
     magnitude, distance, vs30 = rupture
-    for name, value in (("magnitude", magnitude), ("distance", distance), ("Vs30", vs30)):
-        _check_positive(value, f"{name} {value} of a rupture")
+    if not all(0.0 < value < np.inf for value in rupture):
+        raise InputError(f"magnitude, distance and Vs30 {rupture} must be numbers above 0")
     # Chiou and Youngs (2014), Eq 5: mean depth to the top.
     top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
     surface = float(np.sqrt(distance**2 - top**2))
@@ -78,11 +78,6 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     for periods in both:
         _check_within(periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)")
     return np.asarray(calc_correls(*both), dtype=np.float64)
-
-
-def _check_positive(value: float, name: str) -> None:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} must be a number above 0")
 
 
 def _check_within(periods: Array, low: float, high: float, what: str) -> None:
@@ -136,8 +131,8 @@ def conditional_spectrum(
     InputError if a number is not positive, or a period occurs twice or is outside the range of
     the model or of the correlation.
     """
-    _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
-    _check_positive(conditioning, f"conditioning period {conditioning} s")
+    if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
+        raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
     grid = _rising(periods, "periods")
     others = grid[np.abs(np.log(grid / conditioning)) >= SAME]
     known = int(np.searchsorted(others, conditioning))

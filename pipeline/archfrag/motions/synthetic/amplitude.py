@@ -28,7 +28,6 @@ References
 .. [10] Gulerce and Abrahamson (2011), Earthquake Spectra 27(4), 1023-1047.
 """
 
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -164,6 +163,14 @@ def correlation(frequency: ArrayLike) -> Row:
 _ROOT = np.linalg.cholesky(correlation(FREQUENCIES))
 
 
+# Squared factors of many drawn variations at ``GRID``, shape (150, 300).
+_TOTAL = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
+_DRAWN = np.random.Generator(np.random.PCG64(0)).standard_normal((FREQUENCIES.size, 150))
+_ROWS = [np.interp(np.log(GRID), np.log(FREQUENCIES), row)
+         for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T]  # fmt: skip
+_POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
+
+
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
     """One term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
     return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
@@ -190,19 +197,8 @@ def median_correction(amplitude: Row) -> Row:
     correction = np.zeros(nodes.size)
     for _ in range(6):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, correction))
-        correction -= 0.5 * np.log((fractions * gain) @ _drawn_powers()).mean(axis=1)
+        correction -= 0.5 * np.log((fractions * gain) @ _POWERS).mean(axis=1)
     return correction
-
-
-@lru_cache(maxsize=1)
-def _drawn_powers() -> Row:
-    """Squared factors of many drawn variations at ``GRID``, shape (150, 300)."""
-    generator = np.random.Generator(np.random.PCG64(0))
-    normal = _ROOT @ generator.standard_normal((FREQUENCIES.size, 150))
-    total = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
-    normal *= total[:, None]
-    rows = np.array([np.interp(np.log(GRID), np.log(FREQUENCIES), row) for row in normal.T])
-    return np.exp(2.0 * np.concatenate((rows, -rows)).T)
 
 
 def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
