@@ -11,7 +11,6 @@ from archfrag.motions.read import load_motion
 from archfrag.motions.selection import select_records
 from archfrag.motions.target import (
     MODELS,
-    Rupture,
     conditional_spectrum,
     correlation,
     predict,
@@ -22,7 +21,7 @@ from archfrag.motions.target import (
 from .helpers import at2_text, refused
 
 GRID = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
-NEAR = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
+NEAR = (7.0, 12.0, 400.0)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -47,7 +46,7 @@ def test_csv_of_a_conditional_spectrum_is_that_spectrum(tmp_path):
 
 
 PERIODS = np.sort(np.append(np.geomspace(0.05, 5.0, 19), 1.0))
-TARGET = conditional_spectrum(Rupture(7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
+TARGET = conditional_spectrum((7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +57,14 @@ def thousand():
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     rows = []
     for number in range(1000):
-        rupture = Rupture(rng.uniform(5.5, 7.5), 10.0 ** rng.uniform(1, 2), rng.uniform(250, 800))
+        rupture = (rng.uniform(5.5, 7.5), 10.0 ** rng.uniform(1, 2), rng.uniform(250, 800))
         median, sd, _ = predict(rupture, "CY14", PERIODS)
         sa = np.exp(median + sd * (root @ rng.standard_normal(PERIODS.size)))
         facts = {
             "record": f"R{number:04d}", "file": f"{number:04d}.AT2",
             "event": f"E{rng.integers(60)}", "station": f"S{number // 2}",
-            "magnitude": rupture.magnitude, "distance_km": rupture.distance_km,
-            "vs30_mps": rupture.vs30_mps, "pulse": bool(rng.random() < 0.1),
+            "magnitude": rupture[0], "distance_km": rupture[1],
+            "vs30_mps": rupture[2], "pulse": bool(rng.random() < 0.1),
         }  # fmt: skip
         rows.append(facts | {f"T{t:.6f}S": value for t, value in zip(PERIODS, sa)})
     return pd.DataFrame(rows)
@@ -148,7 +147,7 @@ def chosen(change=lambda table: table, **options):
 
 def predicted(change, model="CY14", periods=(1.0,)):
     facts = {"magnitude": 6.5, "distance_km": 20.0, "vs30_mps": 500.0} | change
-    return lambda *_: predict(Rupture(**facts), model, periods)
+    return lambda *_: predict(tuple(facts.values()), model, periods)
 
 
 def in_csv(text):

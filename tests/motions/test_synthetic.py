@@ -12,7 +12,15 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import spectral_acceleration, velocity
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.synthetic import Plan, Recipe, make_motion, plan_motions
+from archfrag.motions.synthetic import (
+    Plan,
+    Recipe,
+    _amplitude,
+    _generator,
+    amplification,
+    make_motion,
+    plan_motions,
+)
 from archfrag.motions.synthetic import amplitude as source
 from archfrag.motions.synthetic.amplitude import COEFFICIENTS, FREQUENCIES, TERMS, draw_term
 from archfrag.motions.synthetic.motion import _generator, amplification

@@ -131,8 +131,7 @@ class TestInspect:
         for fault, part in zip(faults, ("announces 500", "offset", "peak"), strict=True):
             assert part in fault
         assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == ("", None)
-        assert "unequal numbers of samples" in third["faults"][0]
-        assert "has a gap of 7 s" in third["faults"][1]
+        assert "has a gap of 7 s" in third["faults"][0]
         assert "    ! the header announces 500" in done("inspect", wrong).stdout
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
@@ -161,16 +160,14 @@ class TestConvert:
             for part in ("acceleration", "vertical"):
                 assert np.allclose(getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0)
 
-    def test_at2_holds_the_digits_of_its_columns_and_an_index_lists_what_was_done(
-        self, three, at2, tmp_path
-    ):
+    def test_text_holds_all_digits_and_an_index_lists_what_was_done(self, three, at2, tmp_path):
         out = tmp_path / "o"
-        done("convert", three, "--unit", "m/s2", "--to", "at2", "--in", "g", "--out", out)
+        done("convert", three, "--unit", "m/s2", "--to", "text", "--in", "g", "--out", out)
         done("convert", at2, "--out", out)
-        old, new = read_motions(three, unit="m/s2")[1], read_motion(out / "three.HNN.AT2")
-        assert np.allclose(new.acceleration, old.acceleration, rtol=5.1e-8, atol=0.0)
-        assert (new.dt, new.metadata["component"]) == (0.005, "HNN")
         entries = {entry.id: entry for entry in load_index(out)}
+        old, new = read_motions(three, unit="m/s2")[1], load_motion(entries["three.HNN"])
+        assert np.allclose(new.acceleration, old.acceleration, rtol=3e-16, atol=0.0)
+        assert new.dt == 0.005
         assert sorted(entries) == ["record", "three.HNE", "three.HNN"]
         assert entries["record"].metadata["source"] == "record.AT2"
         assert "factor 9.80665" in entries["record"].metadata["steps"]
@@ -254,10 +251,11 @@ class TestMeasure:
         (file,) = read_flatfile(out)["file"]
         assert (out.parent / file).samefile(at2)
         assert "Sa, 5 % damping [g]" in texts(figure)
+        assert "FILE.svg" in refused("measure", at2, "--out", out, "--figure", tmp_path / "f.png")
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
-    def test_many_files_by_several_processes_stay_in_order(self, tmp_path):
+    def test_many_files_stay_in_order(self, tmp_path):
         files = [tmp_path / f"r{number % 7}-{number:02d}.AT2" for number in range(40)]
         for number, file in enumerate(files):
             file.write_text(at2_text((0.1 + 0.01 * number) * wave()))

@@ -7,6 +7,9 @@ from typing import Any
 import click
 
 from archfrag.cli.options import PATH, json_option, show, takes, takes_format, takes_record, warn
+from archfrag.errors import InputError, RecordError, ServiceError
+from archfrag.files import counted, write_csv
+from archfrag.study.files import finite, write_text
 
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 _out = click.option("--out", type=PATH, required=True, help="Folder to write to.")
@@ -16,8 +19,6 @@ def _list_or_ends(low: float, high: float) -> Any:
     """A callback for numbers within limits: the numbers, and whether they are two ends."""
 
     def numbers(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
-        from archfrag.errors import InputError
-
         if text is None:
             return None
         ends = ":" in text
@@ -35,16 +36,14 @@ def _list_or_ends(low: float, high: float) -> Any:
     return numbers
 
 
-def _figure_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
+def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
     """Check that a figure is an SVG file before anything is done."""
-    from archfrag.errors import InputError
-
     if path is not None and path.suffix.lower() != ".svg":
         raise InputError(f"--figure {path}: figures are written as SVG; name a FILE.svg")
     return path
 
 
-_figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_figure_file,
+_figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_svg,
                        help="Draw a figure.")  # fmt: skip
 
 
@@ -56,50 +55,38 @@ def records() -> None:
 @records.command()
 @_files
 @takes_format
-@_figure
 @json_option
 @click.pass_context
 def inspect(
-    context: click.Context, files: tuple[Path, ...], figure: Path | None, as_json: bool,
-    **reading: Any,
-) -> None:  # fmt: skip
+    context: click.Context, files: tuple[Path, ...], as_json: bool, **reading: Any
+) -> None:
     """List the content of record FILES and their errors.
 
     Each channel of each file is shown with its faults. If a file cannot be read, the others are
-    shown and the exit code is 2. The figure shows acceleration, velocity and response spectra.
+    shown and the exit code is 2.
 
     \b
     Example:
-      archfrag records inspect *.V2 --figure records.svg
+      archfrag records inspect *.V2
     """
-    from archfrag.cli import record_work as work
-    from archfrag.errors import RecordError
-    from archfrag.motions.channels import inspect_record
+    from archfrag.cli.record_work import inspection_text, reading_of
     from archfrag.motions.index import goes_with_records
-    from archfrag.study.files import finite, write_text
+    from archfrag.motions.read import inspect_record
 
-    found, facts, unreadable = [], [], []
+    found, unreadable = [], []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(inspect_record(file, **work.reading_of(file, reading)))
+            found.append(finite(inspect_record(file, **reading_of(file, reading))))
         except RecordError as error:
-            unreadable.append(str(error))
-            facts.append({"file": str(file), "error": str(error)})
-            continue
-        channels = [{k: v for k, v in each.items() if k != "motion"}
-                    for each in found[-1]["channels"]]  # fmt: skip
-        facts.append(finite(found[-1] | {"channels": channels}))
-    if figure is not None and found:
-        write_text(figure, work.channels([
-            (f"{Path(file['file']).name} {channel['code']}".strip(), channel["motion"])
-            for file in found for channel in file["channels"] if channel["motion"] is not None
-        ]))  # fmt: skip
-    if found or as_json:
-        show(facts, "\n".join(map(work.inspection_text, found)), as_json)
-    for message in unreadable:
-        warn(f"error: {message}")
+            unreadable.append(error)
+            found.append({"file": str(file), "error": str(error)})
+    shown = [inspection_text(facts) for facts in found if "error" not in facts]
+    if shown or as_json:
+        show(found, "\n".join(shown), as_json)
+    for error in unreadable:
+        warn(f"error: {error}")
     if unreadable:
         context.exit(RecordError.exit_code)
 
@@ -125,8 +112,6 @@ def measure(
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
     from archfrag.cli import record_work as work
-    from archfrag.files import counted, write_csv
-    from archfrag.study.files import write_text
 
     table = work.measure_files(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
@@ -149,8 +134,7 @@ def measure(
     click.option("--period", type=float, help="Its conditioning period [s]."),
     click.option("--sa", type=float, help="Sa at that period [g], or --epsilon."),
     click.option("--epsilon", type=float, help="Standard deviations of Sa above the median."),
-    click.option("--model", default="CY14", show_default=True,
-                 help="Ground-motion model, by its name in pygmm."),
+    click.option("--model", default="CY14", show_default=True, help="Ground-motion model."),
     click.option("--max-scale", type=float, default=4.0, show_default=True,
                  help="Largest scale factor; its inverse is the smallest."),
     click.option("--per-event", type=int, help="Largest number of records of one event."),
@@ -170,24 +154,30 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
     from archfrag.cli import record_work as work
-    from archfrag.study.files import write_text
+    from archfrag.motions.flatfile import read_flatfile
+    from archfrag.motions.selection import select_records
 
-    selection = work.select_from(flatfile, options)
+    table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
+    target = work.target_of(options, sorted(work.table_spectra(table)))
+    selection = select_records(table, target, **{name: options[name] for name in own})
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
         write_text(figure, work.selected_spectra(selection))
     for caution in selection.cautions:
         warn(f"caution: {caution}")
-    show(selection.facts(), work.selection_text(selection, out), as_json)
+    facts, count = selection.facts(), counted(len(selection.table), "record")
+    median, sd = (max(abs(error or 0.0) for error in facts[key])
+                  for key in ("median_error", "sd_error"))  # fmt: skip
+    near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
+    show(facts, f"{count} selected of {selection.candidates}: {near}: {out}", as_json)
 
 
 @records.command()
 @_files
 @takes(
     _out,
-    click.option("--to", "form", default="mseed",
-                 type=click.Choice(["mseed", "at2", "text"], case_sensitive=False),
-                 show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
+    click.option("--to", "form", type=click.Choice(["mseed", "text"]), default="mseed",
+                 show_default=True, help="miniSEED, or columns of text."),
     click.option("--in", "requested", type=click.Choice(["m/s2", "g"]), default="m/s2",
                  show_default=True, help="Unit to write."),
     takes_record, json_option,
@@ -201,19 +191,16 @@ def convert(
 
     \b
     Example:
-      archfrag records convert CE23837.V1C --to at2 --in g --out converted
+      archfrag records convert CE23837.V1C --to text --in g --out converted
     """
     from archfrag.cli.record_work import reading_of
-    from archfrag.motions.calibrate import Reading
     from archfrag.motions.convert import convert_record
 
-    written = [
-        {"file": str(path), "source": str(file)}
-        for file in files
-        for path in convert_record(
-            file, out, form, requested, Reading(**reading_of(file, reading))
-        )
-    ]
+    written = []
+    for file in files:
+        options = reading_of(file, reading)
+        for path in convert_record(file, out, form, requested, **options):
+            written.append({"file": str(path), "source": str(file)})
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 
@@ -235,8 +222,6 @@ def convert(
                  help="End after the origin time [s]."),
     click.option("--stations", "most", type=click.IntRange(1), default=100, show_default=True,
                  help="Largest number of stations of an event, the nearest first."),
-    click.option("--timeout", type=click.FloatRange(0.01, 3600.0), default=60.0,
-                 show_default=True, help="Longest wait for a service [s]."),
     json_option,
 )  # fmt: skip
 def fetch(
@@ -252,24 +237,22 @@ def fetch(
     Example:
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
-    from archfrag.errors import InputError, ServiceError
-    from archfrag.files import counted
-    from archfrag.motions.fetch import PASSING, Request, fetch_records
+    from archfrag.motions.fetch import Request, fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
-    came: dict[str, list[str]] = {"new": [], "kept": []}
+    new: list[str] = []
+    kept: list[str] = []
     failures = []
     for kind, text in fetch_records(Request(events, channels=kinds, **options), out):
-        if kind in came:
-            came[kind].append(text)
+        if kind in ("new", "kept"):
+            (new if kind == "new" else kept).append(text)
         else:
             failures.append({"kind": kind, "message": text})
             warn(text)
-    new, kept = came.values()
-    text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
-    show({"folder": str(out), **came, "failures": failures}, text, as_json)
-    if passing := [failure for failure in failures if failure["kind"] in PASSING]:
-        count = counted(len(passing), "request")
+    facts = {"folder": str(out), "new": new, "kept": kept, "failures": failures}
+    show(facts, f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}", as_json)
+    if passing := sum(failure["kind"] == "service" for failure in failures):
+        count = counted(passing, "request")
         raise ServiceError(f"{count} failed; try again later: the same command continues")
     if not new and not kept:
         raise InputError("no record was fetched, for the reasons stated above")
@@ -279,23 +262,18 @@ def fetch(
 @takes(
     _out,
     click.option("--events", type=click.IntRange(1, 100_000), help="Earthquakes."),
-    click.option("--records-per-event", type=click.IntRange(1, 100_000),
-                 help="Records of each; 1 if not given."),
+    click.option("--records-per-event", type=click.IntRange(1, 100_000), help="Of each (1)."),
     click.option("--magnitude", metavar="M,...|M:M", callback=_list_or_ends(3.0, 8.0),
                  help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
                  "between which they are drawn."),
     click.option("--distance-km", metavar="D,...|D:D", callback=_list_or_ends(0.0, 300.0),
                  help="Distances to the rupture [km]: a list that the records take in turn, or "
                  "two ends."),
-    click.option("--sites", type=click.IntRange(1),
-                 help="Number of sites; one for each record if not given."),
-    click.option("--vs30", type=click.FloatRange(450.0, 1000.0),
-                 help="Vs30 of sites [m/s]; 760 if not given."),
+    click.option("--sites", type=click.IntRange(1), help="Number of sites (one a record)."),
+    click.option("--vs30", type=click.FloatRange(450.0, 1000.0), help="Of sites [m/s] (760)."),
     click.option("--vertical", is_flag=True, default=None, help="Also make vertical components."),
-    click.option("--pulses", type=click.FloatRange(0.0, 1.0),
-                 help="Probability of a near-fault pulse in a motion."),
-    click.option("--seed", type=click.IntRange(0, 10**9),
-                 help="Seed of the random numbers; 1 if not given."),
+    click.option("--pulses", type=click.FloatRange(0.0, 1.0), help="Fraction with a pulse."),
+    click.option("--seed", type=click.IntRange(0, 10**9), help="Of the random numbers (1)."),
     json_option,
 )  # fmt: skip
 def make(out: Path, as_json: bool, **requested: Any) -> None:
@@ -310,7 +288,6 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
         --distance-km 10:100 --out synthetic
     """
     from archfrag.cli.record_work import make_chosen
-    from archfrag.files import counted
 
     paths = make_chosen(out, requested)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}

@@ -5,39 +5,23 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
 from archfrag.files import opened, read_bytes
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import channel_code, is_vertical
 
-if TYPE_CHECKING:
-    from obspy import Inventory, Trace
-
-    from archfrag.motions.formats.columns import Columns
-    from archfrag.motions.index import IndexEntry
-
-    Given: TypeAlias = str | Path | Inventory | None
-
+Trace: TypeAlias = Any  # obspy's, whose import takes time
+Inventory: TypeAlias = Any
+Given: TypeAlias = str | Path | Inventory | None  # StationXML
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
-_Scaled = tuple[NDArray[np.float64], str, tuple[str, ...]]
-
-
-class Reading(NamedTuple):
-    """What the user states of a file, see `archfrag.motions.read.read_motion`."""
-
-    unit: str | None = None
-    inventory: "Given" = None
-    accept: Iterable[str] = ()
-    columns: "Columns | None" = None
 
 
 def check_file(path: Path) -> None:
@@ -48,15 +32,14 @@ def check_file(path: Path) -> None:
             size = os.fstat(file.fileno()).st_size
     except UnicodeEncodeError:
         shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        remedy = "rename it, the id of a record is made of its name"
-        raise RecordError(f"{shown}: the name of the file is not in UTF-8; {remedy}") from None
+        raise RecordError(f"{shown}: the name of the file is not in UTF-8; rename it") from None
     except FileNotFoundError:
         raise RecordError(f"{path}: there is no such file") from None
     except OSError as error:
         raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
     if not 0 < size <= LARGEST_RECORD:
-        many = f"the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
-        raise RecordError(f"{path}: {many if size else 'the file is empty'}")
+        many = f"has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        raise RecordError(f"{path}: the file {many if size else 'is empty'}")
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
@@ -68,7 +51,7 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
     return tuple(word for word in ACCEPTABLE if word in given)
 
 
-def implausible(channel: "Trace") -> Iterator[Warned]:
+def implausible(channel: Trace) -> Iterator[Warned]:
     """What is implausible about a channel in m/s2."""
     code, dt = channel_code(channel), float(channel.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
@@ -84,20 +67,24 @@ def accept_or_refuse(
     path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
 ) -> tuple[str, ...]:
     """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
-    found = tuple(warnings)
-    for word, fact in found:
+    lines: tuple[str, ...] = ()
+    for word, fact in warnings:
         if word not in accept:
             given = f"give `accept` with {word} (--accept {word} on the command line)"
             remedy = f"; to use it as it is {given}" if word else ""
             raise RecordError(f"{path}: {fact}{remedy}")
-    return tuple(f"Accepted: {fact}." for _, fact in found)
+        lines += (f"Accepted: {fact}.",)
+    return lines
 
 
-def calibrate(
-    trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
-    entry: "IndexEntry | None",
+def to_si(
+    trace: Trace, warnings: tuple[Warned, ...], path: Path, asked: str | None, listed: str,
+    given: Given,
 ) -> None:  # fmt: skip
-    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not."""
+    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not.
+
+    `asked` is the user's unit, `listed` that of an index, `given` the user's StationXML.
+    """
     record = trace.stats.record
     record.warnings, record.unit_in_file = warnings, ""
     record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
@@ -106,16 +93,15 @@ def calibrate(
     values, inventory = np.asarray(trace.data, dtype=np.float64), None
     try:
         if record.get("unit") in (None, "", "counts"):
-            inventory = find_inventory(path, trace, options.inventory)
-        trace.data, record.unit_in_file, log = _scaled(trace, path, options.unit, entry, inventory)
-        record.log += log
+            inventory = find_inventory(path, trace, given)
+        _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
         record.warnings = (*warnings, (None, str(error).removeprefix(f"{path}: ")))
     mean = float(values.mean())
     motion = float(np.abs(values - mean).max())
     if abs(mean) > motion > 0.0:
-        unit = record.unit_in_file or "unit unknown"
         offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it"
+        unit = record.unit_in_file or "unit unknown"
         record.faults += (f"{offset}, {motion:.4g} [{unit} in the file]",)
     if not record.unit_in_file:
         return
@@ -126,94 +112,83 @@ def calibrate(
     if inventory is not None:
         down = False
         with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
-            dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
-            down = (dip or 0.0) > 0.0
+            down = inventory.get_orientation(trace.id, trace.stats.starttime)["dip"] > 0.0
     if is_vertical(trace) and down:
         trace.data = -trace.data
         record.log += (f"Sign of {code} changed: it counts downwards.",)
 
 
-def _scaled(
-    trace: "Trace", path: Path, unit: str | None, entry: "IndexEntry | None",
-    inventory: "Inventory | None",
-) -> _Scaled:  # fmt: skip
-    """Samples in m/s2, their unit in the file, and what was done to them.
+def _scale(
+    trace: Trace, path: Path, asked: str | None, listed: str, inventory: Inventory | None
+) -> None:  # fmt: skip
+    """Multiply the samples so that they are in m/s2.
 
     The first source that states a unit counts: the file's header; the index that lists the file;
     the K-NET scale factor (which obspy leaves in ``stats.calib``, not applied); StationXML; the
     sensitivities in a COSMOS header; the user. Records of counts and uncorrected volumes are
     demeaned: their offset is the instrument's and can exceed the motion.
     """
-    record = trace.stats.record
-    if unit is not None:
-        unit_factor(unit, str(path))
-    known, source = record.get("unit"), f"{trace.stats._format} header"
-    if known in (None, "", "counts"):
-        known, source = (entry.unit if entry else ""), "index"
-    counts = None if known else _of_counts(trace, path, inventory)
-    if known or counts:
-        if known:
-            stated = f"the {source} states {known!r}"
-            same = unit and METRES_PER_SECOND_SQUARED[unit] == unit_factor(known, source)
-        else:
-            stated = f"the file holds counts and there is {counts and counts[1]}"
-            same = unit == "m/s2" and trace.stats._format == "KNET"
-        if unit and not same:
-            raise RecordError(f"{path}: unit {unit!r} asked for but {stated}; leave `unit` out")
-        unit = known or "counts"
-    if unit is None:
+    record, form = trace.stats.record, trace.stats._format
+    if asked is not None:
+        unit_factor(asked, str(path))
+    unit, source = record.get("unit"), f"{form} header"
+    if unit in (None, "", "counts"):
+        unit, source = listed, "index"
+    raw = "Uncorrected: mean removed" if record.get("level") == "raw" else ""
+    if unit:
+        factor = unit_factor(unit, source)
+        same, stated = METRES_PER_SECOND_SQUARED.get(asked or unit) == factor, f"states {unit!r}"
+        done = f"Converted to m/s2: unit {unit} from the {source}, factor {factor:g}."
+    elif found := _of_counts(trace, path, inventory):
+        (factor, source), unit, raw = found, "counts", "Mean removed"
+        same, stated = not asked or (asked == "m/s2" and form == "KNET"), "converts its counts"
+        done = f"Converted from counts to m/s2 by the {source}, factor {factor:.9g}."
+    elif asked:
+        unit, factor, same, stated = asked, METRES_PER_SECOND_SQUARED[asked], True, ""
+        done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
+        if trace.stats.calib != 1.0:
+            record.log += (f"Calibration factor {trace.stats.calib:g} of the file not applied.",)
+    else:
         raise RecordError(
             f"{path}: the file does not state the unit of its samples; give `unit`, one of "
             f"{', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line), or for counts "
             f"its StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the "
             "command line)"
         )
-    if counts:
-        factor, raw = counts[0], "Mean removed"
-        done = f"Converted from counts to m/s2 by {counts[1]}, factor {factor:.9g}."
-    else:
-        factor = METRES_PER_SECOND_SQUARED[unit]
-        raw = "Uncorrected: mean removed" if record.get("level") == "raw" else ""
-        how = f"{unit} from the {source}" if known else f"{unit} as asked for"
-        done = f"Converted to m/s2: unit {how}, factor {factor:g}."
-    samples = np.asarray(trace.data, dtype=np.float64) * factor
+    if not same:
+        conflict = f"unit {asked!r} asked for but the {source} {stated}"
+        raise RecordError(f"{path}: {conflict}; leave `unit` out")
+    trace.data = np.asarray(trace.data, dtype=np.float64) * factor
+    record.unit_in_file, record.log = unit, (*record.log, done)
     if raw:
-        mean = float(samples.mean())
-        return samples - mean, unit, (done, f"{raw} ({mean:.6g} m/s2).")
-    if not known and trace.stats.calib != 1.0:
-        kept = f"Calibration factor {trace.stats.calib:g} of the file not applied."
-        return samples, unit, (done, kept)
-    return samples, unit, (done,)
+        mean = float(trace.data.mean())
+        trace.data = trace.data - mean
+        record.log += (f"{raw} ({mean:.6g} m/s2).",)
 
 
-def _of_counts(
-    trace: "Trace", path: Path, inventory: "Inventory | None"
-) -> tuple[float, str] | None:
+def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[float, str] | None:
     """The factor from counts to m/s2 and its source, None if nothing states one."""
     if trace.stats._format == "KNET":
-        return float(trace.stats.calib), "the file's scale factor"
+        return float(trace.stats.calib), "file's scale factor"
     if inventory is not None:
-        channel = f"{path}: channel {trace.id}"
         try:
             response = inventory.get_response(trace.id, trace.stats.starttime)
             overall = response.instrument_sensitivity
+            unit, value = (overall.input_units or "").upper(), float(overall.value)
         except Exception:
             none = f"the StationXML has no response for channel {trace.id}"
             raise RecordError(f"{path}: {none} at {trace.stats.starttime}") from None
-        unit = (overall.input_units or "").upper() if overall else ""
-        if unit not in _ACCELERATION_UNITS:
-            raise RecordError(f"{channel} measures {unit or 'no unit'} in StationXML, not M/S**2")
-        value = overall.value
-        if not (value and np.isfinite(value)):
-            raise RecordError(f"{channel} has the sensitivity {value}")
-        return 1.0 / value, f"the sensitivity {value:.6g} counts/(m/s2) of its StationXML"
+        if unit not in _ACCELERATION_UNITS or not (value and np.isfinite(value)):
+            what = f"channel {trace.id} has {value:g} counts/({unit}) in StationXML"
+            raise RecordError(f"{path}: {what}; counts/(M/S**2) are needed")
+        return 1.0 / value, f"sensitivity {value:.6g} counts/(m/s2) of its StationXML"
     if per_count := trace.stats.record.get("g_per_count"):
-        text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
+        text = f"sensitivity {1.0 / per_count:.6g} counts/g of its header"
         return per_count * STANDARD_GRAVITY, text
     return None
 
 
-def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | None":
+def find_inventory(path: Path, trace: Trace, given: Given) -> Inventory | None:
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     from obspy import read_inventory
 

@@ -3,17 +3,18 @@
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from archfrag.errors import InputError
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from archfrag.errors import InputError, RecordError
 from archfrag.files import read_text, unquoted
 from archfrag.motions.measures import measure_all
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-LARGEST_FLATFILE = 200_000_000  # [bytes]
+LARGEST_TABLE = 200_000_000  # [bytes]
 PERIODS = (
     0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
     4.0, 5.0, 7.5, 10.0,
@@ -32,32 +33,19 @@ _FACTS: dict[str, tuple[Any, ...]] = {
     "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
 }  # fmt: skip
 _TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
-_TEXTS = [name for name, kind in _TYPES.items() if kind == "string"]
 
 
-def measure_records(
-    motions: Iterable[Motion], periods: Sequence[float] = PERIODS
-) -> "pd.DataFrame":
+def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIODS) -> pd.DataFrame:
     """Measure records, one row each, taken one after the other.
 
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``; if a motion has both horizontal
-    components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. InputError if two periods
-    would have the same column.
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``.
     """
-    import pandas as pd
-
-    if len({f"{period:.3f}" for period in periods}) < len(periods):
-        raise InputError(f"periods {list(periods)} must differ in their first three decimals")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    rotated = [(f"{kind}_{column}", f"{kind}({name})", unit) for kind in ("RotD50", "RotD100")
-               for column, name, unit in (*_PEAKS[:2], *spectrum)]  # fmt: skip
-    rows = []
+    listed, rows = [*_PEAKS, *spectrum, *_INTEGRALS], []
     for motion in motions:
-        listed = [*_PEAKS, *spectrum, *_INTEGRALS]
-        listed += [] if motion.transverse is None else rotated
         values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
         row: dict[str, Any] = {"record": motion.id}
         for column, (_, *keys) in _FACTS.items():
@@ -69,21 +57,34 @@ def measure_records(
     return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
 
 
-def read_flatfile(path: str | Path) -> "pd.DataFrame":
+def read_flatfile(path: str | Path) -> pd.DataFrame:
     """Read a flatfile; columns that are not ours are kept.
 
     InputError if it is missing, no CSV with a column ``record``, or holds text for numbers.
     """
-    import pandas as pd
-
-    text = read_text(Path(path), LARGEST_FLATFILE, InputError, "the flatfile")
-    try:
-        table = pd.read_csv(io.StringIO(text), dtype=_TYPES)
-    except ValueError as error:
-        reason = [*str(error).splitlines(), type(error).__name__][0]
-        raise InputError(f"{path}: cannot be read as a flatfile in CSV ({reason})") from None
-    for name in table.columns.intersection(_TEXTS):
+    table = read_table(path, "the flatfile", dtype=_TYPES)
+    for name in table.columns[table.dtypes == "string"]:
         table[name] = table[name].map(unquoted, na_action="ignore")
     if "record" not in table:
         raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
     return table
+
+
+def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
+    """Read a table in CSV by pandas, with errors that name the file."""
+    text = read_text(Path(path), LARGEST_TABLE, InputError, what)
+    try:
+        return pd.read_csv(io.StringIO(text), skipinitialspace=True, **form)
+    except ValueError as error:
+        reason = [*str(error).splitlines(), type(error).__name__][0]
+        raise InputError(f"{path}: {what} cannot be read as CSV ({reason})") from None
+
+
+def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:
+    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
+    try:
+        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+    except KeyError:
+        raise RecordError(f"{source}: column {column!r} is missing") from None
+    except ValueError as error:
+        raise RecordError(f"{source}: {column}: {error}") from None

@@ -56,8 +56,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. Columns ``accept`` and
-    ``columns`` are options of reading, blanks between their words. RecordError if the file, a
-    needed column or a value is missing, an id occurs twice, or a number or word is not one.
+    ``columns`` are options of reading. RecordError for a missing or wrong column or value.
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source
@@ -67,11 +66,10 @@ def load_index(path: str | Path) -> list[IndexEntry]:
             raise RecordError(f"{source}: column {column!r} is missing from the index")
     entries: dict[str, IndexEntry] = {}
     for line, values in enumerate(rows, start=2):
-        place = f"{source}, line {line}"
+        place, name = f"{source}, line {line}", values["id"]
         for column in ("id", "file"):
             if not values[column]:
                 raise RecordError(f"{place}: {column} is empty")
-        name = values["id"]
         if name in entries:
             raise RecordError(f"{place}: id {name!r} occurs twice")
         if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
@@ -80,13 +78,14 @@ def load_index(path: str | Path) -> list[IndexEntry]:
             unit_factor(values["unit"], place)
         metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
         for column, kind in _NUMBERS.items():
-            if (text := metadata.get(column)) is not None:
-                try:
-                    metadata[column] = kind(text) if text else None
-                except ValueError:
-                    raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+            if (text := metadata.get(column)) is None:
+                continue
+            try:
+                metadata[column] = kind(text) if text else None
                 if not np.isfinite(metadata[column] or 0.0):
-                    raise RecordError(f"{place}: {column} = {text!r} is not a finite number")
+                    raise ValueError
+            except ValueError:
+                raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
         columns = None
         if values.get("columns"):
             from archfrag.motions.formats.columns import parse_columns  # imports obspy

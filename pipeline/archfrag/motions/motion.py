@@ -1,10 +1,9 @@
 """One ground motion, the units it may be given in, and motions in a file."""
 
-import copy
 import json
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,50 +71,28 @@ class Motion:
     transverse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        name, given = self.id or "motion", self.components
         try:
-            for key, samples in self.components.items():
-                if samples is not None:
-                    object.__setattr__(self, key, np.array(samples, dtype=np.float64))
-        except (TypeError, ValueError):
-            name = self.id or "motion"
-            raise RecordError(f"{name}: acceleration must be a row of numbers") from None
-        object.__setattr__(self, "metadata", dict(self.metadata or {}))
-        object.__setattr__(self, "log", tuple(self.log))
-        self._check()
-
-    def _check(self) -> None:
-        name = self.id or "motion"
-        try:
+            arrays = {key: np.array(samples, dtype=np.float64)
+                      for key, samples in given.items() if samples is not None}  # fmt: skip
             step = float(self.dt)
         except (TypeError, ValueError):
-            step = np.nan
+            raise RecordError(f"{name}: dt and samples of acceleration must be numbers") from None
         if not 0.0 < step < np.inf:
-            raise RecordError(f"{name}: time step dt = {self.dt} s must be a positive number")
-        object.__setattr__(self, "dt", step)
-        size = np.size(self.acceleration)
-        for key, samples in self.components.items():
-            if samples is None:
-                continue
-            if samples.ndim != 1 or samples.size < 2:
-                raise RecordError(f"{name}: {key} must be a row of 2 or more, not {samples.shape}")
-            if samples.size != size:
-                raise RecordError(f"{name}: {key} has {samples.size} samples, horizontal {size}")
-            if not np.isfinite(samples).all():
-                bad = np.flatnonzero(~np.isfinite(samples))
-                first = f"the first at index {bad[0]} ({samples[bad[0]]})"
-                many = f"{bad.size} sample(s) that are not finite"
-                raise RecordError(f"{name}: {key} has {many}, {first}")
+            raise RecordError(f"{name}: time step dt = {step} s must be a positive number")
+        for key, samples in arrays.items():
+            size = max(2, np.size(self.acceleration))
+            if samples.shape != (size,):
+                raise RecordError(f"{name}: {key} must be a row of {size}, not {samples.shape}")
+            if (bad := np.flatnonzero(~np.isfinite(samples))).size:
+                raise RecordError(f"{name}: {key} is not finite, the first time at index {bad[0]}")
+        about = {"dt": step, "metadata": dict(self.metadata or {}), "log": tuple(self.log)}
+        for key, value in (arrays | about).items():
+            object.__setattr__(self, key, value)
 
     def _replaced(self, **changes: Any) -> "Motion":
-        """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
-
-        Arrays must be of float64 and are not to be changed afterwards.
-        """
-        motion = copy.copy(self)
-        for key, value in changes.items():
-            object.__setattr__(motion, key, value)
-        motion._check()
-        return motion
+        """Return this motion with other fields."""
+        return replace(self, **changes)
 
     def _changed(
         self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
@@ -149,22 +126,19 @@ class Motion:
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes.
-
-    InputError if the metadata of a motion are not JSON, OutputError if it cannot be written.
-    """
-    arrays: dict[str, np.ndarray] = {}
-    table = []
+    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes."""
+    names = ("id", "dt", "log", "metadata")
+    try:
+        table = [json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
+                 for motion in motions]  # fmt: skip
+    except (TypeError, ValueError) as error:
+        ids = ", ".join(motion.id for motion in motions)
+        raise InputError(f"{ids}: metadata cannot be stored as JSON ({error})") from None
+    arrays: dict[str, NDArray] = {}
     for number, motion in enumerate(motions):
         arrays[f"horizontal_{number}"] = motion.acceleration
         if motion.vertical is not None:
             arrays[f"vertical_{number}"] = motion.vertical
-        entry = {"id": motion.id, "dt": motion.dt, "log": motion.log, "metadata": motion.metadata}
-        try:
-            table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
-        except (TypeError, ValueError) as error:
-            name = motion.id or f"motion {number}"
-            raise InputError(f"{name}: metadata cannot be stored as JSON ({error})") from None
     text = json.dumps({"format": _FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
@@ -178,16 +152,13 @@ def load_motions(path: str | Path) -> list[Motion]:
             header = json.loads(archive["table"].tobytes().decode())
             if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
-            motions = []
-            for number, entry in enumerate(map(json.loads, header["motions"])):
-                name = f"vertical_{number}"
-                vertical = archive[name] if name in archive.files else None
-                about = {key: entry[key] for key in ("dt", "id", "metadata", "log")}
-                motions.append(Motion(archive[f"horizontal_{number}"], vertical=vertical, **about))
-            return motions
+            return [
+                Motion(archive[f"horizontal_{number}"], vertical=archive.get(f"vertical_{number}"),
+                       **json.loads(entry))
+                for number, entry in enumerate(header["motions"])
+            ]  # fmt: skip
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file of motions") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: not a file of motions written by archfrag, or damaged ({error})"
-        ) from None
+        what = "not a file of motions written by archfrag, or damaged"
+        raise InputError(f"{path}: {what} ({error})") from None

@@ -5,23 +5,21 @@ import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from archfrag.errors import RecordError
 from archfrag.motions.motion import Motion
 
-if TYPE_CHECKING:
-    from obspy import Trace
-
+Trace = Any  # obspy's, whose import takes time
 VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
 HORIZONTAL = re.compile(
     r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])", re.IGNORECASE
 )
 AZIMUTHS = {"N": 0.0, "NORTH": 0.0, "NS": 0.0, "E": 90.0, "EAST": 90.0, "EW": 90.0, "WE": 90.0,
             "S": 180.0, "SOUTH": 180.0, "W": 270.0, "WEST": 270.0}  # fmt: skip
-_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])", re.IGNORECASE)
+_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])")
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
 _CODE = re.compile(
     r"(?<![A-Za-z\d])[Hh][12](?![A-Za-z\d])"
@@ -34,15 +32,14 @@ _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
-_Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
-def channel_code(trace: "Trace") -> str:
+def channel_code(trace: Trace) -> str:
     """Name of the component: by the header of the record, or the channel code."""
     return str(trace.stats.get("record", {}).get("component", trace.stats.channel)).strip()
 
 
-def instrument(trace: "Trace") -> str:
+def instrument(trace: Trace) -> str:
     """What channels of one instrument have in common."""
     stats, code = trace.stats, channel_code(trace)
     if stats._format == "KNET":
@@ -51,49 +48,46 @@ def instrument(trace: "Trace") -> str:
     return f"{stats.network}.{stats.station}.{stats.location}.{family}"
 
 
-def is_vertical(trace: "Trace") -> bool:
+def is_vertical(trace: Trace) -> bool:
     """Whether a channel is vertical, by its header or its code."""
     return bool(trace.stats.record.get("vertical", VERTICAL.fullmatch(channel_code(trace))))
 
 
-def is_horizontal(trace: "Trace") -> bool:
+def is_horizontal(trace: Trace) -> bool:
     """Whether a channel is known to be horizontal, by its header or its code."""
     by_code = HORIZONTAL.fullmatch(channel_code(trace)) is None
     return not trace.stats.record.get("vertical", by_code)
 
 
 def quadrant(text: str) -> float | None:
-    """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is not one."""
-    found = _QUADRANT.fullmatch(text)
-    if found is None:
+    """Azimuth of a bearing such as S16W [degrees from north], None if it is not one."""
+    if (found := _QUADRANT.fullmatch(text.upper())) is None:
         return None
-    origin, angle, towards = found[1].upper(), float(found[2]), found[3].upper()
-    angle = angle if origin == "N" else 180.0 - angle
-    return (angle if towards == "E" else -angle) % 360.0
+    angle = float(found[2]) if found[1] == "N" else 180.0 - float(found[2])
+    return (angle if found[3] == "E" else -angle) % 360.0
 
 
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Files of a folder that by their names hold components of one record.
+    """Names of the other horizontal component by that of each, and of the vertical, in a folder.
 
     Two names that are equal but for a direction are a pair if these are at right angles and there
     is no third such name: numbered files are no components. Their vertical has the same name
     with ``UP``, ``Z`` or the like instead of the direction.
 
-    Returns the name of the other horizontal component by that of each, and that of the vertical.
-
     >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
     {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
     """
-    frames: dict[tuple[str, str], list[_Direction]] = {}
+    # For what is around a direction: name of the file, kind of the code, angle [degrees].
+    frames: dict[tuple[str, str], list[tuple[str, int, float]]] = {}
     for name in sorted(names):
         for code in _CODE.finditer(name):
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
-            plain = None if azimuth is None or azimuth > 360.0 else (0, azimuth)
-            kinds = ((kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
+            plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
+            kinds = ((name, kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
             if direction := next(kinds, plain):
                 frame = name[: code.start()].lower(), name[code.end() :].lower()
-                frames.setdefault(frame, []).append((name, *direction))
+                frames.setdefault(frame, []).append(direction)
     known = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}
@@ -111,11 +105,11 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
     """Files that by their names are the vertical component of another one among them."""
-    folders: dict[Path, list[str]] = {}
-    for path in paths:
-        folders.setdefault(path.parent, []).append(path.name)
-    verticals = ((folder, partners(names)[1]) for folder, names in folders.items())
-    return {folder / name for folder, found in verticals for name in found.values()}
+    found = set()
+    for folder in {path.parent for path in paths}:
+        names = [path.name for path in paths if path.parent == folder]
+        found |= {folder / name for name in partners(names)[1].values()}
+    return found
 
 
 def folder_names(folder: Path) -> list[str]:
@@ -128,7 +122,6 @@ def folder_names(folder: Path) -> list[str]:
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
     """The other horizontal component of an instrument, of those of one file."""
-
     others = [other for other in motions if other is not motion]
     family, *families = (str(one.metadata.get("trace") or one.metadata.get("component", ""))[:-1]
                          for one in (motion, *others))  # fmt: skip
@@ -137,11 +130,7 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 
 
 def with_vertical(motion: Motion, vertical: Motion) -> Motion:
-    """Join a motion with its vertical component, cut to the time of both.
-
-    RecordError if headers state different stations or events, time steps differ, or they have no
-    time in common.
-    """
+    """Join a motion with its vertical, cut to the time of both; RecordError if they differ."""
     labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
     if vertical.metadata.get("file") != motion.metadata.get("file"):
         labels["vertical_file"] = vertical.metadata.get("file", "")
@@ -156,35 +145,32 @@ def with_transverse(motion: Motion, other: Motion) -> Motion:
 
 
 def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
-    own, its = motion.metadata, other.metadata
-    its_name, code = its.get("file") or other.id, its.get("component", "")
+    own, its, code = motion.metadata, other.metadata, other.metadata.get("component", "")
+    its_name, one_file = its.get("file") or other.id, own.get("file") == its.get("file")
     name = f"{motion.id} and {its_name} ({code})"
-    one_file = own.get("file") == its.get("file")
     for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
             raise RecordError(f"{name}: do not belong together, {fact} is {one!r} and {two!r}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
-    starts = [about["start_time"] for about in (own, its) if about.get("start_time")]
-    seconds = [datetime.fromisoformat(str(start)).timestamp() for start in starts]
-    later = round((seconds[1] - seconds[0]) / motion.dt) if len(seconds) == 2 else 0
-    sizes = motion.acceleration.size, other.acceleration.size
+    starts = [datetime.fromisoformat(str(about["start_time"])).timestamp()
+              for about in (own, its) if about.get("start_time")]  # fmt: skip
+    later = round((starts[1] - starts[0]) / motion.dt) if len(starts) == 2 else 0
     first, its_first = max(0, later), max(0, -later)
-    count = min(sizes[0] - first, sizes[1] - its_first)
+    count = min(motion.acceleration.size - first, other.acceleration.size - its_first)
     if count < 2:
         raise RecordError(f"{name}: have no time in common")
     word = "Vertical" if key == "vertical" else "Other horizontal"
     its_log = other.log[1:] if one_file else other.log
     steps = (s if s in its.get("accepted", ()) else f"{word} {code}: {s}" for s in its_log)
     log = (*motion.log, *steps)
-    if count < max(sizes):
+    if count < max(motion.acceleration.size, other.acceleration.size):
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
     arrays = {part: None if samples is None else samples[first : first + count]
               for part, samples in motion.components.items()}  # fmt: skip
     arrays[key] = other.acceleration[its_first : its_first + count]
-    metadata = {**own, **labels}
     for found in ("faults", "accepted"):
         if both := [*own.get(found, ()), *its.get(found, ())]:
-            metadata[found] = list(dict.fromkeys(both))
-    return motion._replaced(**arrays, metadata=metadata, log=log)
+            labels[found] = list(dict.fromkeys(both))
+    return motion._replaced(**arrays, metadata={**own, **labels}, log=log)

@@ -4,7 +4,6 @@ A step does the same to all components. What its settings may be is checked in
 `archfrag.study.file.motions`; what depends on the motion, too, is checked here.
 """
 
-import itertools
 import re
 from collections.abc import Sequence
 from fractions import Fraction
@@ -22,24 +21,17 @@ from archfrag.motions.partners import AZIMUTHS, quadrant
 if TYPE_CHECKING:
     from obspy import Inventory
 
-_MOST_PARTS = 1000  # of a time step, in the ratio of two of them
-
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
-    rows = (samples for samples in motion.components.values() if samples is not None)
+    rows = [samples for samples in motion.components.values() if samples is not None]
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
     return motion._changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-
-    def corrected(a: Samples) -> Samples:
-        line, unit = _fitted(a, (0, 1))
-        return a - line(unit)
-
-    return motion._changed(corrected, "Linear trend removed.")
+    return motion._changed(lambda a: a - _fitted(a, (0, 1)), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -48,21 +40,18 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     The polynomial, of an `order` from 1 to 5, is zero at the first sample, where the record is at
     rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
-
-    def corrected(a: Samples) -> Samples:
-        velocity, unit = _fitted(integral(a, 1.0), range(1, order + 1))
-        return a - (velocity.deriv() / (a.size - 1))(unit)
-
-    return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
+    done, powers = f"Baseline removed, velocity polynomial of order {order}.", range(1, order + 1)
+    return motion._changed(lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done)
 
 
-def _fitted(values: Samples, powers: Sequence[int]) -> tuple[Polynomial, Samples]:
-    """Polynomial of some powers that fits values best, and its argument: the record as 0 to 1."""
+def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
+    """The polynomial of some powers that fits values best, or its slope by samples."""
     unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
     rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return Polynomial(coefficients), unit
+    found = Polynomial(coefficients)
+    return (found.deriv() / (values.size - 1) if slope else found)(unit)
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
@@ -70,10 +59,8 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
 
     `side` is ``both``, ``left`` or ``right``.
     """
-    count = max(1, int(fraction * motion.acceleration.size))
+    count, factor = max(1, int(fraction * motion.acceleration.size)), np.ones_like(motion.time)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
-
-    factor = np.ones(motion.acceleration.size)
     if side != "right":
         factor[:count] *= rise
     if side != "left":
@@ -88,19 +75,16 @@ def bandpass(
 ) -> Motion:  # fmt: skip
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
-    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Two
-    passes together halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is
-    that of one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
+    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Both
+    passes halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is that of
+    one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
-    nyquist = 0.5 / motion.dt
-    corners = [corner for corner in (lowest, highest) if corner is not None]
-    rising = all(low < high for low, high in itertools.pairwise((0.0, *corners, nyquist)))
-    if not corners or not rising:
-        allowed = f"0 < lowest < highest < {nyquist:g} Hz"
-        both = f"corners {lowest} and {highest} Hz"
-        raise InputError(f"{motion.id or 'motion'}: {both} must satisfy {allowed}")
+    nyquist, corners = 0.5 / motion.dt, [each for each in (lowest, highest) if each is not None]
+    if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
+        needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
+        raise InputError(f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}")
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
     sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
     band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
@@ -108,17 +92,13 @@ def bandpass(
     done = f"Band-pass {band}, Butterworth of order {order}, {passes}."
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
     edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
-
     if causal:
         return motion._changed(lambda a: sosfilt(sections, a), done)
     return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
-    """Keep the samples from `start` to `end` [s], both counted from the first sample.
-
-    InputError unless 0 <= start < end and two samples remain.
-    """
+    """Keep the samples from `start` to `end` [s]; InputError unless two samples remain."""
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
     if first < 0 or last <= first:
@@ -133,8 +113,7 @@ def trim_by_arias(
 ) -> Motion:
     """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
 
-    The fraction 0 is the start of the record and 1 its end, silence included. The intensity is
-    that of both horizontal components together if there are two.
+    Fraction 0 is the start of the record and 1 its end, silence included; see `arias_times`.
     """
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
     first = 0.0 if start == 0.0 else max(0.0, first - margin)
@@ -160,16 +139,15 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
 def resample(motion: Motion, dt: float) -> Motion:
     """Give the motion another time step [s], band-limited: what both can hold stays as it is.
 
-    A polyphase filter with a Kaiser window (scipy's `resample_poly`) of 64 zero crossings: up to
-    0.9 of the lower of both Nyquist frequencies nothing changes by more than 0.01 %. InputError
-    if the ratio of the steps is not one of integers up to 1000.
+    By scipy's `resample_poly` with a Kaiser window of 64 zero crossings: up to 0.9 of the lower
+    Nyquist frequency nothing changes by more than 0.01 %. InputError if the ratio of the steps is
+    not one of integers up to 1000.
     """
     from scipy.signal import firwin, resample_poly
 
     ratio = motion.dt / dt if dt > 0.0 else 0.0
-    parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
-    up, down = parts.numerator, parts.denominator
-    if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
+    up, down = Fraction(ratio).limit_denominator(1000).as_integer_ratio()
+    if not 0 < up <= 1000 or abs(up / down - ratio) > 1e-9 * ratio:
         raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
     if up == down:
         return motion
@@ -183,26 +161,24 @@ def resample(motion: Motion, dt: float) -> Motion:
 def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
     """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
-    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
-    which the components' own azimuths must be known, or by an `angle` [degrees] from the first
-    component towards the other one, which is then taken to be perpendicular. RecordError if there
-    is one component only, an azimuth is not known, or both are nearly parallel.
+    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], or
+    by an `angle` [degrees] from the first component towards the other one, which is then taken to
+    be perpendicular. RecordError if there is one component only, an azimuth is not known, or both
+    are nearly parallel.
     """
-    name = motion.id or "motion"
+    name, about = motion.id or "motion", dict(motion.metadata)
     if (azimuth is None) == (angle is None):
         raise InputError("rotate: one of azimuth and angle is needed")
     if motion.transverse is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
-    codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_transverse")]
-    own = [0.0, 90.0]
-    if azimuth is not None:
-        for place, (key, code) in enumerate(zip(("azimuth", "azimuth_transverse"), codes)):
-            given = motion.metadata.get(key)
-            value = azimuth_of_code(code) if given in (None, "") else float(given)
-            if value is None:
-                raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
-            own[place] = value
-    turned = float(angle or 0.0) if azimuth is None else azimuth
+    codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
+    own, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
+    for place, code in enumerate(codes if azimuth is not None else ()):
+        given = about.get(("azimuth", "azimuth_transverse")[place])
+        value = azimuth_of_code(code) if given in (None, "") else float(given)
+        if value is None:
+            raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
+        own[place] = value
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
@@ -215,15 +191,12 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    labels: dict[str, str | float] = {
-        "component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
-    }  # fmt: skip
+    about = about | {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}"}
     words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is not None:
-        labels |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
+        about |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    about = {**motion.metadata, **labels}
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
 
 
@@ -232,11 +205,9 @@ def azimuth_of_code(code: str) -> float | None:
     text = code.strip().upper().lstrip("-+")
     if (bearing := quadrant(text)) is not None:
         return bearing
-    if re.fullmatch(r"\d{1,3}", text):
-        return float(text) % 360.0 if len(text) > 1 else None
-    if re.fullmatch(r"[A-Z][A-Z][NE]", text):
-        text = text[-1]
-    return AZIMUTHS.get(re.sub(r"\d$", "", text))
+    if re.fullmatch(r"\d{2,3}", text):
+        return float(text) % 360.0
+    return AZIMUTHS.get(re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text))
 
 
 def remove_response(
@@ -245,17 +216,17 @@ def remove_response(
 ) -> Motion:  # fmt: skip
     """Divide the spectrum of each component by its instrument's response (obspy).
 
-    `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
-    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. The response counts as at
-    most `water_level` [dB] below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep:
-    cosine tapers from f1 to f2 and from f3 to f4. RecordError if a StationXML is missing.
+    `motion` is as read from the file `record` by the sensitivity of its StationXML (see
+    `find_inventory`), which is taken back first. The response counts as at most `water_level` [dB]
+    below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
+    f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     from obspy import Trace, UTCDateTime
 
     from archfrag.motions.calibrate import find_inventory
     from archfrag.motions.formats import reason_of
 
-    known, changed = None, {}
+    known, changed = None, dict[str, Samples]()
     names = ("trace", "vertical_trace", "trace_transverse")
     for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:
@@ -266,16 +237,13 @@ def remove_response(
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
         known = known or find_inventory(Path(record), trace, inventory)
         if known is None:
-            raise RecordError(
-                f"{record}: has no StationXML by which to remove its response; give `inventory`"
-            )
+            lacking = "has no StationXML by which to remove its response; give `inventory`"
+            raise RecordError(f"{record}: {lacking}")
         try:
             response = known.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(
-                known, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
-                taper=False,
-            )  # fmt: skip
+            trace.remove_response(known, output="ACC", water_level=water_level, pre_filt=band,
+                                  zero_mean=False, taper=False)  # fmt: skip
         except Exception as error:
             failed = f"the response of channel {trace.id} cannot be removed"
             raise RecordError(f"{record}: {failed} ({reason_of(error)})") from None

@@ -1,27 +1,26 @@
-"""Records of ground motion from files: waveform formats that obspy reads, and our plug-ins."""
+"""Records of ground motion from files: waveform formats that obspy reads, and our plug-ins.
 
-from collections.abc import Iterable, Sequence
+A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``announced`` and
+``held`` numbers of samples, a ``log``, ``faults`` (contradictions) and ``warnings`` (for which it
+is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from obspy import Inventory, Trace
+from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
-from archfrag.motions.channels import by_direction, read_channels
-from archfrag.motions.formats import recognise
-from archfrag.motions.formats.columns import Columns
-from archfrag.motions.formats.facts import known
-from archfrag.motions.index import IndexEntry, check_sha256
+from archfrag.motions import calibrate, partners
+from archfrag.motions.calibrate import Warned, accept_or_refuse, implausible
+from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
+from archfrag.motions.formats.columns import Columns, read_columns
+from archfrag.motions.formats.common import known
+from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion
-from archfrag.motions.partners import (
-    channel_code,
-    instrument,
-    is_horizontal,
-    is_vertical,
-    with_vertical,
-)
+from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
@@ -43,9 +42,9 @@ def read_motion(
     ----------
     path : path
         A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, ESM's and ITACA's
-        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and KiK-net, SLIST, TSPAIR, miniSEED, SAC
-        (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
-        archive or a pickle. Of counts and uncorrected volumes the mean is removed.
+        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET, KiK-net, SLIST, TSPAIR, miniSEED, SAC, GSE1,
+        GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle. Of counts
+        and uncorrected volumes the mean is removed.
     unit : str, optional
         Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
@@ -56,9 +55,9 @@ def read_motion(
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
-        What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
-        ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
-        announces), ``header`` (states a peak that is off by more than a tenth).
+        What to let pass: ``pga`` (peak outside 1e-5 to 5 g), ``time_step`` (outside 1e-4 to
+        0.1 s), ``samples`` (another number than the header announces), ``header`` (states a peak
+        that is off by more than a tenth).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -71,8 +70,7 @@ def read_motion(
     Raises
     ------
     RecordError
-        With the file and what is wrong: missing, empty, truncated, not finite, with gaps,
-        unknown format or unit, not plausible and not accepted, or no such horizontal component.
+        With the file and what is wrong, unless that is accepted.
 
     Examples
     --------
@@ -85,37 +83,39 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = Reading(unit, inventory, accept, columns)
+    options: dict[str, Any] = {
+        "unit": unit, "inventory": inventory, "accept": accept, "columns": columns,
+    }  # fmt: skip
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
-        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+        return partners.with_vertical(motion, read_vertical(vertical, **options))
     return motion
 
 
 def _read_one(
-    source: Path, options: Reading, component: str | None, listed: str | None = None,
+    source: Path, options: dict[str, Any], component: str | None, listed: str | None = None,
     own_vertical: bool = True,
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
-    channels, entry = read_channels(source, options)
-    remedy = "give `component` (--component on the command line)"
-    horizontals, verticals = by_direction(channels, source, "" if component or listed else remedy)
+    channels, entry = read_channels(source, **options)
+    horizontals, verticals = _by_direction(channels, source, not (component or listed))
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
-    component, chosen, line = component or (several and listed) or None, horizontals[0], ""
-    if component is not None:
+    component, chosen = component or (listed if several else None), horizontals[0]
+    line: tuple[str, ...] = ()
+    if component:
         spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
         places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
         if not places:
             raise RecordError(f"{source}: no horizontal component {component!r}; there is {names}")
         chosen = horizontals[places[0] % len(horizontals)]
     elif several:
-        line = f"Horizontal {codes[0]} taken, the first of {names}."
+        line = (f"Horizontal {codes[0]} taken, the first of {names}.",)
     elif not is_horizontal(chosen):
-        line = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
-    motion = _motion(source, chosen, entry.id if entry else record_name(source), entry)
-    motion = motion._replaced(log=(motion.log[0], *filter(None, (line,)), *motion.log[1:]))
-    return _with_own_vertical(motion, chosen, verticals if own_vertical else (), source, entry)
+        line = (f"Channel code {codes[0]!r} taken to be horizontal: the only one.",)
+    name = entry.id if entry else record_name(source)
+    motion = _motion(source, chosen, name, entry, verticals if own_vertical else ())
+    return motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
 
 
 def read_motions(
@@ -123,30 +123,25 @@ def read_motions(
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
 
-    Options and errors are those of `read_motion`; ids begin with `name` if that is given, with
-    the file's name if not.
+    Options and errors are those of `read_motion`; ids begin with `name` or the file's name.
     """
     source = Path(path)
-    channels, entry = read_channels(source, Reading(unit, **options))
-    remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
-    horizontals, verticals = by_direction(channels, source, remedy)
+    channels, entry = read_channels(source, unit, **options)
+    horizontals, verticals = _by_direction(channels, source)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
     for channel, code in zip(horizontals, codes):
         twin = f"{channel.stats.location}." if codes.count(code) > 1 else ""
-        motion = _motion(source, channel, base if alone else f"{base}:{twin}{code}", entry)
-        motions.append(_with_own_vertical(motion, channel, verticals, source, entry))
+        own = base if alone else f"{base}:{twin}{code}"
+        motions.append(_motion(source, channel, own, entry, verticals))
     return motions
 
 
 def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
-    """Read the vertical component of a file as the horizontal component of a motion.
-
-    Options and errors are those of `read_motion`.
-    """
+    """Read the vertical of a file as the horizontal of a motion; options as in `read_motion`."""
     source = Path(path)
-    channels, _ = read_channels(source, Reading(unit, **options))
+    channels, _ = read_channels(source, unit, **options)
     verticals = [channel for channel in channels if is_vertical(channel)]
     if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
         verticals = channels
@@ -164,7 +159,7 @@ def record_name(path: Path) -> str:
 def load_motion(entry: IndexEntry) -> Motion:
     """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
-    options = Reading(entry.unit or None, None, entry.accept, entry.columns)
+    options = {"unit": entry.unit or None, "accept": entry.accept, "columns": entry.columns}
     motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
@@ -173,21 +168,108 @@ def load_motion(entry: IndexEntry) -> Motion:
     return motion._replaced(id=entry.id, metadata=merged)
 
 
-def _with_own_vertical(
-    motion: Motion, channel: Trace, verticals: Sequence[Trace], path: Path,
-    entry: IndexEntry | None,
+def read_channels(
+    path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
+) -> tuple[list[Trace], IndexEntry | None]:
+    """Return the channels of a file in their order, and the row of an index that lists it."""
+    words = calibrate.accepted_words(accept, str(path))
+    entry = find_entry(path)
+    if entry is not None and path.is_file():
+        check_sha256(entry)
+    channels, gap = _examine(path, entry, unit, **options)
+    for channel in channels:
+        record = channel.stats.record
+        record.accept = (*words, *(entry.accept if entry else ()))
+        record.accepted = accept_or_refuse(path, record.accept, record.warnings)
+        faults = (f"Fault: {fault}." for fault in record.faults)
+        record.log = (*record.messages, *record.log, *faults)
+    if gap:
+        raise RecordError(f"{path}: {gap}")
+    return channels, entry
+
+
+def _examine(
+    path: Path, entry: IndexEntry | None, unit: str | None,
+    inventory: str | Path | Inventory | None = None, columns: Columns | None = None,
+) -> tuple[list[Trace], str]:  # fmt: skip
+    """Channels of a file whatever is wrong with it, and why its pieces cannot be joined."""
+    calibrate.check_file(path)
+    if columns := columns or (entry.columns if entry else None):
+        traces = read_columns(path, columns)
+    else:
+        # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
+        traces = read_traces(str(path), "AT2" if path.suffix.lower() == ".at2" else None)
+    channels, form, gap = traces, traces[0].stats._format, ""
+    if len({trace.id for trace in traces}) < len(traces):
+        try:
+            stream = Stream(traces).merge(method=-1)
+            gaps = stream.get_gaps()
+        except Exception as error:  # obspy's, of time steps that differ
+            raise RecordError(f"{path}: pieces of a channel cannot be joined ({error})") from None
+        channels = list(stream)
+        for channel in channels:
+            channel.stats.record.update(dict.fromkeys(("announced", "held"), channel.stats.npts))
+        for *codes, start, _, length, _ in gaps[:1]:
+            kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
+            gap = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
+    counts, listed = [c.stats.record.held for c in channels], entry.unit if entry else ""
+    unequal = len(set(counts)) > 1 and form in OWN
+    held = ", ".join(f"{channel_code(c)} {count}" for c, count in zip(channels, counts))
+    fault = (f"the channels of the file have unequal numbers of samples ({held})",)
+    for channel in channels:
+        record, warnings = channel.stats.record, list(_warnings(channel))
+        # If a text ends within its last line, digits may be missing.
+        cut_off = channel is channels[-1] and form in TEXT and record.held < record.announced
+        if cut_off and not path.read_bytes()[-1:].isspace():
+            channel.data = channel.data[:-1]
+            left = "the last sample is left out, since the file ends within its line"
+            warnings.append(("samples", left))
+        calibrate.to_si(channel, tuple(warnings), path, unit, listed, inventory)
+        record.faults += fault if unequal else ()
+    return channels, gap
+
+
+def _warnings(trace: Trace) -> Iterator[Warned]:
+    """What cannot be a record, or contradicts its header."""
+    delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
+    announced, held = record.announced, record.held
+    if not (np.isfinite(delta) and delta > 0.0):
+        yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
+    if announced != held:
+        only = "only " if held < announced else ""
+        stated = f"the header announces {announced} samples of channel {code}"
+        yield "samples", f"{stated}, the file holds {only}{held}"
+    else:
+        for warning in record.get("warnings", ()):
+            yield "header", f"channel {code}: {warning}"
+    if min(held, len(trace.data)) < 2:
+        yield None, f"channel {trace.id} holds less than 2 samples"
+    if np.ma.isMaskedArray(trace.data):
+        yield None, f"channel {trace.id} has gaps; a record must be without gaps"
+    if (bad := np.flatnonzero(~np.isfinite(trace.data))).size:
+        yield None, f"channel {trace.id} is not finite, the first time at index {bad[0]}"
+
+
+def _by_direction(
+    channels: Sequence[Trace], path: Path, surely: bool = True
+) -> tuple[list[Trace], list[Trace]]:
+    """Return channels that are not known to be vertical, or `surely` are not, and verticals."""
+    verticals = [c for c in channels if is_vertical(c)]
+    others = [c for c in channels if not is_vertical(c)]
+    if not others:
+        raise RecordError(f"{path}: holds only the vertical component; a horizontal one is needed")
+    if surely and len(channels) > 1 and not all(map(is_horizontal, others)):
+        names = ", ".join(repr(channel_code(c)) for c in channels)
+        remedy = "name them as SEED does (HNE, HNN, HNZ), or read one by `component` (--component)"
+        raise RecordError(f"{path}: which of {names} is horizontal is not clear by code; {remedy}")
+    return others, verticals
+
+
+def _motion(
+    path: Path, channel: Trace, name: str, entry: IndexEntry | None,
+    verticals: Sequence[Trace] = (),
 ) -> Motion:  # fmt: skip
-    """The motion with the vertical of its instrument, if the file has it."""
-    own = next((v for v in verticals if instrument(v) == instrument(channel)), None)
-    if own is None:
-        return motion
-    try:
-        return with_vertical(motion, _motion(path, own, motion.id, entry))
-    except RecordError as error:
-        raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-
-
-def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> Motion:
+    """The motion of a channel, with the vertical of its instrument if that is among them."""
     stats, record = channel.stats, channel.stats.record
     accepted = record.accepted + accept_or_refuse(path, record.accept, implausible(channel))
     metadata: dict[str, Any] = {
@@ -198,14 +280,50 @@ def _motion(path: Path, channel: Trace, name: str, entry: IndexEntry | None) -> 
     }  # fmt: skip
     if stats.network or stats.station:
         metadata |= {"trace": channel.id, "vertical_trace": ""}
-    if record.faults:
-        metadata["faults"] = list(record.faults)
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(stats.starttime)
     if entry is not None:
         metadata |= known(**entry.metadata)
-    if accepted:
-        metadata["accepted"] = list(accepted)
+    found = {"faults": list(record.faults), "accepted": list(accepted)}
+    metadata |= {key: facts for key, facts in found.items() if facts}
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
-    return Motion(channel.data, float(stats.delta), None, name, metadata, log)
+    motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
+    for own in (v for v in verticals if partners.instrument(v) == partners.instrument(channel)):
+        vertical = _motion(path, own, name, entry)
+        try:
+            return partners.with_vertical(motion, vertical)
+        except RecordError as error:
+            raise RecordError(f"{path}: {error}") from None
+    return motion
+
+
+def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> dict[str, Any]:
+    """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
+
+    Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
+    What is unknown is empty or None. RecordError if the file cannot be read.
+    """
+    traces, gap = _examine(Path(path), find_entry(path), unit, **options)
+    channels, about = [], traces[0].stats.record
+    for trace in traces:
+        stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
+        unit = record.unit_in_file
+        names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
+        faults = [*(text for _, text in record.warnings), *record.faults]
+        faults += [text for _, text in implausible(trace)] if unit else []
+        channels.append({
+            "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
+            "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
+            "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
+            "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
+            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+            "duration": (record.held - 1) * dt,
+            "PGA": float(abs(trace.data).max()) if unit else None,
+        })  # fmt: skip
+    return {
+        "file": str(path), "format": traces[0].stats._format,
+        **{key: str(about.get(key, "")) for key in ("event", "date")},
+        "magnitude": about.get("magnitude"), "channels": channels,
+        "faults": [*about.messages, *filter(None, (gap,))],
+    }  # fmt: skip

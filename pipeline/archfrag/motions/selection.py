@@ -5,7 +5,6 @@ Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 
 import os
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +16,14 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import write_csv
-from archfrag.motions.target import Array, Target, numbers
+from archfrag.motions.flatfile import numbers
+from archfrag.motions.target import Array, Target
 
-LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
 STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
-# Columns of an index of records by those of a flatfile.
-_INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
-          "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
-    name: name for name in ("component", "dt_s", "unit", "station", "accept", "columns")
-}  # fmt: skip
+# Columns of an index of records, and those that have other names in a flatfile.
+_RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
+_INDEX = ("id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s",
+          "unit", "station", "accept", "columns")  # fmt: skip
 Rows = NDArray[np.int64]
 Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
 
@@ -62,12 +60,6 @@ class Selection:
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
         found, count = list(self.target.notes), len(self.table)
-        scale = self.table.set_index("record")["scale"].astype(float)
-        large = scale.where(scale >= 1.0, 1.0 / scale)
-        if (many := (large > LARGE_SCALE).sum()) > 0:
-            beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
-            end = f"up to a factor of {large.max():.3g} ({large.idxmax()})"
-            found.append(f"{many} of {count} records are scaled by {beyond}, {end}")
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):
@@ -99,8 +91,7 @@ class Selection:
         place = Path(os.path.realpath(path))
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
-        known = [name for name in _INDEX if name in self.table]
-        rows = self.table[known].rename(columns=_INDEX)
+        rows = self.table.rename(columns=_RENAMED).filter(items=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         rows["unit"] = rows.get("unit", "")
@@ -118,36 +109,40 @@ def select_records(
 ) -> Selection:  # fmt: skip
     """Select records whose scaled spectra are distributed as the target's.
 
-    Spectra are drawn from the target, the nearest record is matched to each, and then one
-    record after the other is replaced by whichever brings mean and standard deviation of the
-    set nearest to the target's: Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3),
-    797-815; Baker and Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two
-    components of one recording (same event and station) are selected.
+    Spectra are drawn from the target, the nearest record is matched to each, and then one record
+    after the other is replaced by whichever brings mean and standard deviation of the set nearest
+    to the target's: Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3), 797-815; Baker and
+    Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two components of one
+    recording (same event and station) are selected.
 
-    `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
-    and ``event`` and ``station`` as far as known. With a conditioning period every record is
-    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum; no
-    factor is above `max_scale` or below its inverse. The same table, whatever the order of its
-    rows, and the same seed give the same set. RecordError if the flatfile lacks a column or
-    period, or fewer records than asked for may be selected, InputError for another argument.
+    `table` is a flatfile. With a conditioning period every record is scaled to Sa there, without
+    one each by the least-squares factor to the drawn spectrum; no factor is above `max_scale` or
+    below its inverse. The same table, in any order, and the same seed give the same set.
+    RecordError if the flatfile lacks a column or period, or fewer records than asked for may be
+    selected, InputError for another argument.
     """
-    for name, value, least in (
-        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
-        ("per_event", 1 if per_event is None else per_event, 1),
-    ):  # fmt: skip
-        if not value >= least:
-            raise InputError(f"{name} = {value} must be at least {least}")
+    given = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
+    for name, value in given.items():
+        if value is not None and not value >= 1:
+            raise InputError(f"{name} = {value} must be at least 1")
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
     limit = float(np.log(max_scale))
-    records, ln_sa, groups = _candidates(table, target, count, max_scale, per_event)
+    records, ln_sa, groups = _candidates(table, target, count, limit, per_event)
 
     def scaled(spectrum: Array) -> Array:
         return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
 
-    found = []
-    for spectra in _simulated(target, count, np.random.default_rng(seed)):
+    values, vectors = np.linalg.eigh(target.covariance)
+    # Published correlations are not quite positive definite. The symmetric root does not hang on
+    # the signs of eigenvectors, which differ between machines.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    normal = np.random.default_rng(seed).standard_normal((20, count, values.size))
+    drawn = target.ln_mean + normal @ root
+    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
+    found, order = [], np.argsort(_deviation(target, drawn.mean(axis=1), sd))
+    for spectra in drawn[order[:STARTS]]:
         chosen = np.empty(0, dtype=np.int64)
         for spectrum in spectra:
             apart = ((scaled(spectrum) - spectrum) ** 2).sum(axis=1)
@@ -173,17 +168,6 @@ def _deviation(target: Target, mean: Array, sd: Array) -> Array:
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
 
-def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
-    """Sets of ln Sa drawn from the target, the nearest to it, (``STARTS``, count, n_period)."""
-    values, vectors = np.linalg.eigh(target.covariance)
-    # Published correlations are not quite positive definite. The symmetric root does not hang on
-    # the signs of eigenvectors, which differ between machines.
-    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
-    drawn = target.ln_mean + rng.standard_normal((20, count, values.size)) @ root
-    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
-    return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
-
-
 def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
     """ln of the factor to Sa given, or by least squares to a spectrum (n_period,), (n_record,)."""
     if target.given is not None:
@@ -193,10 +177,8 @@ def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Arr
 
 def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
     """Records that may not join those chosen, shape (n_record,)."""
-    taken = np.zeros(len(groups[0][0]), dtype=bool)
-    for group, most in groups:
-        taken |= np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
-    return taken
+    return np.any([np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
+                   for group, most in groups], axis=0)  # fmt: skip
 
 
 def _improve(
@@ -224,22 +206,30 @@ def _improve(
 
 
 def _candidates(
-    table: pd.DataFrame, target: Target, count: int, max_scale: float, per_event: int | None
+    table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
-    """Records that may be selected, their ln Sa, and which of them may be together."""
+    """Records that may be selected, their ln Sa [g], and which of them may be together."""
     ids = table["record"].astype(str)
-    if ids.duplicated().any():
-        twice = ids[ids.duplicated()].iloc[0]
-        raise RecordError(f"the flatfile: record {twice!r} is there twice")
+    if (twice := ids[ids.duplicated()]).size:
+        raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
-    ln_sa = _spectra(records, target.periods)
+    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    have, columns = {float(match[1]): match[0] for match in matches if match}, []
+    for period in target.periods:
+        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
+        if abs(near - period) > 2e-3 * period:
+            lacking = f"no column T{period:.3f}S"
+            raise RecordError(f"the flatfile: {lacking}; measure at that period too")
+        columns.append(numbers(records, have[near], "the flatfile"))
+    sa = np.column_stack(columns)
+    with np.errstate(invalid="ignore"):  # nan where Sa is missing or not positive (-999)
+        ln_sa = np.log(np.where(sa > 0.0, sa, np.nan))
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     if target.given is not None:
-        limit = float(np.log(max_scale))
         # Rounding must not put a record that needs no factor beyond a limit of 1.
         usable &= np.abs(_factors(ln_sa, target, target.ln_mean, limit)) <= limit + 1e-12
-        story += f", {usable.sum()} of them a factor from 1/{max_scale:g} to {max_scale:g}"
+        story += f", {usable.sum()} of them with a factor within the limit"
     records, ln_sa = records.iloc[np.flatnonzero(usable)].reset_index(drop=True), ln_sa[usable]
     recording = _groups(records, ["event", "station"])
     groups, most = [(recording, 1)], len(set(recording))
@@ -247,8 +237,8 @@ def _candidates(
     if per_event is not None:
         event = _groups(records, ["event"])
         groups.append((event, per_event))
-        of_event = Counter(dict(set(zip(recording, event))).values())
-        most = sum(min(number, per_event) for number in of_event.values())
+        pairs = pd.DataFrame({"event": event, "recording": recording}).drop_duplicates()
+        most = int(pairs["event"].value_counts().clip(upper=per_event).sum())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
         raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
@@ -261,20 +251,3 @@ def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
     same = known.groupby(columns, sort=False).ngroup()
     return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
-
-
-def _spectra(table: pd.DataFrame, periods: Array) -> Array:
-    """ln Sa [g] of records, (n_record, n_period); nan if it is missing or not positive (-999)."""
-    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    have = {float(match[1]): match[0] for match in matches if match}
-    names = []
-    for period in periods:
-        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
-        if abs(near - period) > 2e-3 * period:
-            raise RecordError(
-                f"the flatfile: no column T{period:.3f}S; measure at that period too"
-            )
-        names.append(have[near])
-    sa = np.column_stack([numbers(table, name) for name in names])
-    with np.errstate(invalid="ignore"):
-        return np.log(np.where(sa > 0.0, sa, np.nan))

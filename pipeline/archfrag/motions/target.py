@@ -1,69 +1,25 @@
 """Ground-motion models, as pygmm computes them, and what selected spectra are to be like."""
 
-import io
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import InputError, RecordError, from_extra
-from archfrag.files import read_text
+from archfrag.errors import InputError, from_extra
+from archfrag.motions.flatfile import numbers, read_table
 
 Array = NDArray[np.float64]
+Rupture = tuple[float, float, float]  # moment magnitude, closest distance [km], Vs30 [m/s]
 MODELS = {
     "ASK14": "AbrahamsonSilvaKamai2014", "BSSA14": "BooreStewartSeyhanAtkinson2014",
     "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
     "ASB14": "AkkarSandikkayaBommer2014",
 }  # fmt: skip
-MECHANISMS = ("SS", "RS", "NS")
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
-LARGEST_TARGET = 10_000_000  # [bytes]
 SAME = 1e-6  # relative difference of periods that are the same
-_WORDS = {
-    "mag": ("magnitude", ""), "dist_rup": ("distance", " km"), "v_s30": ("Vs30", " m/s"),
-    "dist_jb": ("Joyner-Boore distance", " km"), "dip": ("dip", " degrees"),
-    "depth_tor": ("depth to the top of the rupture", " km"),
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Rupture:
-    """An earthquake and a site, as ground-motion models for active shallow crust want them.
-
-    The site is on the footwall's side; the top of the rupture is its closest point, as deep as
-    Chiou and Youngs (2014) expect.
-    """
-
-    magnitude: float  # moment magnitude
-    distance_km: float  # closest distance to the rupture
-    vs30_mps: float
-    mechanism: str = "SS"  # strike-slip, or RS (reverse), NS (normal)
-    dip: float = 90.0  # [degrees]
-    region: str | None = None  # that the model knows (italy, japan)
-
-    def __post_init__(self) -> None:
-        if self.mechanism not in MECHANISMS:
-            raise InputError(f"mechanism {self.mechanism!r} is not in {', '.join(MECHANISMS)}")
-        for name in ("magnitude", "distance_km", "vs30_mps"):
-            _check_positive(getattr(self, name), f"{name} = {getattr(self, name)} of a rupture")
-
-    def parameters(self) -> dict[str, Any]:
-        """What pygmm calls the facts of a rupture."""
-        # Chiou and Youngs (2014), Eqs 4 and 5: mean depth to the top, reverse or other faults.
-        a, b, c = (2.704, 1.226, 5.849) if self.mechanism == "RS" else (2.673, 1.136, 4.970)
-        root = max(a - b * max(self.magnitude - c, 0.0), 0.0)
-        top = min(root**2, self.distance_km)
-        surface = float(np.sqrt(self.distance_km**2 - top**2))
-        found = {
-            "mag": self.magnitude, "dist_rup": self.distance_km, "dist_jb": surface,
-            "dist_x": -surface, "v_s30": self.vs30_mps, "dip": self.dip, "depth_tor": top,
-            "mechanism": self.mechanism, "on_hanging_wall": False, "region": self.region,
-        }  # fmt: skip
-        return {key: value for key, value in found.items() if value is not None}
+_WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"}
 
 
 def predict(
@@ -71,34 +27,40 @@ def predict(
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
+    The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
     5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
-    unknown or does not know the mechanism or region, or a period [s] is outside the model's.
+    unknown, a number is not positive, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
+    magnitude, distance, vs30 = rupture
+    if not all(0.0 < value < np.inf for value in rupture):
+        raise InputError(f"magnitude, distance and Vs30 {rupture} must be numbers above 0")
+    # Chiou and Youngs (2014), Eq 5: mean depth to the top.
+    top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
+    surface = float(np.sqrt(distance**2 - top**2))
+    facts = {"mag": magnitude, "dist_rup": distance, "dist_jb": surface, "dist_x": -surface,
+             "v_s30": vs30, "dip": 90.0, "depth_tor": top, "mechanism": "SS",
+             "on_hanging_wall": False}  # fmt: skip
     pygmm = from_extra("pygmm", "select")
-    kind, asked = getattr(pygmm, MODELS[model]), np.atleast_1d(np.asarray(periods, dtype=float))
-    facts, known, notes = rupture.parameters(), {}, []
-    for parameter in (each for each in kind.PARAMS if each.name in facts):
-        known[parameter.name] = value = facts[parameter.name]
-        word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
-        options = getattr(parameter, "options", None)
-        if options and value not in options:
-            have = ", ".join(options)
-            raise InputError(f"the model {model} does not know {word} {value!r}; it knows {have}")
+    kind, notes = getattr(pygmm, MODELS[model]), []
+    parameters = [each for each in kind.PARAMS if each.name in facts]
+    for parameter in parameters:
+        word, value = _WORDS.get(parameter.name, parameter.name), facts[parameter.name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
-            limits = f"{low or 0} to {high or 'any'}{unit}"
-            notes.append(f"{model} is recommended for {word} {limits}, not {value:g}{unit}")
-    scenario = pygmm.Scenario(**known)
+            limits = f"{low or 0} to {high or 'any'}, not {value:g}"
+            notes.append(f"{model} is recommended for {word} {limits}")
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in whose place are the notes
+        scenario = pygmm.Scenario(**{each.name: facts[each.name] for each in parameters})
         prediction = kind(scenario)
     first, last = prediction.periods.min(), prediction.periods.max()
     # A period of the table's end may differ from the one typed by rounding.
+    asked = np.atleast_1d(np.asarray(periods, dtype=float))
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
     ln_median, sd = prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside)
@@ -113,15 +75,9 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     """
     calc_correls = from_extra("pygmm.baker_jayaram_2008", "select").calc_correls
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
-    fitted = "for which the correlations of Baker and Jayaram (2008) were fitted"
     for periods in both:
-        _check_within(np.atleast_1d(periods).ravel(), 0.01, 10.0, fitted)
+        _check_within(periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)")
     return np.asarray(calc_correls(*both), dtype=np.float64)
-
-
-def _check_positive(value: float, name: str) -> None:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} must be a number above 0")
 
 
 def _check_within(periods: Array, low: float, high: float, what: str) -> None:
@@ -170,20 +126,17 @@ def conditional_spectrum(
     mean_i = mu_i + rho_i* epsilon sigma_i
     covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
 
-    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
-    27(3), 797-815.
-
-    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
-    of them. InputError if a number is not positive, or a period occurs twice or is outside the
-    range of the model or of the correlation.
+    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
+    InputError if a number is not positive, or a period occurs twice or is outside the range of
+    the model or of the correlation.
     """
-    _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
-    _check_positive(conditioning, f"conditioning period {conditioning} s")
+    if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
+        raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
     grid = _rising(periods, "periods")
-    near = np.abs(np.log(grid / conditioning)) < SAME
-    grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
-    grid.sort()
-    known = int(np.abs(np.log(grid / conditioning)).argmin())
+    others = grid[np.abs(np.log(grid / conditioning)) >= SAME]
+    known = int(np.searchsorted(others, conditioning))
+    grid = np.insert(others, known, conditioning)
     rho = correlation(grid[:, None], grid)
     median, sd, notes = predict(rupture, model, grid)
     mean = median + rho[known] * (np.log(level) - median[known]) / sd[known] * sd
@@ -200,32 +153,30 @@ def spectrum_target(
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
     period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
-    to which records are to be close. InputError, beginning with `source`, for numbers that are
-    missing or not positive, a period twice, or an sd of 0 at several periods but not at all.
+    to which records are to be close. InputError, beginning with `source`, for other numbers.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
     scatter = np.zeros(given.shape) if sd is None else np.asarray(sd, dtype=np.float64)
-    rows = np.asarray(median, dtype=np.float64), scatter
-    for name, row in zip(("median Sa", "sd"), rows):
-        if row.shape != given.shape or not np.isfinite(row).all():
-            raise InputError(f"{source}: {name} {row.tolist()} needs {given.size} finite numbers")
-    sa, scatter = (row[np.argsort(given)] for row in rows)
-    if not (sa > 0.0).all() or (scatter < 0.0).any():
-        raise InputError(f"{source}: median Sa {sa.min():g} g or sd {scatter.min():g} is too low")
+    rows = {"median Sa": np.asarray(median, dtype=np.float64), "sd": scatter}
+    for name, row in rows.items():
+        low = row <= 0.0 if name == "median Sa" else row < 0.0
+        if row.shape != given.shape or not np.isfinite(row).all() or low.any():
+            allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"
+            raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
+    sa, scatter = (row[np.argsort(given)] for row in rows.values())
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
     if zero.size > 1:
         allowed = "it may be at one, which then is the conditioning period, or at all"
         raise InputError(f"{source}: sd is 0 at {zero.size} periods; {allowed}")
-    rho = correlation(rising[:, None], rising)
+    rho, conditioning = correlation(rising[:, None], rising), None
     if zero.size:
-        star = rho[zero[0]]
+        conditioning, star = float(rising[zero[0]]), rho[zero[0]]
         rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
-    conditioning = float(rising[zero[0]]) if zero.size else None
     return Target(rising, np.log(sa), np.outer(scatter, scatter) * rho, conditioning)
 
 
@@ -234,25 +185,10 @@ def read_target(path: str | Path) -> Target:
 
     See `spectrum_target` for what the columns mean; InputError or RecordError names the file.
     """
-    text = read_text(Path(path), LARGEST_TARGET, InputError, "the target")
-    try:
-        rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
-    except ValueError as error:
-        raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    source = str(path)
+    rows, source = read_table(path, "the target"), str(path)
     sd = numbers(rows, "sd", source) if "sd" in rows else None
     periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
     return spectrum_target(periods, median, sd, source)
-
-
-def numbers(table: pd.DataFrame, column: str, source: str = "the flatfile") -> Array:
-    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
-    try:
-        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
-    except KeyError:
-        raise RecordError(f"{source}: column {column!r} is missing") from None
-    except ValueError as error:
-        raise RecordError(f"{source}: {column}: {error}") from None
 
 
 def _rising(periods: ArrayLike, name: str) -> Array:

@@ -7,20 +7,22 @@ reads is read in a fork of this process, which a damaged file may end.
 """
 
 import contextlib
+import functools
 import importlib
 import os
 import resource
 import signal
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from importlib.metadata import entry_points
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from obspy import Trace
 from obspy.core import AttribDict
-from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
 
@@ -34,17 +36,15 @@ TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 BINARY = ("SAC", "SEISAN", "SACXY", "KINEMETRICS_EVT", "REFTEK130")
 IN_C = ("MSEED", "GSE2", "GSE1", "GCF")  # damaged files have crashed these readers of obspy
 COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
+_entry_points = functools.cache(entry_points)  # a look-up reads the metadata of all packages
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
-
-_BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
     """Read the traces of a file in a format, or in the first one that recognises it.
 
     Each has in ``stats.record`` what the header states, samples ``announced`` and ``held``, and
-    the ``messages`` of the reader. RecordError if the file is damaged, cut off, an archive or in
-    no format.
+    the ``messages`` of the reader. RecordError if the file is damaged or in no format.
     """
     if form := form or recognise(path, (*TEXT, *BINARY)):
         return read_as(path, form)
@@ -57,12 +57,14 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     )
 
 
-def plug_in(name: str, ours: str, obspys: str) -> Callable[[str], Any]:
-    """Return what recognises or reads a format: a function of this package or obspy's plug-in."""
-    if name in OWN or (name, ours) == ("KNET", "read"):
+def plug_in(name: str, task: str) -> Callable[[str], Any]:
+    """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
+    if name in OWN or (name, task) == ("KNET", "read"):
         module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
-        return getattr(module, f"{ours}_{name.lower()}")
-    return buffered_load_entry_point("obspy", f"obspy.plugin.waveform.{name}", obspys)
+        return getattr(module, f"{task}_{name.lower()}")
+    group = f"obspy.plugin.waveform.{name}"
+    (found,) = _entry_points(name=f"{task}Format").select(group=group)
+    return found.load()
 
 
 def recognise(path: str, formats: Sequence[str]) -> str | None:
@@ -70,7 +72,7 @@ def recognise(path: str, formats: Sequence[str]) -> str | None:
     for name in formats:
         # A test that stumbles over the file has not recognised it.
         with contextlib.suppress(Exception):
-            if plug_in(name, "is", "isFormat")(path):
+            if plug_in(name, "is")(path):
                 return name
     return None
 
@@ -80,7 +82,7 @@ def read_as(path: str, name: str) -> list[Trace]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            traces = list(plug_in(name, "read", "readFormat")(path))
+            traces = list(plug_in(name, "read")(path))
             if not traces:
                 raise ValueError("no trace could be read from it")
         except RecordError:
@@ -90,22 +92,25 @@ def read_as(path: str, name: str) -> list[Trace]:
         except Exception as error:
             what = "the file is damaged, truncated or not what it seems"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
-    messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
-    for message in messages:
-        if "MSEED" in message.category.__name__:
-            raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
-    texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
-    shown = list(dict.fromkeys(texts))
+    shown: dict[str, None] = {}
+    for warning in caught:
+        text = " ".join(str(warning.message).split())
+        if "MSEED" in warning.category.__name__:
+            raise RecordError(f"{path}: damaged or truncated MSEED ({text})")
+        if not issubclass(warning.category, DeprecationWarning):
+            shown[f"obspy: {text}"] = None
     for trace in traces:
         blocks = trace.stats.get("mseed", {})
-        length = blocks.get("record_length") or _BLOCK.get(name)
+        length = blocks.get("record_length") or (1024 if name == "GCF" else 0)
         size = blocks.get("filesize") or Path(path).stat().st_size
         if length and size % length:
-            cut_off = f"truncated {'miniSEED' if name == 'MSEED' else name}: {size} bytes"
-            raise RecordError(f"{path}: {cut_off} are no multiple of records of {length} bytes")
+            cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
+            raise RecordError(f"{path}: {cut_off} bytes")
         record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
         trace.stats._format, trace.stats.npts = name, len(trace.data)
-        trace.stats.record = AttribDict({"held": trace.stats.npts, "messages": shown} | record)
+        trace.stats.record = AttribDict(
+            {"held": trace.stats.npts, "messages": list(shown)} | record
+        )
     return traces
 
 
@@ -120,29 +125,18 @@ def read_apart(path: str) -> list[Trace]:
     RecordError if the file is damaged, crashes the reader, or takes more than is allowed.
     """
     for form in IN_C:  # imported once here, not in each fork
-        plug_in(form, "is", "isFormat"), plug_in(form, "read", "readFormat")
-    context = get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, path), daemon=True)
-    process.start()
-    theirs.close()
+        plug_in(form, "is"), plug_in(form, "read")
     try:
-        found = ours.recv()
-    except EOFError:  # it ended before
+        with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
+            return process.submit(_read_in_c, path).result()
+    except BrokenProcessPool:
         ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
         what = "the file is damaged or not what it seems"
-        found = RecordError(f"{path}: reading it ended in {ended}; {what}")
-    finally:
-        ours.close()
-        process.join(timeout=5.0)
-        process.kill()
-    if isinstance(found, RecordError):
-        raise found
-    return found
+        raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
 
 
-def _answer(pipe: Connection, path: str) -> None:
-    """Send the traces of a file, or why there are none, within limits and ended by signals."""
+def _limit() -> None:
+    """Limit this process, and let signals end it."""
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it
@@ -153,14 +147,14 @@ def _answer(pipe: Connection, path: str) -> None:
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
     signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
+
+
+def _read_in_c(path: str) -> list[Trace]:
     name = recognise(path, IN_C)
+    traces = read_as(path, name) if name else []
     try:
-        traces = [] if name is None else read_as(path, name)
         for trace in traces:
             trace.data = trace.data.astype(float)
-        pipe.send(traces)
-    except RecordError as error:
-        pipe.send(error)
     except (TypeError, ValueError):
-        what = "holds something other than numbers"
-        pipe.send(RecordError(f"{path}: the {name} file {what}"))
+        raise RecordError(f"{path}: holds something other than numbers") from None
+    return traces

@@ -13,7 +13,6 @@ Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib``
 is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 """
 
-import contextlib
 import re
 from typing import Any
 
@@ -22,27 +21,24 @@ from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats import facts
-from archfrag.motions.formats.text import Source, Text, begins_with
+from archfrag.motions.formats import common
 from archfrag.motions.partners import AZIMUTHS
 
-_AT2_LINES = 4
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
-_VERTICALS = ("Z", "UP", "V", "UD")
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
-    "magnitude": (facts.number, "MAGNITUDE_W", "MAGNITUDE_L"),
+    "magnitude": (common.number, "MAGNITUDE_W", "MAGNITUDE_L"),
     "station": (str, "STATION_CODE"),
-    "vs30_mps": (facts.number, "VS30_M/S", "VS30_MS"),
-    "epicentral_km": (facts.number, "EPICENTRAL_DISTANCE_KM"),
+    "vs30_mps": (common.number, "VS30_M/S", "VS30_MS"),
+    "epicentral_km": (common.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -56,109 +52,107 @@ _KNET = {"date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (flo
 
 
 # An acceleration with its unit, number of samples and time step.
-is_at2 = begins_with(
+is_at2 = common.begins_with(
     r"(?i)\A(?:[^\n\x80-\xff]*\n){2}(?=.*ACCELERATION)"
     r"[^\n\x80-\xff]*?UNITS?[ \t]+OF[ \t]+[^\s.,;].*\n"
     rf"(?:(?=.*{_NPTS}).*{_DT}|{_TRAILING[1:]})"
 )
 # The event, and the time step or the number of samples in a later line.
-is_dyna = begins_with(r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:")
-is_resorce = begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
+is_dyna = common.begins_with(
+    r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:"
+)
+is_resorce = common.begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
 
 
-def read_at2(source: Source, **_: Any) -> Stream:
+def read_at2(source: common.Source, **_: Any) -> Stream:
     """Read a PEER AT2 acceleration record."""
-    text = Text(source)
+    text = common.Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
-    if len(text.lines) <= _AT2_LINES:
+    if len(text.lines) <= 4:
         raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
-    header = [line.strip() for line in text.head(0, _AT2_LINES)]
-    if "ACCELERATION" not in header[2].upper():
+    about, quantity, last = (line.strip() for line in text.head(1, 4))
+    if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
-    unit = facts.acceleration_unit(
-        facts.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
-    )
-    count, step = (facts.search(pattern, header[3]) for pattern in (_NPTS, _DT))
+    unit = common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
+    count, step = (common.search(pattern, last) for pattern in (_NPTS, _DT))
     if not (count and step):
-        count, step = (facts.search(_TRAILING, header[3], group) for group in (1, 2))
+        count, step = (common.search(_TRAILING, last, group) for group in (1, 2))
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
-    stated, where = facts.number(count), text.place(3)
+    stated, where = common.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
-    record: dict[str, Any] = {"event": header[1], "component": ""}
-    parts = [part.strip() for part in header[1].split(",")]
+    record: dict[str, Any] = {"event": about, "component": ""}
+    parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
-        record = (facts.direction(component) if component else {}) | {
+        record = (common.direction(component) if component else {}) | {
             "event": parts[0], "date": parts[1] if dated else "",
             "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
         }  # fmt: skip
-    record |= {"unit": unit, "announced": facts.checked_count(count, where)}
-    return Stream([facts.trace_of(text.numbers(_AT2_LINES), facts.number(step), where, record)])
+    record |= {"unit": common.acceleration_unit(unit, text.place(2)),
+               "announced": common.checked_count(count, where)}  # fmt: skip
+    return Stream([common.trace_of(text.numbers(4), common.number(step), where, record)])
 
 
-def read_dyna(source: Source, **_: Any) -> Stream:
+def read_dyna(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
-    text = Text(source)
+    text = common.Text(source)
     header: dict[str, str] = {}
-    places: dict[str, str] = {}
     for count, line in enumerate(text.lines):
         match = _KEY.match(line)
         if match is None:
             break
-        key, place = match[1].upper(), text.place(count)
+        key = match[1].upper()
         if key in header:
-            raise RecordError(f"{place}: {key} is there a second time")
-        value = match[2]
-        with contextlib.suppress(UnicodeDecodeError):  # names may be in UTF-8
-            value = value.encode("latin-1").decode("utf-8")
-        header[key], places[key] = value.strip(), f"{place}, {key}"
+            raise RecordError(f"{text.place(count)}: {key} is there a second time")
+        value = match[2].encode("latin-1")
+        try:  # names may be in UTF-8
+            header[key] = value.decode("utf-8").strip()
+        except UnicodeDecodeError:
+            header[key] = value.decode("latin-1").strip()
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
-    return _keyed(text, header, places, len(header), codes)
+    return _keyed(text, header, len(header), codes)
 
 
-def read_resorce(source: Source, **_: Any) -> Stream:
+def read_resorce(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
-    text = Text(source)
+    text = common.Text(source)
     series = text.first(0, _SERIES.match)
-    match = _SERIES.match(text.lines[series]) if series < len(text.lines) else None
+    match = _SERIES.match("".join(text.lines[series : series + 1]))
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
     header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}
-    places = dict.fromkeys(header, text.place(series))
-    for count, line in enumerate(text.lines[:series]):
+    for line in text.lines[:series]:
         name, colon, value = line.partition(":")
         if colon and (key := _RESORCE.get(name.rstrip().upper())):
             header[key] = value.strip()
-            places[key] = f"{text.place(count)}, {name.rstrip()}"
     code, name = map(str.strip, header.get("STATION_CODE", "").partition("/")[::2])
     header["STATION_CODE"] = name or code
-    return _keyed(text, header, places, series + 1, ("", code, ""))
+    return _keyed(text, header, series + 1, ("", code, ""))
 
 
 def _keyed(
-    text: Text, header: dict[str, str], places: dict[str, str], first: int,
-    codes: tuple[str, str, str],
-) -> Stream:  # fmt: skip
+    text: common.Text, header: dict[str, str], first: int, codes: tuple[str, str, str]
+) -> Stream:
     """The record of a header in DYNA's keys, its samples from line `first` on."""
     kind = header.get("DATA_TYPE", "")
     if kind and not kind.upper().startswith("ACCEL"):
-        raise RecordError(f"{places['DATA_TYPE']}: an acceleration is needed, this is {kind!r}")
+        raise RecordError(f"{text.name}: an acceleration is needed, DATA_TYPE is {kind!r}")
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
-            raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
-    record = facts.read_fields(_DYNA, header.get)
+            raise RecordError(f"{text.name}: the header gives no {key}")
+    record = common.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    record |= facts.known(
-        unit=facts.acceleration_unit(header["UNITS"], places["UNITS"]),
+    record |= common.known(
+        unit=common.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
-        announced=facts.checked_count(header["NDATA"], places["NDATA"]),
-        vertical=letter in _VERTICALS if letter else None,
+        announced=common.checked_count(header["NDATA"], f"{text.name}, NDATA"),
+        vertical=letter in ("Z", "UP", "V", "UD") if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
         event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
@@ -167,31 +161,28 @@ def _keyed(
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
     clock = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", start)
-    return Stream([facts.trace_of(
-        text.numbers(first), facts.number(header["SAMPLING_INTERVAL_S"]),
-        places["SAMPLING_INTERVAL_S"], record, codes=codes,
+    return Stream([common.trace_of(
+        text.numbers(first), common.number(header["SAMPLING_INTERVAL_S"]),
+        f"{text.name}, SAMPLING_INTERVAL_S", record, codes=codes,
         peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
-        start=facts.moment(*map(float, clock.groups())) if clock else None,
+        start=common.moment(*map(float, clock.groups())) if clock else None,
     )])  # fmt: skip
 
 
-def read_knet(source: Source, **_: Any) -> Stream:
+def read_knet(source: common.Source, **_: Any) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
     read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
     stream = read(source if hasattr(source, "read") else str(source))
-    for trace in stream:
-        if "knet" not in trace.stats:
-            continue  # the header is cut off, and so is what follows
+    # Without a header that is whole, nothing follows.
+    for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = facts.read_fields(_KNET, knet.get) | facts.known(
-            level="raw",
+        record = common.read_fields(_KNET, knet.get) | common.known(
+            level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
-            component=component,
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
             sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
-            station=trace.stats.station,
-        )
-        facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        )  # fmt: skip
+        common.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
         trace.stats.record = AttribDict(record)
     return stream

@@ -1,20 +1,46 @@
-"""Synthetic ground motions, and suites of them: each from its magnitude, distance and seeds."""
+"""Synthetic ground motions by the stochastic point-source method of Boore (2003), and suites.
+
+Gaussian noise is shaped in time by a window of the expected duration and in frequency by the
+Fourier amplitude of source, path and site (see `amplitude`), which varies between events, sites
+and records. One motion follows from its magnitude, distance, options and three seeds alone. It
+may have the velocity pulse of a near fault.
+
+References
+----------
+.. [1] Shahi and Baker (2011), BSSA 101(2), 742-755: the period of a pulse, and the amplification
+   of Sa over the same motion without it. The period's coefficients are those of PEER report
+   2013/15 of the same authors, too; the amplification's are from memory and without a second
+   source: check them before use.
+.. [2] Mavroeidis and Papageorgiou (2003), BSSA 93(3), 1099-1131: the form of a pulse.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.index import COLUMNS, write_index
-from archfrag.motions.synthetic.amplitude import VS30
-from archfrag.motions.synthetic.motion import Recipe, make_motion
+from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.motion import Motion
+from archfrag.motions.synthetic import amplitude as fourier
+from archfrag.motions.synthetic.amplitude import FREQUENCIES, GRID, VS30, Row, draw_term
 
-__all__ = ["VS30", "Plan", "Recipe", "make_motion", "make_suite", "plan_motions",
-           "shipped_recipes"]  # fmt: skip
-
+MODEL = (
+    "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
+    "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
+)
+CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
+_QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
+_MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
+_QUIET = 1.0  # [s] of zeros at each end
+_PEAK_PERIOD = 0.88  # of a pulse's amplification, as a fraction of its period
+# Streams of random numbers that one seed may be asked for.
+_STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
 # first with the first and the fourth distance, and so on; each motion at a site of its own.
 SUITE = {
@@ -24,7 +50,7 @@ SUITE = {
     7.0: (5.0, 10.0, 20.0, 40.0, 60.0, 100.0),
     7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
 }
-EVENTS, FIRST_SEED = 3, 20250101  # of each magnitude; of the first motion
+FIRST_SEED = 20250101  # of the first motion
 FOLDER, COMPONENT = "synthetic", "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 # Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
@@ -32,8 +58,161 @@ SPACING = 10**6
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
 
 
-@dataclass(frozen=True)
-class Plan:
+class Recipe(NamedTuple):
+    """All that a motion follows from; seeds, of random numbers, are 0 to 2^63 - 1."""
+
+    magnitude: float  # 3 to 8
+    distance: float  # to the rupture, 0 to 300 [km]
+    seed: int
+    event_seed: int | None = None  # equal for the motions of one event; `seed` if None
+    site_seed: int | None = None
+    dt: float = 0.01  # [s]
+    vs30: float = VS30  # [m/s], 450 to 1000: the range of V/H and of linear soil
+    vary: bool = True  # amplitudes; if not, only phases vary
+    vertical: bool = False
+    pulse: bool = False  # the horizontal velocity pulse of a near fault
+    id: str = ""
+
+
+def make_motion(recipe: Recipe) -> Motion:
+    """Make one motion; InputError outside the ranges of the model.
+
+    The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
+    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then the ends are tapered, a pulse is
+    added if there is one, a line under a taper is subtracted so that velocity and displacement end
+    at zero, and samples are rounded to 1e-6 m/s2 and single precision.
+    """
+    magnitude, distance, seed, *own, dt, vs30 = recipe[:7]
+    event, site = (seed if each is None else each for each in own)
+    for name, value, low, high in (
+        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
+        ("vs30 [m/s]", vs30, 450.0, 1000.0), ("time step [s]", dt, 1e-6, 0.02),
+        *(("seed", each, 0, 2**63 - 1) for each in (seed, event, site)),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
+    length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
+    active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
+    size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
+    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
+    shape = fourier.window(time, length)
+    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
+    amplitude = _amplitude(f, magnitude, distance, vs30)
+
+    def shaken(stream: str, term: Row) -> Row:
+        """Noise in the window with the amplitude and its variation, tapered [m/s2]."""
+        noise = _generator(stream, seed).standard_normal(size)
+        spectrum = np.fft.rfft(noise * shape)
+        spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
+        spectrum[0] = 0.0
+        spectrum[1:] *= amplitude * np.exp(np.interp(np.log(f), np.log(FREQUENCIES), term))
+        samples = np.fft.irfft(spectrum, size)[:active] / dt
+        return samples * _taper(active, int(_MARGIN / dt))
+
+    facts: dict[str, float | str] = {
+        "event": f"synthetic M{magnitude:g} {event}", "Mw": magnitude, "distance_km": distance,
+        "Vs30_mps": vs30, "seed": seed, "event_seed": event, "site_seed": site, "model": MODEL,
+    }  # fmt: skip
+    terms = _terms(recipe, event, site)
+    horizontal = shaken("noise", terms[0])
+    if recipe.pulse:
+        after_peak = time[:active] - fourier.WINDOW_PEAK * length
+        generator = _generator("pulse", seed)
+        horizontal, period = _with_pulse(horizontal, after_peak, magnitude, generator)
+        facts["pulse_period_s"] = period
+    vertical = _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
+    log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
+    name = f"M{magnitude:g}-R{distance:g}-{seed}"
+    return Motion(_finished(horizontal, dt), dt, vertical, name, facts, (log,))
+
+
+def _generator(stream: str, seed: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence([_STREAMS.index(stream), seed]))
+
+
+def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
+    """Fourier amplitude without variation, above zero frequency [m/s]."""
+    amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(f, vs30)
+    amplitude *= fourier.median_adjustment(f, magnitude, distance)
+    return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
+
+
+@lru_cache(maxsize=256)
+def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool) -> Row:
+    """ln of V/H of amplitudes, or what to add to ln amplitude so that variation leaves medians."""
+    amplitude = _amplitude(GRID, magnitude, distance, vs30)
+    if vertical:
+        return fourier.vertical_factor(amplitude, magnitude, distance, vs30)
+    return fourier.median_correction(amplitude)
+
+
+def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
+    """What is added to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
+    scenario = recipe.magnitude, recipe.distance, recipe.vs30
+    ratio = _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
+    if not recipe.vary:
+        return np.zeros(ratio.size), ratio
+    common = _corrections(*scenario, False).copy()
+    for kind, seed in (("event", event), ("site", site)):
+        common += draw_term(kind, _generator(kind, seed))
+    record = draw_term("record", _generator("record", recipe.seed))
+    other = draw_term("record", _generator("vertical_record", recipe.seed))
+    apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
+    return common + record, common + fourier.COMPONENT_CORRELATION * record + apart * other + ratio
+
+
+def _finished(samples: Row, dt: float) -> Row:
+    """The samples less a tapered line, so that velocity and place end at zero; then rounded.
+
+    The ends of rows are zero, so that plain sums are trapezoid sums.
+    """
+    taper = _taper(samples.size, samples.size // 4)
+    position = np.linspace(0.0, 1.0, samples.size)
+    shapes = np.stack((taper, taper * position))
+    ends = [(row.sum() * dt, (row * (1.0 - position)).sum() * dt) for row in (*shapes, samples)]
+    closed = samples - np.linalg.solve(np.array(ends[:2]).T, ends[2]) @ shapes
+    quiet = np.zeros(int(_QUIET / dt))
+    rounded = np.round(closed / _QUANTUM) * _QUANTUM
+    return np.concatenate((quiet, rounded, quiet)).astype(np.float32).astype(np.float64)
+
+
+def _taper(size: int, ramp: int) -> Row:
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
+    return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
+
+
+def amplification(ratio: ArrayLike) -> Row:
+    """Median Sa with a pulse over that without, at T / Tp, shape of `ratio` [1]_."""
+    ratio = np.asarray(ratio, dtype=np.float64)
+    apart = (np.log(ratio) + 0.127) ** 2
+    short = 1.131 * np.exp(-3.11 * apart) + 0.058
+    long = 0.924 * np.exp(-2.11 * apart) + 0.255
+    return np.exp(np.where(ratio <= _PEAK_PERIOD, short, long))
+
+
+def _with_pulse(
+    samples: Row, time: Row, magnitude: float, generator: np.random.Generator
+) -> tuple[Row, float]:
+    """A motion with a pulse at time zero, and its period [s]: at 0.88 Tp it amplifies as [1]_.
+
+    ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
+    (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
+    abs(t) = gamma Tp / 2.
+    """
+    period = float(np.exp(-5.73 + 0.99 * magnitude + 0.56 * generator.standard_normal()))
+    phase = generator.uniform(0.0, 2.0 * np.pi)
+    angle = 2.0 * np.pi * time / period
+    envelope = 1.0 + np.cos(angle / CYCLES)
+    slope = -np.sin(angle / CYCLES) / CYCLES * np.cos(angle + phase)
+    slope -= envelope * np.sin(angle + phase)
+    pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
+    dt, at = time[1] - time[0], _PEAK_PERIOD * period
+    without, alone = (spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse))
+    gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
+    return samples + gain * without / alone * pulse, period
+
+
+class Plan(NamedTuple):
     """A suite that is asked for."""
 
     events: int
@@ -51,19 +230,16 @@ class Plan:
 
 def plan_motions(plan: Plan) -> list[Recipe]:
     """Recipes of a suite, event by event; InputError if there are more records than seeds."""
-    count = plan.events * plan.records_per_event
+    count, first = plan.events * plan.records_per_event, plan.seed * SPACING
     if count > SPACING:
         raise InputError(f"{count} motions are more than {SPACING}, the seeds of one suite")
-    first = plan.seed * SPACING
     generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
-    magnitudes = np.resize(plan.magnitude, plan.events)
+    magnitudes, distances = np.resize(plan.magnitude, plan.events), np.resize(plan.distance, count)
     if plan.drawn_magnitude:
-        low, high = plan.magnitude
-        magnitudes = generator.uniform(low, high, plan.events).round(6)
-    distances = np.resize(plan.distance, count)
+        magnitudes = generator.uniform(plan.magnitude[0], plan.magnitude[1], plan.events).round(6)
     if plan.drawn_distance:
-        low, high = np.log(np.maximum(plan.distance, 1e-3)).tolist()
-        distances = np.exp(generator.uniform(low, high, count).round(6)).round(2)
+        ends = np.log(np.maximum(plan.distance, 1e-3)).tolist()
+        distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     pulses = generator.uniform(size=count) < plan.pulses
     recipes = []
     for number, (distance, pulse) in enumerate(zip(distances.tolist(), pulses.tolist())):
@@ -81,8 +257,7 @@ def shipped_recipes() -> list[Recipe]:
     recipes: list[Recipe] = []
     for group, (magnitude, distances) in enumerate(SUITE.items()):
         for place, distance in enumerate(distances):
-            seed = FIRST_SEED + len(recipes)
-            event = FIRST_SEED + group * EVENTS + place % EVENTS
+            seed, event = (FIRST_SEED + n for n in (len(recipes), group * 3 + place % 3))
             name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
             recipes.append(Recipe(magnitude, distance, seed, event, id=name))
     return recipes
