@@ -189,8 +189,7 @@ def check_lognormal(
     studies drawn from the fitted curve, each fitted anew (parametric bootstrap; Davison and
     Hinkley 1997, section 4.2), in the same cells as the study's runs. ln capacity of a run is
     ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one normal number per record, e one
-    per run, and rho from the scatter between runs of a record: independent runs would give a test
-    that finds misfits too seldom or too often. Records of one event are drawn as independent.
+    per run, and rho from the scatter between runs of a record. Events are not taken into account.
 
     Returns the probability of so large a ratio if the lognormal curve is the true one; rho, 1
     where no verdicts contradict each other, nan where each record serves once. FitError if the
