@@ -92,15 +92,14 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     from archfrag.study.file.arches import ArchEntry
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
-    what = f"--profile {given['profile']}"
     if "drawing" in given:
-        what = "--drawing"
         del given["profile"]
     try:
         return ArchEntry.model_validate(given).build()
     except ValidationError as error:
         message = first_message(error, given, lambda parts: _option(str(parts[0])))
         how = "or take an arch of a study by --study STUDY --arch ID"
+        what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
         raise InputError(f"{what}: {message}; {how}") from error
 
 

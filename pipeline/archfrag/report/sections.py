@@ -20,7 +20,6 @@ from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
 Rows = Iterator[tuple[str, object]]
-_ENTRIES = 60  # of the log, in words
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
@@ -103,8 +102,6 @@ def card(
     if results is not None:
         names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
         counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
-        landed = (results.verdict == Verdict.STANDING) & np.isfinite(results["lost_contact_time"])
-        counts["lost contact and stand"] = landed.sum()
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -193,10 +190,10 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
     bar, cells = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>'), []
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
-        best = " (best)" if row["measure"] == found["best"] else ""
+        label = row["measure"] + " (best)" * (row["measure"] == found["best"])
+        shown = bar.format(measured(efficiency[i]), percent[i])
         numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
-        shown = bar.format(measured(row["efficiency"]), percent[i])
-        cells.append([f"{row['measure']}{best}", shown, *numbers, row["unit"]])
+        cells.append([label, shown, *numbers, row["unit"]])
     yield paragraph(found["message"])
     heads = ["measure", "efficiency", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
@@ -208,7 +205,6 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
         if value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
-            shown = {"True": "yes", "False": "no"}.get(shown, shown)
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
         yield "dead load", "none: the ring alone, without fill and spandrels"
@@ -268,12 +264,11 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
 def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
     """Runs simulated again: a collapse and a near miss in motion, and the log of the first."""
     name, arch, onset = inputs.arches[place]
-    fit = inputs.answers[name].curve
+    fit, films = inputs.answers[name].curve, []
     if not onset.stands:
         return
     median = fit.theta * results.scale.factor if isinstance(fit, Fragility) else None
     first = arch_figures.repeat(inputs, results, arch, arch_figures.choose(results, median))
-    films = []
     if animated:
         if first is not None and first.response.collapsed:
             films.append(arch_figures.film(first, f"fall{place}", "A collapse"))
@@ -281,14 +276,9 @@ def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: 
         if second is not None and not second.response.collapsed:
             films.append(arch_figures.film(second, f"miss{place}", "A near miss"))
     if any(films):
-        shown = Markup("\n").join(film for film in films if film)
         yield heading("Runs in motion")
+        shown = Markup("\n").join(filter(None, films))
         yield Markup('<div class="motions">{}</div>').format(shown)
     if first is not None and (picture := runs.timeline(first)):
-        entries = first.response.mechanism or ()
-        words = [str(change) for change in entries[:_ENTRIES]]
-        if len(entries) > _ENTRIES:
-            words.append(f"... and {len(entries) - _ENTRIES} more")
         yield heading("The mechanism in one run")
         yield picture
-        yield html.folded("The log in words", "\n".join(words))
