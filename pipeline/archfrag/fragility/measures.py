@@ -81,14 +81,12 @@ def compare_measures(
             if place.max(initial=-1) + 1 >= _LEAST and np.ptp(value[used]) > 0.0:
                 covariates[name] = used, value[used], place
 
-    def in_measures(intensity: FloatArray) -> FloatArray:
-        with np.errstate(divide="ignore"):
-            return log_value + power * ((np.log(intensity) - log_value[mine]) / power[mine])
-
     low, high = np.where(known.bracketed, known.middle, (known.lower, known.upper))
+    with np.errstate(divide="ignore"):
+        factors = [(np.log(end) - log_value[mine]) / power[mine] for end in (low, high)]
+    bounds = log_value + power * factors[0], log_value + power * factors[1]
     ends = np.where(known.bracketed, (known.lower, known.upper), 1.0)
     width = power / power[mine] * np.log(ends[1] / ends[0])
-    bounds = in_measures(low), in_measures(high)
     columns, expected = _compare_records(bounds, width**2 / 12.0, covariates)
     rows = []
     for i, (name, each) in enumerate(zip(names, power[:, 0].tolist())):

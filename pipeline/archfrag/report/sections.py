@@ -43,7 +43,7 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
     yield _levels(results, answer, percent)
     if "cloud" in more:
-        yield _cloud(more["cloud"]["logistic"], inputs.scale)
+        yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
@@ -146,15 +146,13 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
-def _cloud(fit: Mapping[str, Any], scale: Scale) -> Markup:
-    """Result of the logistic regression of a cloud, or why there is none."""
+def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
     if "none" in fit:
-        return paragraph(f"There is no logistic regression: {fit['none']}.")
+        return f"There is no logistic regression: {fit['none']}."
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
-    return paragraph(
-        f"Logistic regression of collapse against ln intensity: θ {theta} {scale.unit} ({low} to "
-        f"{high}), β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])}).", "note",
-    )  # fmt: skip
+    beta = f"β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])})"
+    found = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
+    return f"Logistic regression of collapse against ln intensity: {found}."
 
 
 def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
