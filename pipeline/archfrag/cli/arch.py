@@ -178,7 +178,6 @@ def simulate(
 
 
 def _text(response: "Response", facts: dict[str, Any]) -> str:
-    """Results of one run in short lines."""
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import summary
 

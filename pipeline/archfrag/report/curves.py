@@ -49,7 +49,6 @@ def draw_curve(
 
 
 def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
-    """Draw the observed fraction of collapses at each level."""
     known = results.known
     used = known.n > 0
     panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)

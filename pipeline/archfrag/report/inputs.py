@@ -47,7 +47,6 @@ class Scale:
 
     @property
     def label(self) -> str:
-        """Axis label."""
         return f"{self.measure} [{self.unit}]"
 
     def digits(self, value_si: float) -> str:
@@ -82,7 +81,6 @@ class ReportInputs:
 
     @property
     def percent(self) -> str:
-        """The confidence in words."""
         return f"{100 * self.confidence:.0f} %"
 
     @property
@@ -272,7 +270,6 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 
 
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
-    """Counts and mechanisms of the runs of an arch."""
     found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
     names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
     counts = {name: int(getattr(found, name).sum()) for name in names}

@@ -220,7 +220,6 @@ def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -
 
 
 def _motion_parts(inputs: ReportInputs) -> Iterable[Any]:
-    """Figures and table of the ground motions."""
     cube = inputs.cube
     yield thumbnails(inputs.motions)
     yield _scaled_spectra(inputs)

@@ -61,7 +61,6 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
 
 
 def class_parts(inputs: ReportInputs, name: str) -> Parts:
-    """What the page shows of a class."""
     of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
     members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
     yield card(answer, inputs.scale, inputs.percent)
