@@ -25,11 +25,9 @@ NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 _REACH = 4.0
 _GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
 _MOST = 4  # limit states in IN-CORE
-_PER_G = 1.0 / STANDARD_GRAVITY
 # Receivers' units over those of SI.
-_FACTORS = {
-    "g": _PER_G, "g s": _PER_G, "cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0,
-}  # fmt: skip
+_FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
+_FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
 Element = ElementTree.Element

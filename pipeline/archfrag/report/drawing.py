@@ -246,10 +246,10 @@ class Panel:
 
 def panel_below(
     sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
-    left: float = LEFT, top: float = 0.0, log: bool = False,
+    left: float = LEFT, log: bool = False,
 ) -> Panel:  # fmt: skip
-    """A legend, and below it the last panel of a sheet, over its full width."""
-    top = sheet.legend(left, top, entries) + 6.0
+    """A legend, and below it the panel of a sheet, over its full width."""
+    top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
 
