@@ -243,7 +243,6 @@ def film(example: Example, name: str, title: str) -> Picture | None:
 
 
 def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
-    """Acceleration of the ground below a film."""
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
     panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
     peak = f"{draw_ground(panel, example, 240):.2g} g"
