@@ -243,10 +243,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         study = Study.model_validate(given, context={"folder": folder})
         # Arches that each record has of its own are known once the records are.
         check_buildable(study.members(n_record=1).checked())
-    except ValidationError as error:
-        raise StudyError(f"{path}: {first_message(error, given)}") from error
-    except StudyError as error:
-        raise StudyError(f"{path}: {error}") from error
+    except (ValidationError, StudyError) as error:
+        why = error if isinstance(error, StudyError) else first_message(error, given)
+        raise StudyError(f"{path}: {why}") from error
     return study
 
 
