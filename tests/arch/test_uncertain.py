@@ -32,15 +32,20 @@ def test_samples_have_mean_and_deviation_of_their_distribution(name, scheme):
     assert values.std() == pytest.approx(other.std(), rel=0.01)
 
 
+def unit_points(count, scheme):
+    uniform = {name: Marginal(stats.uniform()) for name in "abc"}
+    return np.array(list(sample(uniform, count, scheme=scheme, seed=3).values())).T
+
+
 @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
 def test_each_slice_of_each_coordinate_has_one_point(scheme):
-    points = unit_points(64, 3, scheme, seed=3)
+    points = unit_points(64, scheme)
     for coordinate in np.floor(points * 64).astype(int).T:
         assert sorted(coordinate) == list(range(64))
     assert 0.0 < points.min() < points.max() < 1.0
     if scheme == "sobol":  # they stay when more are asked for
         for count in (1, 4, 11, 32):
-            np.testing.assert_array_equal(unit_points(count, 3, scheme, seed=3), points[:count])
+            np.testing.assert_array_equal(unit_points(count, scheme), points[:count])
 
 
 def test_ranks_and_logarithms_are_correlated_as_asked():

@@ -13,6 +13,7 @@ from archfrag.simulate import onset
 from archfrag.study.answer.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
+SCALE = Scale("PGA", "g", 1.0 / GRAVITY)
 
 
 def motions(n_record=6, seed=1):

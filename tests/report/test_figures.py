@@ -12,7 +12,7 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
-from archfrag.report import curves, motions, runs
+from archfrag.report import curves, drawing, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
@@ -146,7 +146,7 @@ def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
 @pytest.mark.parametrize("n", [2, 200, 5000])
 def test_envelope_keeps_the_peaks(n):
     values = np.random.default_rng(n).standard_normal(n)
-    place, low, high = motions.envelope(values, 220)
+    place, low, high = drawing.envelope(values, 220)
     assert (low.min(), high.max()) == (values.min(), values.max())
     assert place.size <= 220
 

@@ -171,7 +171,7 @@ def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
     fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
     whole, short = (risk_of(data, fits, hazard(points)) for points in (8, 4))
-    list(risk_parts(whole, reading_scale(data, "PGA"), "90 %"))
+    list(risk_parts(whole, synthetic.SCALE, "90 %"))
     assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
     page, bound = (read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
                    for risk in (whole, short))  # fmt: skip

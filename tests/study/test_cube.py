@@ -7,13 +7,14 @@ import lxml.html
 import numpy as np
 import pytest
 import xarray as xr
+from archfrag.study.answer.comparisons import dispersion_split
+from archfrag.study.runs.outcome import COLUMNS
 
 from archfrag.errors import FitError, InputError, OutputError
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
-from archfrag.study.answer.comparisons import dispersion_split
 from archfrag.study.answer.cube import build_cube, write_cube
 from archfrag.study.answer.curves import Answer, Runs, likeliest
 from archfrag.study.answer.fits import (
@@ -31,7 +32,6 @@ from archfrag.study.answer.fits import (
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import finite
 from archfrag.study.runs import Stripes
-from archfrag.study.runs.outcome import COLUMNS
 from archfrag.study.runs.store import gather
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 

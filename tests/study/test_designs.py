@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from archfrag.study.runs.outcome import COLUMNS
 
 import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
@@ -16,7 +17,6 @@ from archfrag.study.file.schema import load_study
 from archfrag.study.runs import Grid, ask
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Ida, Precision
-from archfrag.study.runs.outcome import COLUMNS
 from tests.study.small import TEXT, assert_compliant, changed, cube_of, small_study, write_at2
 
 LEVELS = np.linspace(0.05, 0.75, 15)

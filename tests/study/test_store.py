@@ -105,11 +105,10 @@ class TestStore:
         verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
         for some in np.array_split(np.arange(len(stored)), 7):
             write_part(tmp_path, stored[some], {"verdict": verdict[some]})
-        store = Store(tmp_path)
-        there = store.places(np.concatenate([other, stored, stored[:5]])) >= 0
+        table = read_parts(tmp_path)
+        there = places(table, np.concatenate([other, stored, stored[:5]])) >= 0
         assert there.tolist() == [False] * len(other) + [True] * (len(stored) + 5)
-        np.testing.assert_array_equal(store.rows(stored)["verdict"], verdict)
-        np.testing.assert_array_equal(store.rows(stored)["key"], stored)
+        np.testing.assert_array_equal(table[places(table, stored)]["verdict"], verdict)
 
     def test_clean_shows_what_is_of_no_use_asks_and_removes_it_alone(self, copied):
         """A study that grew and went back; parts of other kernels, one damaged, a user's file."""

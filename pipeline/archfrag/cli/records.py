@@ -85,8 +85,8 @@ def inspect(
     shown = [inspection_text(facts) for facts in found if "error" not in facts]
     if shown or as_json:
         show(found, "\n".join(shown), as_json)
-    for error in unreadable:
-        warn(f"error: {error}")
+    for each in unreadable:
+        warn(f"error: {each}")
     if unreadable:
         context.exit(RecordError.exit_code)
 

@@ -49,7 +49,7 @@ def validate(study: Any, as_json: bool) -> None:
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
-    text = f"{study_file}: in order; {parts}, {runs} by design {found['design']}"
+    text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
     show(found, "\n  ".join([text, *found["classes"], *found["partners"]]), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")

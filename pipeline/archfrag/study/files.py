@@ -85,7 +85,7 @@ def check_own(study: "Study") -> None:
     strange = "is a link, pipe or device, which archfrag did not make; remove it"
     if study.work.is_symlink():
         raise OutputError(f"{study.work}: {strange}")
-    for entry in entries(study.work):
+    for entry in study.work.rglob("*"):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             raise OutputError(f"{entry}: {strange}")
     sweep(study.work)
