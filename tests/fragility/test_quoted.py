@@ -191,10 +191,7 @@ class TestIsotonic:
 class TestOfFit:
     @pytest.mark.parametrize("rho", [1.0, 0.5, None])
     def test_size(self, rho):
-        """60 lognormal studies: p is below 0.5 in half and below 0.1 in a tenth of them.
-
-        Three standard errors are 19 and 12 %. None: each run has a motion of its own.
-        """
+        """Of 60 lognormal studies, within three standard errors. None: records of one run."""
         p = []
         for i in range(60):
             draw = np.random.default_rng(i)

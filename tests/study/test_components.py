@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from obspy import Stream, Trace
 
 from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.motions.measures import measure
@@ -66,8 +67,6 @@ class TestVertical:
         assert np.allclose(motions["c"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
 
     def test_is_in_the_same_file_and_left_out_unless_asked_for(self, tmp_path):
-        from obspy import Stream, Trace
-
         header = {"delta": 0.01, "network": "XX", "station": "S"}
         Stream(
             Trace(wave(frequency=f), header={**header, "channel": code})

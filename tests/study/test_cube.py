@@ -1,5 +1,6 @@
 """The cube of a study, curves of its runs, and the cautions about them."""
 
+import contextlib
 import json
 from dataclasses import replace
 
@@ -107,16 +108,13 @@ def test_fits_are_read_back_as_they_were_and_damaged_ones_are_a_message(copied):
             load_fits(copied.study)
 
 
-def with_verdicts(study, change):
+@contextlib.contextmanager
+def changed_cube(study):
     """Change the cube of a study, which is made if it is not there."""
     path = study.folder / "cube.nc"
     cube = xr.load_dataset(path if path.exists() else write_cube(study))
-    change(cube)
+    yield cube
     cube.to_netcdf(path)
-
-
-def all_survive(cube):
-    cube["verdict"][:] = Verdict.STANDING
 
 
 SHIPPED = f"""index: {ROOT / "records" / "index.csv"}
@@ -147,11 +145,9 @@ def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
 
 def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_survivals(copied):
     def curves_with(verdict):
-        def change(cube):
+        with changed_cube(copied.study) as cube:
             cube["verdict"][:] = [[0, 0, 1], [0, 1, 1]]
             cube["verdict"][0, 0, 1] = verdict
-
-        with_verdicts(copied.study, change)
         return fit_cube(copied.study).arches
 
     found = curves_with(Verdict.SOLVER_FAILURE)
@@ -217,7 +213,8 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
 
 
 def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
-    with_verdicts(copied.study, all_survive)
+    with changed_cube(copied.study) as cube:
+        cube["verdict"][:] = Verdict.STANDING
     assert "above 1.2 g" in fit_cube(copied.study).arches["ring"].curve
     none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
     *surviving, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
@@ -226,12 +223,9 @@ def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
         for name in ("ring", "slab")
     ]
     assert last.startswith("all records are of one earthquake (Test)")
-
-    def undecide(cube):
+    with changed_cube(copied.study) as cube:
         cube["verdict"][1, :, 2] = Verdict.UNFINISHED
         cube["scale_factor"][0, 1] = 11.0
-
-    with_verdicts(copied.study, undecide)
     first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study), none)
     assert ring.startswith("ring: no record caused collapse")
     assert first.startswith("slab: more than 5 % of the runs")
