@@ -4,20 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from archfrag.motions import target as targets
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
 from archfrag.motions.selection import select_records
-from archfrag.motions.target import (
-    MODELS,
-    Rupture,
-    conditional_spectrum,
-    correlation,
-    predict,
-    read_target,
-    spectrum_target,
-)
+from archfrag.motions.target import Rupture, conditional_spectrum, predict, spectrum_target
 
 from .helpers import at2_text, refused
 
@@ -25,7 +18,7 @@ GRID = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
 NEAR = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", targets.MODELS)
 @pytest.mark.parametrize("mechanism", ["SS", "RS"])
 def test_all_models_are_within_a_factor_of_two_of_each_other(model, mechanism):
     rupture = Rupture(6.5, 20.0, 500.0, mechanism=mechanism, dip=60.0)
@@ -40,7 +33,7 @@ def test_csv_of_a_conditional_spectrum_is_that_spectrum(tmp_path):
     rows = zip(made.periods[::-1], made.median[::-1], made.sd[::-1])
     path = tmp_path / "target.csv"
     path.write_text("period_s,Sa_g,sd\n" + "".join(f"{t},{m},{s}\n" for t, m, s in rows))
-    found = read_target(path)
+    found = targets.read_target(path)
     assert found.conditioning == 1.0
     assert found.ln_mean == pytest.approx(made.ln_mean)
     assert found.covariance == pytest.approx(made.covariance, abs=1e-9)
@@ -54,7 +47,7 @@ TARGET = conditional_spectrum(Rupture(7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
 def thousand():
     """Made-up records: spectra about CY14 with the published correlation, M, R and Vs30 drawn."""
     rng = np.random.default_rng(0)
-    values, vectors = np.linalg.eigh(correlation(PERIODS[:, None], PERIODS))
+    values, vectors = np.linalg.eigh(targets.correlation(PERIODS[:, None], PERIODS))
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     rows = []
     for number in range(1000):
@@ -154,7 +147,7 @@ def predicted(change, model="CY14", periods=(1.0,)):
 def in_csv(text):
     def read(_, folder):
         (folder / "target.csv").write_text(text)
-        return read_target(folder / "target.csv")
+        return targets.read_target(folder / "target.csv")
 
     return read
 
@@ -162,7 +155,7 @@ def in_csv(text):
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda *_: correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
+        (lambda *_: targets.correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
         (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
