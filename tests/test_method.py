@@ -5,12 +5,7 @@ import re
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from matplotlib.colors import to_hex
-
-from archbench.paper.block import Mechanism, uniform_block
-from archbench.paper.regions import starting_region
 
 TESTS = Path(__file__).parent
 TEXT = (TESTS.parent / "pipeline" / "METHOD.md").read_text(encoding="utf-8")
@@ -20,7 +15,7 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import block, equations  # noqa: E402
+from figures import equations  # noqa: E402
 
 
 def equations_named(text):
@@ -72,33 +67,3 @@ class TestPages:
             for number, a, b, c, d, e, f in ROWS
         }  # fmt: skip
         assert "four_hinges" in equations.holds(29)
-
-
-def shades_at(axes, x, y):
-    """Colours of the regions that are drawn at a point."""
-    found = set()
-    for shape in [*axes.collections, *axes.patches]:
-        if hasattr(shape, "get_paths"):
-            paths, colour = shape.get_paths(), shape.get_facecolor()[0]
-        else:
-            paths = [shape.get_path().transformed(shape.get_patch_transform())]
-            colour = shape.get_facecolor()
-        if any(path.contains_point((x, y)) for path in paths):
-            found.add(to_hex(colour))
-    return found
-
-
-@pytest.mark.parametrize("slenderness", [0.2, 1.0])
-def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(slenderness, monkeypatch):
-    monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
-    first, second, third, _ = block.starting_regions(slenderness).axes
-    body, rng, seen = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1), set()
-    for across, y in rng.uniform([-2.5, 0.0], [2.5, 2.5], (300, 2)):
-        x, friction = slenderness * across, slenderness * y
-        points = ((first, friction, (0.0, friction)), (second, friction, (-0.4, friction)),
-                  (third, 0.7 * y - 1.0, (0.7 * y - 1.0, 1.5 * slenderness)))  # fmt: skip
-        for axes, height, at in points:
-            mechanism = starting_region(body, x, *at)
-            assert block._SHADE[mechanism] in shades_at(axes, x, height)
-            seen.add(mechanism)
-    assert seen >= set(Mechanism) - {Mechanism.LIFT_OFF}
