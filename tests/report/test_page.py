@@ -1,7 +1,6 @@
 """The page shows what the cube holds, needs nothing but itself, and is written or not."""
 
 import json
-import os
 import re
 from dataclasses import replace
 
@@ -9,7 +8,7 @@ import lxml.html
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.report.html import digits
@@ -270,21 +269,6 @@ class TestNumbers:
         origin = section(page, "provenance")
         assert {"0123abcd", "CF-1.11"} <= {text(cell) for cell in origin.xpath(".//td")}
         assert '"levels": [ 0.1 ]' in text(origin)
-
-
-def test_a_failed_write_keeps_the_old_page(study, tmp_path, monkeypatch):
-    out = write_report(study, tmp_path / "report.html")
-    assert sorted(os.listdir(tmp_path)) == ["curve-ring.svg", "report.html", "summary.json"]
-    before = out.read_bytes()
-
-    def no_space(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", no_space)
-    with pytest.raises(OutputError, match=r"summary\.json: .*No space left on device"):
-        write_report(replace(study, title="another"), out)
-    assert out.read_bytes() == before
-    assert len(os.listdir(tmp_path)) == 3
 
 
 def bisected():
