@@ -205,7 +205,7 @@ def fallen():
     return arches.Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
 
 
-def change(time, until, joints, model="mega_voussoirs"):
+def change(time, until, joints, model):
     return MechanismChange(time, until, "impact", -1, model, joints)
 
 
