@@ -5,7 +5,13 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_hex
+from matplotlib.transforms import IdentityTransform
+
+from archbench.paper.block import Mechanism, uniform_block
+from archbench.paper.regions import starting_region
 
 TESTS = Path(__file__).parent
 TEXT = (TESTS.parent / "pipeline" / "METHOD.md").read_text(encoding="utf-8")
@@ -15,7 +21,7 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import equations  # noqa: E402
+from figures import block, equations  # noqa: E402
 
 
 def equations_named(text):
@@ -67,3 +73,25 @@ class TestPages:
             for number, a, b, c, d, e, f in ROWS
         }  # fmt: skip
         assert "four_hinges" in equations.holds(29)
+
+
+@pytest.mark.parametrize("slenderness", [0.2, 1.0])
+def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(slenderness, monkeypatch):
+    monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
+    first, second, third, _ = block.starting_regions(slenderness).axes
+    body, rng, seen = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1), set()
+    for x, y in rng.uniform([-2.5 * slenderness, 0.0], [2.5 * slenderness, 2.5], (300, 2)):
+        mu, level = slenderness * y, 0.7 * y - 1.0
+        for axes, place, at in ((first, mu, (0.0, mu)), (second, mu, (-0.4, mu)),
+                                (third, level, (level, 1.5 * slenderness))):  # fmt: skip
+            shades = set()
+            for shape in [*axes.collections, *axes.patches]:
+                of_one = not hasattr(shape, "get_paths")
+                paths = [shape.get_path()] if of_one else shape.get_paths()
+                to_data = shape.get_patch_transform() if of_one else IdentityTransform()
+                if any(path.transformed(to_data).contains_point((x, place)) for path in paths):
+                    shades.add(to_hex(np.ravel(shape.get_facecolor())))
+            mechanism = starting_region(body, x, *at)
+            assert block._SHADE[mechanism] in shades
+            seen.add(mechanism)
+    assert seen >= set(Mechanism) - {Mechanism.LIFT_OFF}
