@@ -96,7 +96,6 @@ class TestWhatDoesNotCome:
             (DATA, wave_of("HNE") + wave_of("HNE", 12, 20), "unusable", "has a gap of 3"),
             (DATA, wave_of("HNE")[:-100], "unusable", "truncated or not"),
             (EVENTS, fdsn.quakeml(origins=False), "unusable", "has no origin"),
-            (EVENTS, b"{}", "unusable", ""),
             (RESPONSE, fdsn.station_xml(["FAR"]), "unusable", "no response for"),
             (LIST, fdsn.station_xml(["NEAR"]).replace(b'"NEAR"', b'"../../X"'), "unusable",
              "cannot name a file"),

@@ -89,12 +89,8 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
 
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    circle = tmp_path / "circle.AT2"
-    circle.symlink_to(circle)
-    for path, reason in ((tmp_path / "pipe", "it is not a regular file"),
-                         ("/dev/zero", "it is not a regular file"),
-                         (circle, "Too many levels of symbolic links")):  # fmt: skip
-        with pytest.raises(RecordError, match=f"cannot be read: {reason}"):
+    for path in (tmp_path / "pipe", "/dev/zero"):
+        with pytest.raises(RecordError, match="cannot be read: it is not a regular file"):
             read_motion(path)
 
 

@@ -164,7 +164,6 @@ def in_csv(text):
         (lambda *_: conditional_spectrum(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),
         (in_csv("period_s,Sa_g\n1,x\n"), ["target.csv: Sa_g: ", "'x'"]),
-        (in_csv("period_s,Sa_g\n1\n"), ["target.csv", "Sa [nan]", "finite"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
         (chosen(lambda t: t.drop(columns="T0.050000S")), ["no column T0.050S", "measure at"]),
         (chosen(lambda t: t.assign(record="x")), ["'x' is there twice"]),
