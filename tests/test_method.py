@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.transforms import IdentityTransform
 
 from archbench.paper.block import Mechanism, uniform_block
 from archbench.paper.regions import starting_region
@@ -74,31 +75,23 @@ class TestPages:
         assert "four_hinges" in equations.holds(29)
 
 
-def shades_at(axes, x, y):
-    """Colours of the regions that are drawn at a point."""
-    found = set()
-    for shape in [*axes.collections, *axes.patches]:
-        if hasattr(shape, "get_paths"):
-            paths, colour = shape.get_paths(), shape.get_facecolor()[0]
-        else:
-            paths = [shape.get_path().transformed(shape.get_patch_transform())]
-            colour = shape.get_facecolor()
-        if any(path.contains_point((x, y)) for path in paths):
-            found.add(to_hex(colour))
-    return found
-
-
 @pytest.mark.parametrize("slenderness", [0.2, 1.0])
 def test_the_shade_of_a_point_in_a_figure_is_that_of_its_motion(slenderness, monkeypatch):
     monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
     first, second, third, _ = block.starting_regions(slenderness).axes
     body, rng, seen = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1), set()
-    for across, y in rng.uniform([-2.5, 0.0], [2.5, 2.5], (300, 2)):
-        x, friction = slenderness * across, slenderness * y
-        points = ((first, friction, (0.0, friction)), (second, friction, (-0.4, friction)),
-                  (third, 0.7 * y - 1.0, (0.7 * y - 1.0, 1.5 * slenderness)))  # fmt: skip
-        for axes, height, at in points:
+    for x, y in rng.uniform([-2.5 * slenderness, 0.0], [2.5 * slenderness, 2.5], (300, 2)):
+        mu, level = slenderness * y, 0.7 * y - 1.0
+        for axes, place, at in ((first, mu, (0.0, mu)), (second, mu, (-0.4, mu)),
+                                (third, level, (level, 1.5 * slenderness))):  # fmt: skip
+            shades = set()
+            for shape in [*axes.collections, *axes.patches]:
+                of_one = not hasattr(shape, "get_paths")
+                paths = [shape.get_path()] if of_one else shape.get_paths()
+                to_data = shape.get_patch_transform() if of_one else IdentityTransform()
+                if any(path.transformed(to_data).contains_point((x, place)) for path in paths):
+                    shades.add(to_hex(np.ravel(shape.get_facecolor())))
             mechanism = starting_region(body, x, *at)
-            assert block._SHADE[mechanism] in shades_at(axes, x, height)
+            assert block._SHADE[mechanism] in shades
             seen.add(mechanism)
     assert seen >= set(Mechanism) - {Mechanism.LIFT_OFF}

@@ -18,7 +18,6 @@ MARGINALS = {
         {"mean": 1.5, "sd": 0.3, "lower": 1.2, "upper": 2.4},
         stats.truncnorm(-1.0, 3.0, 1.5, 0.3),
     ),
-    "normal cut below": ({"mean": 0.0, "sd": 1.0, "lower": 2.0}, stats.truncnorm(2.0, np.inf)),
 }
 
 

@@ -1,7 +1,7 @@
 """Probabilities that a receiver's own parser reads from a file: RECEIVER FILE LEVELS, JSON out.
 
-Run by the receiver's interpreter. LEVELS are intensities in the receiver's unit: of OpenQuake by
-id of a function, of pelicun by component, of IN-CORE a list.
+Run by the receiver's interpreter. LEVELS are intensities in its unit: of OpenQuake by id of a
+function, of pelicun by component, of IN-CORE a list.
 """
 
 import json

@@ -79,15 +79,11 @@ def test_no_curve_at_all(study):
 
 
 def test_messages_and_json(study, tmp_path):
-    def call(*arguments):
-        return command("export", tmp_path / "small.yaml", *arguments)
-
-    folder = tmp_path / "x"
-    result = call("--format", "pelicun", "--format", "pelicun", "--out", str(folder))
-    assert result.exit_code == 0, result.output
+    call = ("export", tmp_path / "small.yaml", "--format")
+    result = command(*call, "pelicun", "--format", "pelicun", "--out", str(tmp_path / "x"))
     assert result.stderr.splitlines()[0] == "archfrag: no curve of slab is exported: it fell"
     names = "small-pelicun.csv", "small-pelicun.json"
-    assert result.stdout.splitlines() == [f"pelicun: {folder / name}" for name in names]
-    facts = json.loads(call("--format", "in-core", "--json").stdout)
+    assert result.stdout.splitlines() == [f"pelicun: {tmp_path / 'x' / name}" for name in names]
+    facts = json.loads(command(*call, "in-core", "--json").stdout)
     assert [each["format"] for each in facts["files"]] == ["in-core"]
     assert list(facts["left_out"]) == ["slab"]

@@ -85,13 +85,10 @@ def random_hinged_arch(rng, friction):
 
 def random_ring(rng, n, mu):
     """An arch of n straight-sided voussoirs of different lengths."""
-    radius = 10.0
-    thickness = radius * rng.uniform(0.08, 0.3)
-    embrace = np.deg2rad(rng.uniform(60, 180))
-    cuts = np.sort(rng.uniform(0.3, 1.0, n).cumsum())
-    angles = np.pi / 2 + embrace / 2 - embrace * np.concatenate([[0], cuts / cuts[-1]])
-    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return af.Arch.from_joints((radius - thickness / 2) * ray, (radius + thickness / 2) * ray, mu)
+    thickness, embrace = 10.0 * rng.uniform(0.08, 0.3), rng.uniform(60, 180)
+    cuts = np.concatenate([[0.0], rng.uniform(0.3, 1.0, n).cumsum()])
+    joints = embrace * cuts / cuts[-1]
+    return af.Arch.circular(10.0, thickness, embrace, n, mu, sector=False, joints=joints)
 
 
 def random_state(rng, n, mu, kind):

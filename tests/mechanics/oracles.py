@@ -102,16 +102,12 @@ def law_violation(problem, solution):
 
 
 def balanced(problem, modes):
-    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27).
-
-    Constrained are both components at a joint's first corner that bears, the normal one at its
-    second.
-    """
+    """Wrenches on the later bodies in modes without slip, by one dense problem (Eqs 26, 27)."""
     model, work, n = problem.model, problem.work, problem.model.mass.size - 2
     still = problem.copy(bias=0.0 * work.bias)
     units = np.eye(3 * n).reshape(-1, n, 3)
     matrix = np.stack([corner_rates(still, unit) for unit in units], axis=-1)
-    held = [
+    held = [  # both components at a joint's first corner that bears, the normal one at its second
         (j, c, axis)
         for j, mode in enumerate(modes)
         for k, c in enumerate(mode.corners)

@@ -55,22 +55,6 @@ def test_acceleration_is_linear_up_to_the_next_bend_of_either_component():
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "plus", "minus", "expected"),
-    [
-        (1.0, 0.0, 0.35, 0.2, 2.5),  # what is left to the nearer limit
-        (-1.0, 0.0, 0.35, 0.2, 1.0),
-        (4.0, 0.0, 0.35, 0.2, -0.5),
-        (2.5, 5.0, 0.2, 0.2, 0.5),  # upward acceleration widens the range
-        (2.5, -5.0, 0.2, 0.2, -1.5),
-        (99.0, -9.0, np.inf, np.inf, 1.0),  # the ground falls faster than an arch of any range
-        (0.0, -11.0, np.inf, np.inf, -1.0),
-    ],
-)
-def test_margin_of_rest(x, y, plus, minus, expected):
-    assert ground.rest_margin(x, y, 10.0, plus, minus) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
     ("x", "y", "limits", "given", "expected"),
     [
         ([0, 1, 3, 0], None, (0.2, 0.2), {}, (0.75, False)),  # between two samples
@@ -81,6 +65,8 @@ def test_margin_of_rest(x, y, plus, minus, expected):
         ([1, 1, 1], None, (0.2, -0.05), {}, (1.0, False)),  # only the ground holds it up
         ([0, 2.5, 2.5], [0, 5, 5], (0.2, 0.2), {}, (1.0, True)),  # upward: a wider range
         ([0, 1.5, 1.5], [0, -5, -5], (0.2, 0.2), {}, (0.4, False)),
+        # The ground falls faster than an arch of any range.
+        ([9, 9, 9], [0, -20, -20], (np.inf, np.inf), {}, (0.25, False)),
     ],
 )
 def test_rest_ends_where_the_load_leaves_its_range(x, y, limits, given, expected):

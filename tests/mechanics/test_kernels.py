@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics import model as shapes
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
@@ -166,14 +165,3 @@ def test_works_of_contacts(relative, force, impact, entry, expected):
     record_step(state, work, True)
     assert state.energy[entry] == pytest.approx(expected)
     assert np.abs(state.energy[:6]).sum() <= abs(expected) * (2.0 + 1e-9)
-
-
-@pytest.mark.parametrize("chain", [af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).chain, CHAIN])
-def test_shapes_compiled_for_are_those_of_the_arrays(chain):
-    model = model_of(chain)
-    given = model, new_state(model), new_work(model)
-    declared = shapes.MODEL_SHAPES, shapes.STATE_SHAPES, shapes.WORK_SHAPES
-    for arrays, of_arrays in zip(given, declared, strict=True):
-        for name, array, shape in zip(arrays._fields, arrays, of_arrays, strict=True):
-            assert np.shape(array)[1:] == shape, name
-            assert not shape or array.flags.c_contiguous, name

@@ -72,10 +72,9 @@ class Moving:
         self._begin()
 
     def first_event(self, size):
-        """Time of the first event in a step, and what is used up then, (kind, joint).
+        """Time of the first event in a step, else inf, and what is used up then, (kind, joint).
 
-        The time is inf where there is none. Kinds are "law", "gap", "slip" (its end) and "inside"
-        (a law inside a mega-voussoir).
+        Kinds are "law", "gap", "slip" (its end) and "inside" (a law inside a mega-voussoir).
         """
         self.step(size)
         part, event = check_laws(self.motion, self.mega, size, self.ground)

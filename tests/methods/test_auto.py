@@ -6,7 +6,6 @@ import pytest
 import archfrag as af
 from archfrag.mechanics.status import Status
 from archfrag.methods import auto
-from archfrag.methods.auto import goes_by_events
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 1.2, 0.001)
@@ -17,17 +16,13 @@ def run(rtol):
     return af.simulate(ARCH, MOTION, rtol=rtol, history=True)
 
 
-def test_records_are_stepped_by_the_steps_of_the_tolerance():
+def test_coarse_tolerances_are_met_by_steps_and_fine_ones_by_events():
     coarse = run(0.05)
     stepped = af.simulate(ARCH, MOTION, method="time_stepping", rtol=0.05, history=True)
     assert coarse.steps == stepped.steps
     assert np.array_equal(coarse.history.displacement, stepped.history.displacement)
     assert coarse.model_time["all_voussoirs"] > 0.0
     assert coarse.model_time["mega_voussoirs"] == coarse.model_time["four_hinges"] == 0.0
-    assert coarse.method == "auto"
-
-
-def test_fine_tolerances_are_met_by_events():
     times = run(1e-4).model_time
     assert times["four_hinges"] + times["mega_voussoirs"] > 0.1
 
@@ -69,11 +64,3 @@ def test_a_history_under_a_pulse_goes_by_events_and_a_verdict_by_steps():
     many = af.simulate_many(ARCH, pulse, [1.0], rtol=1e-2)
     assert many.peak_rotation.values[0] == alone.peak_rotation
     assert alone.peak_rotation == pytest.approx(shown.peak_rotation, rel=0.05)
-
-
-def test_events_are_rare_for_blocks_and_for_pulses_on_short_chains():
-    cases = {
-        (1, 1e-2): True, (1, 0.03): False, (7, 1e-3): False, (7, 1e-4): True,
-        (7, 1e-3, 4): True, (7, 1e-3, 4000): False, (27, 1e-3, 4): False, (7, 0.3, 4): False,
-    }  # fmt: skip
-    assert {key: goes_by_events(*key) for key in cases} == cases

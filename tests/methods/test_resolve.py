@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from tests.mechanics.adapters import CLOSED, OPEN, Mode
+from tests.mechanics.adapters import CLOSED, Mode
 from tests.mechanics.linkages import random_hinged_arch
 from tests.mechanics.oracles import balance_error, law_violation
 from tests.methods.moving import Impact
@@ -50,10 +50,6 @@ class TestBlock:
         chain, impact = landing(1.0, friction=0.6, spin=-1.0)
         assert impact.velocity == pytest.approx(impact.free)
         assert impact.energy == pytest.approx(0.0, abs=1e-9 * kinetic(chain, impact.velocity))
-        velocity = np.array([[0.1, 1.0, 0.05]])
-        thrown_up = Impact(chain, np.array([[0.0, 2.0, 0.0]]), velocity, [CLOSED])
-        assert thrown_up.modes == [OPEN]
-        assert thrown_up.velocity == pytest.approx(velocity)
 
 
 def colliding(seed, friction, count):

@@ -8,16 +8,8 @@ from archfrag.motions.fetch import Request, fetch_records
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion
 
-from .fdsn_server import (
-    EVENT,
-    ORIGIN,
-    broken_off,
-    data_centre,
-    miniseed,
-    quakeml,
-    silent,
-    station_xml,
-)
+from . import fdsn_server as fdsn
+from .fdsn_server import EVENT, ORIGIN, data_centre
 
 NEAR, BOTH, SLOW = (f"{EVENT}_IV.{end}" for end in ("NEAR..HN", "BOTH..HN", "SLOW.00.BN"))
 
@@ -83,7 +75,7 @@ class TestWhatComes:
 
 
 def wave_of(channel, start=0.0, end=9.0):
-    return miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end)
+    return fdsn.miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end)
 
 
 DATA, EVENTS, LIST, RESPONSE = (
@@ -98,21 +90,20 @@ class TestWhatDoesNotCome:
             (DATA, 204, "no data", "No data available"),
             (EVENTS, 403, "unusable", "Authentication failed"),
             (DATA, 429, "service", "too many requests"),
-            (LIST, silent, "service", "Timed Out"),
-            (EVENTS, broken_off, "service", "IncompleteRead"),
+            (LIST, fdsn.silent, "service", "Timed Out"),
+            (EVENTS, fdsn.broken_off, "service", "IncompleteRead"),
             (DATA, b"no miniSEED at all", "unusable", "the format is not recognised"),
             (DATA, wave_of("HNE") + wave_of("HNE", 12, 20), "unusable", "has a gap of 3"),
             (DATA, wave_of("HNE")[:-100], "unusable", "truncated or not"),
-            (EVENTS, quakeml(origins=False), "unusable", "has no origin"),
-            (EVENTS, b"{}", "unusable", ""),
-            (RESPONSE, station_xml(["FAR"]), "unusable", "no response for"),
-            (LIST, station_xml(["NEAR"]).replace(b'"NEAR"', b'"../../X"'), "unusable",
+            (EVENTS, fdsn.quakeml(origins=False), "unusable", "has no origin"),
+            (RESPONSE, fdsn.station_xml(["FAR"]), "unusable", "no response for"),
+            (LIST, fdsn.station_xml(["NEAR"]).replace(b'"NEAR"', b'"../../X"'), "unusable",
              "cannot name a file"),
         ],
     )  # fmt: skip
     def test_one_line_and_nothing_half_written(self, centre, tmp_path, place, fault, kind, reason):
         centre.faults[place] = fault
-        timeout = 0.5 if fault is silent else 20.0
+        timeout = 0.5 if fault is fdsn.silent else 20.0
         _, _, (failure,) = fetch(centre, tmp_path / "in", most=1, timeout=timeout)
         assert failure[0] == kind
         assert reason in failure[1]

@@ -258,8 +258,6 @@ class TestFaults:
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["DATA_TYPE", "'VELOCITY'"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
-        (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
-        ("\n".join(geonet_text(ONE).splitlines()[:20]), ["ends after 20 line(s)"]),
         ("\n".join(line for i, line in enumerate(
             geonet_text(ONE, raw=False).splitlines()) if i != 40),
          ["channel N00E must hold 400 accelerations", "it holds 1190"]),

@@ -57,11 +57,6 @@ def crash():
     return head + b"DAT2\n" + body.replace(b"\n", b"") * 400
 
 
-def with_count(sac, count):
-    """SAC whose header announces another number of samples (word 79)."""
-    return sac[: 79 * 4] + int(count).to_bytes(4, "little", signed=True) + sac[80 * 4 :]
-
-
 ATTACKS = {
     "quake.mseed": payload,
     "quake.AT2": payload,
@@ -71,8 +66,8 @@ ATTACKS = {
     "cut.gse2": lambda _: record("GSE2")[:300],
     "crash.gse2": lambda _: crash(),
     "cut.mseed": lambda _: record("MSEED")[:-100],
-    "long.sac": lambda _: with_count(record("SAC"), 2**31 - 1),
-    "negative.sac": lambda _: with_count(record("SAC"), -5),
+    # The header announces another number of samples (word 79).
+    "long.sac": lambda _: record("SAC")[:316] + b"\xff\xff\xff\x7f" + record("SAC")[320:],
     "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
     "noise.dat": lambda _: np.random.default_rng(1).bytes(5000),
 }
@@ -81,8 +76,8 @@ ATTACKS = {
 @pytest.mark.parametrize("name", ATTACKS)
 def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
     marker, path = tmp_path / "ran", tmp_path / name
-    pickle.loads(payload(tmp_path / "the payload is one"))
-    assert (tmp_path / "the payload is one").is_dir()
+    pickle.loads(payload(marker))
+    marker.rmdir()  # the payload is one
     path.write_bytes(ATTACKS[name](marker))
     before = set(tmp_path.iterdir())
     result = CliRunner().invoke(main, ["records", "inspect", str(path), "--unit", "cm/s2"])
@@ -94,12 +89,8 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
 
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    circle = tmp_path / "circle.AT2"
-    circle.symlink_to(circle)
-    for path, reason in ((tmp_path / "pipe", "it is not a regular file"),
-                         ("/dev/zero", "it is not a regular file"),
-                         (circle, "Too many levels of symbolic links")):  # fmt: skip
-        with pytest.raises(RecordError, match=f"cannot be read: {reason}"):
+    for path in (tmp_path / "pipe", "/dev/zero"):
+        with pytest.raises(RecordError, match="cannot be read: it is not a regular file"):
             read_motion(path)
 
 

@@ -131,13 +131,6 @@ def test_round_trip_is_exact(tmp_path):
             assert getattr(after, name) == getattr(before, name)
 
 
-def test_metadata_that_are_not_json(tmp_path):
-    odd = Motion(wave(), 0.01, id="odd", metadata={"path": tmp_path})
-    with pytest.raises(InputError, match=r"odd: metadata cannot be stored as JSON"):
-        save_motions(tmp_path / "motions.npz", [odd])
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 import obspy
 import pytest
-from obspy import Inventory, Stream, Trace, UTCDateTime
-from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
+from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import ACCEPTABLE
@@ -17,6 +16,7 @@ from archfrag.motions.measures import measure
 from archfrag.motions.process import bandpass
 from archfrag.motions.read import load_motion, read_motion, read_motions
 
+from .fdsn_server import SENSITIVITY, station_xml
 from .helpers import REAL_RECORDS, at2_text, manifest, needs_real_records, pga, refused, wave
 from .samples import knet_text
 
@@ -26,21 +26,13 @@ COUNTS, QUIET = np.round(4000.0 * wave()), 0.1 * wave()
 
 
 def trace(channel="HNE", data=COUNTS, dt=0.01, start=0.0):
-    header = {"network": "XX", "station": "AB", "channel": channel, "delta": dt}
+    header = {"network": "IV", "station": "NEAR", "channel": channel, "delta": dt}
     return Trace(np.asarray(data), {**header, "starttime": UTCDateTime(2020, 1, 1) + start})
 
 
 def write(path, *traces, form="MSEED", **options):
     Stream(traces).write(str(path), format=form, **options)
     return path
-
-
-def station_xml(code="HNE"):
-    scale = InstrumentSensitivity(2000.0, 1.0, "M/S**2", "COUNTS")
-    at = {"latitude": 0.0, "longitude": 0.0, "elevation": 0.0}
-    channel = Channel(code, "", **at, depth=0.0, response=Response(instrument_sensitivity=scale))
-    station = Station("AB", **at, channels=[channel])
-    return Inventory([Network("XX", stations=[station])], source="test")
 
 
 def put(path, text):
@@ -74,12 +66,12 @@ class TestUnits:
         motion = read_motion(path, unit=unit, accept=["pga"])
         assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
 
-    @pytest.mark.parametrize("name", ["record.xml", "XX.AB.xml"])
+    @pytest.mark.parametrize("name", ["record.xml", "IV.NEAR.xml"])
     def test_counts_are_demeaned_by_a_station_xml_in_the_folder(self, tmp_path, name):
         path = write(tmp_path / "record.mseed", trace(data=COUNTS + 5000))
-        station_xml().write(str(tmp_path / name), format="STATIONXML")
+        (tmp_path / name).write_bytes(station_xml(["NEAR"]))
         motion = read_motion(path)
-        assert np.allclose(motion.acceleration, (COUNTS - COUNTS.mean()) / 2000.0, atol=1e-12)
+        assert np.allclose(motion.acceleration, (COUNTS - COUNTS.mean()) / SENSITIVITY, atol=1e-12)
         assert any("Mean removed" in step for step in motion.log)
         given = read_motion(path, inventory=tmp_path / name)
         assert np.array_equal(given.acceleration, motion.acceleration)
@@ -111,7 +103,7 @@ class TestComponents:
         assert "Horizontal HNE taken, the first of HNE, HNN." in first.log
         assert [m.id for m in motions] == ["three:HNE", "three:HNN"]
         assert all(np.array_equal(m.vertical, RAMP) for m in (first, *motions))
-        for name in ("HNN", "n", "XX.AB..HNN"):
+        for name in ("HNN", "n", "IV.NEAR..HNN"):
             found = read_motion(path, component=name, **read)
             assert np.array_equal(found.acceleration, -COUNTS)
 
@@ -158,13 +150,8 @@ def cut(folder, size):
     return path
 
 
-def slist(folder):
-    head = "TIMESERIES XX_AB__HNE_R, 4 samples, 0.0 sps, 2003-05-29T02:13:22.043400, SLIST, "
-    return put(folder / "a", f"{head}FLOAT, \n1.0\t2.0\t3.0\t4.0\n")
-
-
-def with_xml(folder, **options):
-    station_xml(**options).write(str(folder / "a.xml"), format="STATIONXML")
+def with_xml(folder, station="NEAR"):
+    (folder / "a.xml").write_bytes(station_xml([station]))
     return write(folder / "a.mseed", trace())
 
 
@@ -183,11 +170,10 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (lambda f: write(f / "a", trace()), {}, ["does not state the unit", "m/s2, cm/s2, gal"]),
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),
         (lambda f: knet(f, np.arange(200)), {"unit": "gal"}, ["'gal'", "scale factor"]),
-        (slist, {"unit": "g"}, ["time step 0.0 s"]),
         (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical"]),
         (lambda f: write(f / "a", trace("ABC"), trace("ABD")), {"unit": "g"}, ["'ABC', 'ABD'"]),
-        (with_xml, {"unit": "g"}, ["'g'", "2000 counts"]),
-        (lambda f: with_xml(f, code="HNN"), {}, ["no response for channel XX.AB..HNE"]),
+        (with_xml, {"unit": "g"}, ["'g'", "counts"]),
+        (lambda f: with_xml(f, "FAR"), {}, ["no response for channel IV.NEAR..HNE"]),
         (lambda f: write(f / "a", trace(), trace("HNZ", dt=0.02)),
          {"unit": "gal", "accept": ["pga"]}, ["0.02 s"]),
         (at2, {"accept": ["dt"]}, ["'dt'", "pga, time_step, samples, header"]),

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from archfrag.motions import target as targets
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
@@ -38,7 +39,7 @@ def test_csv_of_a_conditional_spectrum_is_that_spectrum(tmp_path):
     rows = zip(made.periods[::-1], made.median[::-1], made.sd[::-1])
     path = tmp_path / "target.csv"
     path.write_text("period_s,Sa_g,sd\n" + "".join(f"{t},{m},{s}\n" for t, m, s in rows))
-    found = read_target(path)
+    found = targets.read_target(path)
     assert found.conditioning == 1.0
     assert found.ln_mean == pytest.approx(made.ln_mean)
     assert found.covariance == pytest.approx(made.covariance, abs=1e-9)
@@ -52,7 +53,7 @@ TARGET = conditional_spectrum((7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
 def thousand():
     """Made-up records: spectra about CY14 with the published correlation, M, R and Vs30 drawn."""
     rng = np.random.default_rng(0)
-    values, vectors = np.linalg.eigh(correlation(PERIODS[:, None], PERIODS))
+    values, vectors = np.linalg.eigh(targets.correlation(PERIODS[:, None], PERIODS))
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     rows = []
     for number in range(1000):
@@ -152,7 +153,7 @@ def predicted(change, model="CY14", periods=(1.0,)):
 def in_csv(text):
     def read(_, folder):
         (folder / "target.csv").write_text(text)
-        return read_target(folder / "target.csv")
+        return targets.read_target(folder / "target.csv")
 
     return read
 
@@ -160,7 +161,7 @@ def in_csv(text):
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda *_: correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
+        (lambda *_: targets.correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
         (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
@@ -169,7 +170,6 @@ def in_csv(text):
         (lambda *_: conditional_spectrum(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),
         (in_csv("period_s,Sa_g\n1,x\n"), ["target.csv: Sa_g: ", "'x'"]),
-        (in_csv("period_s,Sa_g\n1\n"), ["target.csv", "Sa [nan]", "finite"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
         (chosen(lambda t: t.drop(columns="T0.050000S")), ["no column T0.050S", "measure at"]),
         (chosen(lambda t: t.assign(record="x")), ["'x' is there twice"]),

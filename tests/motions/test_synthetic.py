@@ -58,7 +58,6 @@ class TestModel:
         ("recipe", "reason"),
         [
             (Recipe(2.0, 20.0, 1), r"magnitude = 2.0 is outside 3 to 8"),
-            (Recipe(6.0, -1.0, 1), r"distance .km. = -1.0 is outside 0 to 300"),
             (Recipe(6.0, 20.0, 1, vs30=300.0), r"vs30 .m/s. = 300.0 is outside 450 to 1000"),
             (Recipe(6.0, 20.0, -1), r"seed = -1 is outside 0 to 9"),
         ],

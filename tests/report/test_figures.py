@@ -204,20 +204,18 @@ def fallen():
     return arches.Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
 
 
-def change(time, until, joints, model="mega_voussoirs"):
+def change(time, until, joints, model):
     return MechanismChange(time, until, "impact", -1, model, joints)
 
 
 class TestRepeated:
     def test_it_is_the_run_of_the_study(self):
         motion, fell = pulse()
-        data = synthetic.cube(items=[motion, *synthetic.motions(1)]).isel(record=[0], level=[0, 1])
-        data = data.copy(deep=True)
+        data = synthetic.cube(items=[motion], n_level=2).copy(deep=True)
         for level, (factor, run) in enumerate([(0.5, pulse(0.5)[1]), (1.0, fell)]):
-            data["verdict"][0, 0, level] = int(run.collapsed)
+            data["scale_factor"][0, level], data["verdict"][0, 0, level] = factor, run.collapsed
             for name in ("status", "steps", "collapse_time"):
                 data[name][0, 0, level] = getattr(run, name)
-            data["scale_factor"][0, level] = factor
 
         def again():
             found = arch_results(data, "ring", synthetic.SCALE)
