@@ -30,7 +30,7 @@ from archfrag.motions.synthetic.amplitude import (
     correlation,
     draw_term,
 )
-from archfrag.motions.target import Rupture, predict
+from archfrag.motions.target import predict
 
 from .helpers import SHIPPED, pga
 
@@ -129,7 +129,7 @@ class TestSuite:
             about = entry.metadata
             seeds.append([about[key] for key in ("event_seed", "site_seed", "seed")])
             facts = (about[key] for key in ("Mw", "distance_km", "Vs30_mps"))
-            median = predict(Rupture(*facts), "CY14", PERIODS)[0]
+            median = predict(tuple(facts), "CY14", PERIODS)[0]
             spectrum = spectral_acceleration(load_motion(entry), PERIODS) / STANDARD_GRAVITY
             ratios.append(np.log(spectrum) - median)
         found = np.exp(np.mean(ratios, axis=0) - mean_term(seeds))

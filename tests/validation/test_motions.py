@@ -13,7 +13,7 @@ import archfrag as af
 from archfrag.motions import target
 from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.read import read_motion
-from archfrag.motions.target import Rupture, conditional_spectrum, correlation
+from archfrag.motions.target import conditional_spectrum, correlation
 
 G = 9.80665
 RECORDS = Path(__file__).resolve().parents[3] / "shared" / "records"
@@ -112,7 +112,7 @@ class TestSelection:
         median = np.array([0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440])
         sd = np.array([0.4985, 0.4941, 0.4985, 0.5326, 0.6078, 0.6430, 0.6628, 0.6699])
         monkeypatch.setattr(target, "predict", lambda *_: (np.log(median), sd, ()))
-        near = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
+        near = (7.0, 12.0, 400.0)
         found = conditional_spectrum(near, 1.1067, 0.2, self.PERIODS)
         case, source = "given Sa(0.2 s) = 1.1067 g", "pygmm's tests (MIT)"
         for number, period in enumerate(self.PERIODS):

@@ -107,7 +107,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> targets.Targe
     if missing or ("sa" in given) == ("epsilon" in given):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
         raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
-    rupture = targets.Rupture(*(options[name] for name in scenario[:3]))
+    rupture = options["magnitude"], options["distance"], options["vs30"]
     level, period, model = options["sa"], options["period"], options["model"]
     if level is None:
         ln_median, sd, _ = targets.predict(rupture, model, [period])

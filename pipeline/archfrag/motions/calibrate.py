@@ -52,9 +52,8 @@ def check_file(path: Path) -> None:
     except OSError as error:
         raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
     if not 0 < size <= LARGEST_RECORD:
-        allowed = f"a record may have at most {LARGEST_RECORD}"
-        raise RecordError(f"{path}: the file is empty" if not size else
-                          f"{path}: the file has {size} bytes; {allowed}")  # fmt: skip
+        many = f"has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        raise RecordError(f"{path}: the file {many if size else 'is empty'}")
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
@@ -92,7 +91,7 @@ def accept_or_refuse(
     return lines
 
 
-def calibrate(
+def to_si(
     trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
     entry: "IndexEntry | None",
 ) -> None:  # fmt: skip

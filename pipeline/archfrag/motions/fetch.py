@@ -5,7 +5,7 @@ counts, and its responses as ``NET.STA.xml`` beside it.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,10 +20,10 @@ from archfrag.files import make_folder, sha256_of, sweep, temporary_folder
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
-PASSING = ("service",)  # kinds of failure after which another attempt may help
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 Site = dict[str, Any]
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,16}\.[A-Za-z0-9_-]{1,16}")
+_PASSING = (fdsn.FDSNException, HTTPException, OSError)
 _REFUSED = (
     fdsn.FDSNBadRequestException, fdsn.FDSNUnauthorizedException, fdsn.FDSNForbiddenException,
     fdsn.FDSNNotImplementedException, fdsn.FDSNRequestTooLargeException,
@@ -48,7 +48,7 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
     """Fetch records of events into a folder; a station that is complete is not asked for again.
 
     Yields ``new`` or ``kept`` and the id of a record, or the kind of a failure and a message.
-    InputError if a service is unknown, RecordError if the folder's index cannot be used.
+    InputError if a service is unknown.
     """
     try:
         quakes, archive = (Client(name, timeout=request.timeout, _discover_services=False)
@@ -87,23 +87,22 @@ def fetch_records(request: Request, folder: str | Path) -> Iterator[tuple[str, s
             yield _KINDS[type(error)], f"{name} {error}{rest}"
 
 
-def _ask(method: Callable[..., Any], **query: Any) -> Any:
+def _ask(client: Client, method: str, **query: Any) -> Any:
     try:
-        return method(**query)
+        return getattr(client, method)(**query)
     except Exception as error:
         kind: type[ArchfragError] = RecordError
         if isinstance(error, fdsn.FDSNNoDataException):
             kind = InputError
-        elif isinstance(error, (fdsn.FDSNException, HTTPException, OSError)):
-            kind = RecordError if isinstance(error, _REFUSED) else ServiceError
+        elif isinstance(error, _PASSING) and not isinstance(error, _REFUSED):
+            kind = ServiceError
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        service = method.__self__.base_url  # type: ignore[attr-defined]
-        raise kind(f"{service}: {reason}") from None
+        raise kind(f"{client.base_url}: {reason}") from None
 
 
 def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Path) -> list[Site]:
     """The stations of an event, the nearest first: columns of the index, and what to ask."""
-    catalogue = _ask(quakes.get_events, eventid=id)
+    catalogue = _ask(quakes, "get_events", eventid=id)
     catalogue.write(str(place / "event.xml"), "QUAKEML")
     quake = catalogue[0]
     origin = quake.preferred_origin() or next(iter(quake.origins), None)
@@ -114,15 +113,14 @@ def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Pa
     window = {"starttime": origin.time - request.before, "endtime": origin.time + request.after}
     epicentre = float(origin.latitude), float(origin.longitude)
     inventory = _ask(
-        archive.get_stations, level="channel", latitude=epicentre[0], longitude=epicentre[1],
+        archive, "get_stations", level="channel", latitude=epicentre[0], longitude=epicentre[1],
         # Degrees of a sphere; the distance on the ellipsoid decides.
         maxradius=kilometers2degrees(1.01 * request.radius), **window,
         channel=",".join(f"{kind[:2]}?" for kind in request.channels),
     )  # fmt: skip
     sites: dict[str, Site] = {}
     for network, station in [(each, station) for each in inventory for station in each]:
-        here = float(station.latitude), float(station.longitude)
-        km = gps2dist_azimuth(*epicentre, *here)[0] / 1000.0
+        km = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0] / 1000.0
         own = [(number, channel.location_code) for number, kind in enumerate(request.channels)
                for channel in station if channel.code[:2] == kind[:2]]  # fmt: skip
         if km > request.radius or not own:
@@ -151,8 +149,8 @@ def _fetched(archive: Client, site: Site, place: Path) -> dict[str, Any]:
     id = f"{place.name}_{site['station']}.{kind}"
     with temporary_folder(place) as part:
         xml, record = Path(part) / f"{site['station']}.xml", Path(part) / f"{id}.mseed"
-        _ask(archive.get_waveforms, filename=str(record), **query)
-        _ask(archive.get_stations, filename=str(xml), level="response", **query)
+        _ask(archive, "get_waveforms", filename=str(record), **query)
+        _ask(archive, "get_stations", filename=str(xml), level="response", **query)
         try:
             motions = read_motions(record)
         except RecordError as error:

@@ -56,8 +56,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. Columns ``accept`` and
-    ``columns`` are options of reading, blanks between their words. RecordError if the file, a
-    needed column or a value is missing, an id occurs twice, or a number or word is not one.
+    ``columns`` are options of reading. RecordError for a missing or wrong column or value.
     """
     source = Path(path)
     source = source / INDEX_NAME if source.is_dir() else source

@@ -1,9 +1,8 @@
 """Intensity measures of a ground motion, all in SI units: a table with one interpreter.
 
-They are those of its horizontal component, but for RotD50 and RotD100, which need the other
-horizontal one too. No measure changes the record: nothing is demeaned, filtered or tapered here
-(see `process`), so that a raw record must be filtered before its velocity means anything. Samples
-are integrated from rest by the trapezoid rule. Damping is 5 %.
+They are those of its horizontal component; RotD50 and RotD100 need the other horizontal one too.
+No measure changes the record: a raw one must be filtered before its velocity means anything (see
+`process`). Samples are integrated from rest by the trapezoid rule. Damping is 5 %.
 
 Arias intensity: pi / (2 g) times the integral of the squared acceleration, Arias (1970). CAV:
 integral of the absolute acceleration, linear between samples, EPRI (1988), NP-5930; CAVstd: that
@@ -49,15 +48,6 @@ class Measure(NamedTuple):
     periods: tuple[float, ...]
     unit: str
     rotated: str = ""  # RotD50 or RotD100
-
-
-class _Kind(NamedTuple):
-    """A row of the table of measures."""
-
-    unit: str
-    exponent: int  # power of a factor on the motion with which it grows; 0 for no power
-    value: Callable[..., float]  # of a motion and the periods in the name
-    named: int = 0  # periods in the name
 
 
 def integral(samples: Samples, dt: float) -> Samples:
@@ -108,35 +98,37 @@ def _cav(motion: Motion, count: int = 2**16, least: float = 0.0) -> float:
     return float(sum(total))
 
 
-def _geometric_mean(values: Samples) -> float:
+def _average(motion: Motion, low: float, high: float) -> float:
+    """Geometric mean of Sa at 10 periods."""
+    values = spectral_acceleration(motion, np.geomspace(low, high, 10))
     return float(np.exp(np.log(values).mean())) if values.all() else 0.0
 
 
-_KINDS = {
-    "PGA": _Kind("m/s2", 1, lambda m: _peak(m.acceleration)),
-    "PGV": _Kind("m/s", 1, lambda m: _peak(integral(m.acceleration, m.dt))),
-    "PGD": _Kind("m", 1, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
-    "Arias": _Kind("m/s", 2, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
-    "CAV": _Kind("m/s", 1, _cav),
-    "CAVstd": _Kind("m/s", 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY)),
-    "D5_95": _Kind("s", 0, lambda m: float(np.diff(
+# Unit; power of a factor on the motion with which it grows, 0 for no power; number of periods in
+# the name; value of a motion and these periods.
+_KINDS: dict[str, tuple[str, int, int, Callable[..., float]]] = {
+    "PGA": ("m/s2", 1, 0, lambda m: _peak(m.acceleration)),
+    "PGV": ("m/s", 1, 0, lambda m: _peak(integral(m.acceleration, m.dt))),
+    "PGD": ("m", 1, 0, lambda m: _peak(integral(integral(m.acceleration, m.dt), m.dt))),
+    "Arias": ("m/s", 2, 0, lambda m: float(_HUSID * integral(m.acceleration**2, m.dt)[-1])),
+    "CAV": ("m/s", 1, 0, _cav),
+    "CAVstd": ("m/s", 0, 0, lambda m: _cav(m, round(1.0 / m.dt) or 1, 0.025 * STANDARD_GRAVITY)),
+    "D5_95": ("s", 0, 0, lambda m: float(np.diff(
         arias_times(m.acceleration, None, m.dt, (0.05, 0.95)))[0])),
-    "HI": _Kind("m", 1, lambda m: float(np.trapezoid(
+    "HI": ("m", 1, 0, lambda m: float(np.trapezoid(
         spectral_acceleration(m, _HOUSNER) * _HOUSNER / (2.0 * np.pi), _HOUSNER))),
-    "Sa": _Kind("m/s2", 1, lambda m, period: float(spectral_acceleration(m, period)[0]), 1),
-    "AvgSA": _Kind("m/s2", 1, lambda m, low, high: _geometric_mean(
-        spectral_acceleration(m, np.geomspace(low, high, 10))), 2),
+    "Sa": ("m/s2", 1, 1, lambda m, period: float(spectral_acceleration(m, period)[0])),
+    "AvgSA": ("m/s2", 1, 2, _average),
 }  # fmt: skip
-_PLAIN = [name for name, kind in _KINDS.items() if not kind.named]
+_PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
 _ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
 
 
 def parse_measure(name: str) -> Measure:
-    """Read the name of an intensity measure.
+    """Read the name of an intensity measure; InputError for an unknown name or period.
 
     ``PGA``, ``PGV``, ``PGD``, ``Arias``, ``CAV``, ``CAVstd``, ``D5_95``, ``HI``, ``Sa(0.5)`` or
-    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``;
-    InputError for any other name, or a period that is not a positive number.
+    ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``.
 
     >>> parse_measure("SaAvg(0.2, 1.0)")
     Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
@@ -149,8 +141,8 @@ def parse_measure(name: str) -> Measure:
         return inner._replace(rotated=rotated[1])
     word, _, inside = text.partition("(")
     kind = _SPELLINGS.get(word, word)
-    count = _KINDS[kind].named if kind in _KINDS else 0
-    if kind not in _KINDS or bool(count) != text.endswith(")"):
+    unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, _peak))
+    if not unit or bool(count) != text.endswith(")"):
         meant = get_close_matches(text.upper(), _PLAIN, 1)
         hint = f" (did you mean {meant[0]}?)" if meant else ""
         raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
@@ -162,7 +154,7 @@ def parse_measure(name: str) -> Measure:
         raise InputError(f"intensity measure {name!r} needs {count} period(s), each above 0 s")
     if periods != tuple(sorted(set(periods))):
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
-    return Measure(kind, periods, _KINDS[kind].unit)
+    return Measure(kind, periods, unit)
 
 
 def measure_unit(name: str) -> str:
@@ -172,18 +164,14 @@ def measure_unit(name: str) -> str:
 
 def scaling_exponent(name: str) -> int:
     """Power of a factor on a motion with which a measure grows; 0 if it follows no power."""
-    return _KINDS[parse_measure(name).kind].exponent
+    return _KINDS[parse_measure(name).kind][1]
 
 
 def measure(motion: Motion, name: str) -> float:
-    """Value of the named intensity measure in its SI unit (see `parse_measure`).
-
-    InputError for an unknown name, or one that needs the other horizontal component if the motion
-    has only one.
-    """
+    """Value of the named intensity measure in its SI unit; InputError if it cannot be had."""
     found, one, other = parse_measure(name), motion.acceleration, motion.transverse
     if not found.rotated:
-        return _KINDS[found.kind].value(motion, *found.periods)
+        return _KINDS[found.kind][3](motion, *found.periods)
     if other is None:
         raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
     if found.kind == "Sa":
@@ -204,9 +192,9 @@ def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0
     """Pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
     The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, at periods T [s] and
-    a fraction of critical damping in [0, 1). Peaks are looked for at 200 points of a period or
-    more (to 0.1 %, even of white noise). The acceleration falls to zero in one step after the
-    record; the free vibration that follows counts. InputError for another period or damping.
+    a fraction of critical damping in [0, 1), at 200 points of a period or more (to 0.1 %, even of
+    white noise). The acceleration falls to zero in one step after the record; the free vibration
+    that follows counts. InputError for another period or damping.
     """
     return _spectrum(motion.acceleration, motion.dt, periods, damping, np.zeros(1))[:, 0]
 
@@ -214,11 +202,10 @@ def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0
 def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     """Factor on a motion that brings a measure to a level, in its SI unit, above 0.
 
-    InputError if the level is not a positive number or the measure does not change with scaling
-    by a power of the factor, RecordError if there is no motion.
+    InputError if the measure does not grow by a power of it, RecordError if there is no motion.
     """
     if not scaling_exponent(measure_name):
-        scaled = ", ".join(name for name, kind in _KINDS.items() if kind.exponent)
+        scaled = ", ".join(name for name, (_, exponent, _, _) in _KINDS.items() if exponent)
         raise InputError(f"measure {measure_name!r} does not grow with scaling; use {scaled}")
     if not 0.0 < level < np.inf:
         unit = measure_unit(measure_name)

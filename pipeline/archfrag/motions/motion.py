@@ -126,10 +126,7 @@ class Motion:
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes.
-
-    InputError if the metadata of a motion are not JSON, OutputError if it cannot be written.
-    """
+    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes."""
     arrays, table = dict[str, np.ndarray](), []
     for number, motion in enumerate(motions):
         arrays[f"horizontal_{number}"] = motion.acceleration
@@ -139,8 +136,7 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
         try:
             table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
         except (TypeError, ValueError) as error:
-            name = motion.id or f"motion {number}"
-            raise InputError(f"{name}: metadata cannot be stored as JSON ({error})") from None
+            raise InputError(f"{motion.id}: metadata cannot be stored as JSON ({error})") from None
     text = json.dumps({"format": _FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
@@ -154,16 +150,13 @@ def load_motions(path: str | Path) -> list[Motion]:
             header = json.loads(archive["table"].tobytes().decode())
             if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
-            motions = []
-            for number, entry in enumerate(map(json.loads, header["motions"])):
-                name = f"vertical_{number}"
-                vertical = archive[name] if name in archive.files else None
-                about = {key: entry[key] for key in ("dt", "id", "metadata", "log")}
-                motions.append(Motion(archive[f"horizontal_{number}"], vertical=vertical, **about))
-            return motions
+            return [
+                Motion(archive[f"horizontal_{number}"], vertical=archive.get(f"vertical_{number}"),
+                       **json.loads(entry))
+                for number, entry in enumerate(header["motions"])
+            ]  # fmt: skip
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file of motions") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: not a file of motions written by archfrag, or damaged ({error})"
-        ) from None
+        what = "not a file of motions written by archfrag, or damaged"
+        raise InputError(f"{path}: {what} ({error})") from None

@@ -63,7 +63,7 @@ def is_horizontal(trace: "Trace") -> bool:
 
 
 def quadrant(text: str) -> float | None:
-    """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is not one."""
+    """Azimuth of a bearing such as S16W [degrees from north], None if it is not one."""
     if (found := _QUADRANT.fullmatch(text.upper())) is None:
         return None
     angle = float(found[2]) if found[1] == "N" else 180.0 - float(found[2])
@@ -71,13 +71,11 @@ def quadrant(text: str) -> float | None:
 
 
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Files of a folder that by their names hold components of one record.
+    """Names of the other horizontal component by that of each, and of the vertical, in a folder.
 
     Two names that are equal but for a direction are a pair if these are at right angles and there
     is no third such name: numbered files are no components. Their vertical has the same name
     with ``UP``, ``Z`` or the like instead of the direction.
-
-    Returns the name of the other horizontal component by that of each, and that of the vertical.
 
     >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
     {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
@@ -133,11 +131,7 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 
 
 def with_vertical(motion: Motion, vertical: Motion) -> Motion:
-    """Join a motion with its vertical component, cut to the time of both.
-
-    RecordError if headers state different stations or events, time steps differ, or they have no
-    time in common.
-    """
+    """Join a motion with its vertical, cut to the time of both; RecordError if they differ."""
     labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
     if vertical.metadata.get("file") != motion.metadata.get("file"):
         labels["vertical_file"] = vertical.metadata.get("file", "")

@@ -26,7 +26,7 @@ _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
-    rows = (samples for samples in motion.components.values() if samples is not None)
+    rows = [samples for samples in motion.components.values() if samples is not None]
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
     return motion._changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
@@ -85,9 +85,9 @@ def bandpass(
 ) -> Motion:  # fmt: skip
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
-    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Two
-    passes together halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is
-    that of one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
+    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Both
+    passes halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is that of
+    one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
@@ -108,10 +108,7 @@ def bandpass(
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
-    """Keep the samples from `start` to `end` [s], both counted from the first sample.
-
-    InputError unless 0 <= start < end and two samples remain.
-    """
+    """Keep the samples from `start` to `end` [s]; InputError unless two samples remain."""
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
     last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
     if first < 0 or last <= first:
@@ -126,8 +123,7 @@ def trim_by_arias(
 ) -> Motion:
     """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
 
-    The fraction 0 is the start of the record and 1 its end, silence included. The intensity is
-    that of both horizontal components together if there are two.
+    Fraction 0 is the start of the record and 1 its end, silence included; see `arias_times`.
     """
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
     first = 0.0 if start == 0.0 else max(0.0, first - margin)
@@ -153,9 +149,9 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
 def resample(motion: Motion, dt: float) -> Motion:
     """Give the motion another time step [s], band-limited: what both can hold stays as it is.
 
-    A polyphase filter with a Kaiser window (scipy's `resample_poly`) of 64 zero crossings: up to
-    0.9 of the lower of both Nyquist frequencies nothing changes by more than 0.01 %. InputError
-    if the ratio of the steps is not one of integers up to 1000.
+    By scipy's `resample_poly` with a Kaiser window of 64 zero crossings: up to 0.9 of the lower
+    Nyquist frequency nothing changes by more than 0.01 %. InputError if the ratio of the steps is
+    not one of integers up to 1000.
     """
     from scipy.signal import firwin, resample_poly
 
@@ -175,10 +171,10 @@ def resample(motion: Motion, dt: float) -> Motion:
 def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
     """Turn the motion of the ground into another vertical plane, and the one transverse to it.
 
-    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], for
-    which the components' own azimuths must be known, or by an `angle` [degrees] from the first
-    component towards the other one, which is then taken to be perpendicular. RecordError if there
-    is one component only, an azimuth is not known, or both are nearly parallel.
+    The plane of the arch is given by the `azimuth` of its +x [degrees clockwise from north], or
+    by an `angle` [degrees] from the first component towards the other one, which is then taken to
+    be perpendicular. RecordError if there is one component only, an azimuth is not known, or both
+    are nearly parallel.
     """
     name, about = motion.id or "motion", dict(motion.metadata)
     if (azimuth is None) == (angle is None):
@@ -230,10 +226,10 @@ def remove_response(
 ) -> Motion:  # fmt: skip
     """Divide the spectrum of each component by its instrument's response (obspy).
 
-    `motion` is as read from the file `record` by the sensitivity of its StationXML, which is taken
-    back first: `inventory`, or NAME.xml or NET.STA.xml beside the file. The response counts as at
-    most `water_level` [dB] below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep:
-    cosine tapers from f1 to f2 and from f3 to f4. RecordError if a StationXML is missing.
+    `motion` is as read from the file `record` by the sensitivity of its StationXML (see
+    `find_inventory`), which is taken back first. The response counts as at most `water_level` [dB]
+    below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
+    f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
     from obspy import Trace, UTCDateTime
 

@@ -14,27 +14,14 @@ import numpy as np
 from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import (
-    Reading,
-    Warned,
-    accept_or_refuse,
-    accepted_words,
-    calibrate,
-    check_file,
-    implausible,
-)
+from archfrag.motions import calibrate, partners
+from archfrag.motions.calibrate import Reading, Warned, accept_or_refuse, implausible
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.common import known
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion
-from archfrag.motions.partners import (
-    channel_code,
-    instrument,
-    is_horizontal,
-    is_vertical,
-    with_vertical,
-)
+from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
 HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
@@ -56,9 +43,9 @@ def read_motion(
     ----------
     path : path
         A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, ESM's and ITACA's
-        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and KiK-net, SLIST, TSPAIR, miniSEED, SAC
-        (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
-        archive or a pickle. Of counts and uncorrected volumes the mean is removed.
+        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET, KiK-net, SLIST, TSPAIR, miniSEED, SAC, GSE1,
+        GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle. Of counts
+        and uncorrected volumes the mean is removed.
     unit : str, optional
         Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
@@ -69,9 +56,9 @@ def read_motion(
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
-        What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
-        ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
-        announces), ``header`` (states a peak that is off by more than a tenth).
+        What to let pass: ``pga`` (peak outside 1e-5 to 5 g), ``time_step`` (outside 1e-4 to
+        0.1 s), ``samples`` (another number than the header announces), ``header`` (states a peak
+        that is off by more than a tenth).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -84,8 +71,7 @@ def read_motion(
     Raises
     ------
     RecordError
-        With the file and what is wrong: missing, empty, truncated, not finite, with gaps,
-        unknown format or unit, not plausible and not accepted, or no such horizontal component.
+        With the file and what is wrong, unless that is accepted.
 
     Examples
     --------
@@ -101,7 +87,7 @@ def read_motion(
     options = Reading(unit, inventory, accept, columns)
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
-        return with_vertical(motion, read_vertical(vertical, **options._asdict()))
+        return partners.with_vertical(motion, read_vertical(vertical, **options._asdict()))
     return motion
 
 
@@ -115,8 +101,8 @@ def _read_one(
     horizontals, verticals = _by_direction(channels, source, "" if component or listed else remedy)
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
-    component, chosen, line = component or (several and listed) or None, horizontals[0], ()
-    if component is not None:
+    component, chosen, line = component or (several and listed), horizontals[0], ()
+    if component:
         spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
         places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
         if not places:
@@ -136,8 +122,7 @@ def read_motions(
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
 
-    Options and errors are those of `read_motion`; ids begin with `name` if that is given, with
-    the file's name if not.
+    Options and errors are those of `read_motion`; ids begin with `name` or the file's name.
     """
     source = Path(path)
     channels, entry = read_channels(source, Reading(unit, **options))
@@ -154,10 +139,7 @@ def read_motions(
 
 
 def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
-    """Read the vertical component of a file as the horizontal component of a motion.
-
-    Options and errors are those of `read_motion`.
-    """
+    """Read the vertical of a file as the horizontal of a motion; options as in `read_motion`."""
     source = Path(path)
     channels, _ = read_channels(source, Reading(unit, **options))
     verticals = [channel for channel in channels if is_vertical(channel)]
@@ -188,7 +170,7 @@ def load_motion(entry: IndexEntry) -> Motion:
 
 def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry | None]:
     """Return the channels of a file in their order, and the row of an index that lists it."""
-    accept = accepted_words(options.accept, str(path))
+    accept = calibrate.accepted_words(options.accept, str(path))
     entry = find_entry(path)
     if entry is not None and path.is_file():
         check_sha256(entry)
@@ -206,7 +188,7 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
 
 def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[list[Trace], str]:
     """Channels of a file whatever is wrong with it, and why its pieces cannot be joined."""
-    check_file(path)
+    calibrate.check_file(path)
     if columns := options.columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:
@@ -236,7 +218,7 @@ def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[li
             channel.data = channel.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             warnings.append(("samples", left))
-        calibrate(channel, tuple(warnings), path, options, entry)
+        calibrate.to_si(channel, tuple(warnings), path, options, entry)
         record.faults += fault if unequal else ()
     return channels, gap
 
@@ -303,33 +285,25 @@ def _motion(
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
     motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
-    own = next((v for v in verticals if instrument(v) == instrument(channel)), None)
+    own = next(
+        (v for v in verticals if partners.instrument(v) == partners.instrument(channel)), None
+    )
     if own is None:
         return motion
     vertical = _motion(path, own, name, entry)
     try:
-        return with_vertical(motion, vertical)
+        return partners.with_vertical(motion, vertical)
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from None
 
 
-def inspect_record(
-    path: str | Path,
-    unit: str | None = None,
-    *,
-    inventory: str | Path | Inventory | None = None,
-    columns: Columns | None = None,
-) -> dict[str, Any]:
+def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> dict[str, Any]:
     """List what is in a record file and what is wrong with it; arguments are as in `read_motion`.
 
-    Has ``file``, ``format``, ``event``, ``date``, ``magnitude``, ``faults`` and, for each of its
-    ``channels``, ``code`` of the component, ``station``, ``start`` (UTC), ``dt`` [s], samples
-    ``announced`` and held (``count``), ``unit`` in the file, ``level`` (``raw``, ``processed``),
-    ``vertical``, ``faults``, ``duration`` [s], ``PGA`` [m/s2] and ``motion``. What is unknown is
-    empty or None. RecordError if the file is missing, in no format that is read, or damaged.
+    Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
+    What is unknown is empty or None. RecordError if the file cannot be read.
     """
-    options = Reading(unit, inventory, (), columns)
-    traces, gap = _examine(Path(path), options, find_entry(path))
+    traces, gap = _examine(Path(path), Reading(unit, **options), find_entry(path))
     channels, about = [], traces[0].stats.record
     for trace in traces:
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)

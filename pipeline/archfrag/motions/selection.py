@@ -115,24 +115,22 @@ def select_records(
 ) -> Selection:  # fmt: skip
     """Select records whose scaled spectra are distributed as the target's.
 
-    Spectra are drawn from the target, the nearest record is matched to each, and then one
-    record after the other is replaced by whichever brings mean and standard deviation of the
-    set nearest to the target's: Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3),
-    797-815; Baker and Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two
-    components of one recording (same event and station) are selected.
+    Spectra are drawn from the target, the nearest record is matched to each, and then one record
+    after the other is replaced by whichever brings mean and standard deviation of the set nearest
+    to the target's: Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3), 797-815; Baker and
+    Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two components of one
+    recording (same event and station) are selected.
 
-    `table` is a flatfile with columns ``record``, ``T0.100S`` (Sa in g at that period) and so on,
-    and ``event`` and ``station`` as far as known. With a conditioning period every record is
-    scaled to Sa there, without one each by the least-squares factor to the drawn spectrum; no
-    factor is above `max_scale` or below its inverse. The same table, whatever the order of its
-    rows, and the same seed give the same set. RecordError if the flatfile lacks a column or
-    period, or fewer records than asked for may be selected, InputError for another argument.
+    `table` is a flatfile. With a conditioning period every record is scaled to Sa there, without
+    one each by the least-squares factor to the drawn spectrum; no factor is above `max_scale` or
+    below its inverse. The same table, in any order, and the same seed give the same set.
+    RecordError if the flatfile lacks a column or period, or fewer records than asked for may be
+    selected, InputError for another argument.
     """
-    least_of = {"count": (count, 1), "seed": (seed, 0), "max_scale": (max_scale, 1),
-                "per_event": (1 if per_event is None else per_event, 1)}  # fmt: skip
-    for name, (value, least) in least_of.items():
-        if not value >= least:
-            raise InputError(f"{name} = {value} must be at least {least}")
+    given = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
+    for name, value in given.items():
+        if value is not None and not value >= 1:
+            raise InputError(f"{name} = {value} must be at least 1")
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
@@ -142,8 +140,15 @@ def select_records(
     def scaled(spectrum: Array) -> Array:
         return ln_sa + _factors(ln_sa, target, spectrum, limit)[:, None]
 
-    found = []
-    for spectra in _simulated(target, count, np.random.default_rng(seed)):
+    values, vectors = np.linalg.eigh(target.covariance)
+    # Published correlations are not quite positive definite. The symmetric root does not hang on
+    # the signs of eigenvectors, which differ between machines.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    normal = np.random.default_rng(seed).standard_normal((20, count, values.size))
+    drawn = target.ln_mean + normal @ root
+    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
+    found, order = [], np.argsort(_deviation(target, drawn.mean(axis=1), sd))
+    for spectra in drawn[order[:STARTS]]:
         chosen = np.empty(0, dtype=np.int64)
         for spectrum in spectra:
             apart = ((scaled(spectrum) - spectrum) ** 2).sum(axis=1)
@@ -167,17 +172,6 @@ def _deviation(target: Target, mean: Array, sd: Array) -> Array:
     weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
     errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
-
-
-def _simulated(target: Target, count: int, rng: np.random.Generator) -> Array:
-    """Sets of ln Sa drawn from the target, the nearest to it, (``STARTS``, count, n_period)."""
-    values, vectors = np.linalg.eigh(target.covariance)
-    # Published correlations are not quite positive definite. The symmetric root does not hang on
-    # the signs of eigenvectors, which differ between machines.
-    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
-    drawn = target.ln_mean + rng.standard_normal((20, count, values.size)) @ root
-    sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
-    return drawn[np.argsort(_deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
 
 
 def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
@@ -220,13 +214,22 @@ def _improve(
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
-    """Records that may be selected, their ln Sa, and which of them may be together."""
+    """Records that may be selected, their ln Sa [g], and which of them may be together."""
     ids = table["record"].astype(str)
-    if ids.duplicated().any():
-        twice = ids[ids.duplicated()].iloc[0]
-        raise RecordError(f"the flatfile: record {twice!r} is there twice")
+    if (twice := ids[ids.duplicated()]).size:
+        raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
-    ln_sa = _spectra(records, target.periods)
+    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    have, columns = {float(match[1]): match[0] for match in matches if match}, []
+    for period in target.periods:
+        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
+        if abs(near - period) > 2e-3 * period:
+            lacking = f"no column T{period:.3f}S"
+            raise RecordError(f"the flatfile: {lacking}; measure at that period too")
+        columns.append(numbers(records, have[near], "the flatfile"))
+    sa = np.column_stack(columns)
+    with np.errstate(invalid="ignore"):  # nan where Sa is missing or not positive (-999)
+        ln_sa = np.log(np.where(sa > 0.0, sa, np.nan))
     usable = np.isfinite(ln_sa).all(axis=1)
     story = f"of {len(records)} candidates {usable.sum()} have Sa at all periods of the target"
     if target.given is not None:
@@ -254,18 +257,3 @@ def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
     same = known.groupby(columns, sort=False).ngroup()
     return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
-
-
-def _spectra(table: pd.DataFrame, periods: Array) -> Array:
-    """ln Sa [g] of records, (n_record, n_period); nan if it is missing or not positive (-999)."""
-    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    have, columns = {float(match[1]): match[0] for match in matches if match}, []
-    for period in periods:
-        near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
-        if abs(near - period) > 2e-3 * period:
-            lacking = f"no column T{period:.3f}S"
-            raise RecordError(f"the flatfile: {lacking}; measure at that period too")
-        columns.append(numbers(table, have[near], "the flatfile"))
-    sa = np.column_stack(columns)
-    with np.errstate(invalid="ignore"):
-        return np.log(np.where(sa > 0.0, sa, np.nan))

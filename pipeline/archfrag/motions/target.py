@@ -3,7 +3,6 @@
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from archfrag.errors import InputError, from_extra
 from archfrag.motions.flatfile import numbers, read_table
 
 Array = NDArray[np.float64]
+Rupture = tuple[float, float, float]  # moment magnitude, closest distance [km], Vs30 [m/s]
 MODELS = {
     "ASK14": "AbrahamsonSilvaKamai2014", "BSSA14": "BooreStewartSeyhanAtkinson2014",
     "CB14": "CampbellBozorgnia2014", "CY14": "ChiouYoungs2014", "I14": "Idriss2014",
@@ -22,23 +22,12 @@ SAME = 1e-6  # relative difference of periods that are the same
 _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"}
 
 
-class Rupture(NamedTuple):
-    """A strike-slip earthquake of active shallow crust, and a site.
-
-    The fault is vertical; the top of the rupture is the closest point to the site, as deep as
-    Chiou and Youngs (2014) expect.
-    """
-
-    magnitude: float  # moment magnitude
-    distance_km: float  # closest distance to the rupture
-    vs30_mps: float
-
-
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
 
+    The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
@@ -47,9 +36,9 @@ def predict(
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
-    for name, value in rupture._asdict().items():
-        _check_positive(value, f"{name} = {value} of a rupture")
     magnitude, distance, vs30 = rupture
+    if not all(0.0 < value < np.inf for value in rupture):
+        raise InputError(f"magnitude, distance and Vs30 {rupture} must be numbers above 0")
     # Chiou and Youngs (2014), Eq 5: mean depth to the top.
     top = min(max(2.673 - 1.136 * max(magnitude - 4.970, 0.0), 0.0) ** 2, distance)
     surface = float(np.sqrt(distance**2 - top**2))
@@ -89,11 +78,6 @@ def correlation(first: ArrayLike, second: ArrayLike) -> Array:
     for periods in both:
         _check_within(periods, 0.01, 10.0, "of the correlations of Baker and Jayaram (2008)")
     return np.asarray(calc_correls(*both), dtype=np.float64)
-
-
-def _check_positive(value: float, name: str) -> None:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} must be a number above 0")
 
 
 def _check_within(periods: Array, low: float, high: float, what: str) -> None:
@@ -142,15 +126,13 @@ def conditional_spectrum(
     mean_i = mu_i + rho_i* epsilon sigma_i
     covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
 
-    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
-    27(3), 797-815.
-
-    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if it is not one
-    of them. InputError if a number is not positive, or a period occurs twice or is outside the
-    range of the model or of the correlation.
+    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
+    `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
+    InputError if a number is not positive, or a period occurs twice or is outside the range of
+    the model or of the correlation.
     """
-    _check_positive(level, f"level = {level} g of Sa({conditioning} s)")
-    _check_positive(conditioning, f"conditioning period {conditioning} s")
+    if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
+        raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
     grid = _rising(periods, "periods")
     others = grid[np.abs(np.log(grid / conditioning)) >= SAME]
     known = int(np.searchsorted(others, conditioning))
@@ -171,8 +153,7 @@ def spectrum_target(
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
     period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
-    to which records are to be close. InputError, beginning with `source`, for numbers that are
-    missing or not positive, a period twice, or an sd of 0 at several periods but not at all.
+    to which records are to be close. InputError, beginning with `source`, for other numbers.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")

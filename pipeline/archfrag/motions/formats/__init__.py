@@ -45,8 +45,7 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     """Read the traces of a file in a format, or in the first one that recognises it.
 
     Each has in ``stats.record`` what the header states, samples ``announced`` and ``held``, and
-    the ``messages`` of the reader. RecordError if the file is damaged, cut off, an archive or in
-    no format.
+    the ``messages`` of the reader. RecordError if the file is damaged or in no format.
     """
     if form := form or recognise(path, (*TEXT, *BINARY)):
         return read_as(path, form)
@@ -97,12 +96,13 @@ def read_as(path: str, name: str) -> list[Trace]:
         except Exception as error:
             what = "the file is damaged, truncated or not what it seems"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
-    messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
-    for message in messages:
-        if "MSEED" in message.category.__name__:
-            raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
-    texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
-    shown = list(dict.fromkeys(texts))
+    shown: dict[str, None] = {}
+    for warning in caught:
+        text = " ".join(str(warning.message).split())
+        if "MSEED" in warning.category.__name__:
+            raise RecordError(f"{path}: damaged or truncated miniSEED ({text})")
+        if not issubclass(warning.category, DeprecationWarning):
+            shown[f"obspy: {text}"] = None
     for trace in traces:
         blocks = trace.stats.get("mseed", {})
         length = blocks.get("record_length") or _BLOCK.get(name)
@@ -112,7 +112,9 @@ def read_as(path: str, name: str) -> list[Trace]:
             raise RecordError(f"{path}: {cut_off} are no multiple of records of {length} bytes")
         record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
         trace.stats._format, trace.stats.npts = name, len(trace.data)
-        trace.stats.record = AttribDict({"held": trace.stats.npts, "messages": shown} | record)
+        trace.stats.record = AttribDict(
+            {"held": trace.stats.npts, "messages": list(shown)} | record
+        )
     return traces
 
 

@@ -1,6 +1,5 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
-import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,10 @@ from numpy.typing import NDArray
 from obspy import Trace
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.formats.common import FORTRAN, Text, split, trace_of
+from archfrag.motions.formats.common import Text, split, trace_of
 
-MOST_COLUMNS, LONGEST_LINE = 1000, 2**22  # [columns], [characters]
+MOST_COLUMNS = 1000
 _BETWEEN = str.maketrans(",;", "  ")
-_RISES = "what would be accelerations rises evenly, as times do; name the columns of both"
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
@@ -90,21 +88,41 @@ def parse_columns(text: str) -> Columns:
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     text, name = Text(path), str(path)
-    _make_plain(text, columns.skip)
+    rows = [(text.place(place), row) for place, line in enumerate(text.lines)
+            if place >= columns.skip and (row := line.translate(_BETWEEN).strip())
+            and not row.startswith(("#", "%"))]  # fmt: skip
+    comma = next((place for place, line in enumerate(text.lines[columns.skip :])
+                  if "," in line and not line.lstrip().startswith(("#", "%"))), None)  # fmt: skip
+    if comma is not None and not any("." in row for _, row in rows):
+        commas = "numbers with commas and none with a decimal point"
+        raise RecordError(f"{text.place(columns.skip + comma)}: {commas}; write decimal points")
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    values = _picked(text, chosen) if chosen else text.numbers(columns.skip)[:, None]
+    table = []
+    for where, row in rows:
+        words = row.split()
+        if chosen and len(words) <= max(chosen):
+            few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
+            raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
+        picked = [words[c] for c in chosen] or words
+        table.append([value for word in picked for value in split(word, where)])
+        if chosen and len(table[-1]) != len(chosen):
+            raise RecordError(f"{where}: columns run together")
+    values = np.array([value for row in table for value in row]).reshape(-1, len(chosen) or 1)
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
+    timed, step = columns.time is not None, columns.dt
+    if timed:
+        step = _even_step(values[:, 0], [where for where, _ in rows], columns)
     # Rows of several numbers that each begin with a time are no samples row after row.
-    width = len(next(filter(None, text.lines)).split())
-    first = values[::width, 0] if not chosen and width > 1 else values[:0, 0]
-    timed = columns.time is not None
-    step = _even_step(values[:, 0], text, columns) if timed else columns.dt
+    paired = not chosen and {len(row) for row in table[:-1]} - {1}
+    first = np.array([row[0] for row in table if paired])
     traces = []
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
         samples = np.ascontiguousarray(values[:, index])
-        if _rises_evenly(samples) or _rises_evenly(first):
-            raise RecordError(f"{name}: {_RISES}")
+        for steps in (np.diff(samples), np.diff(first)):
+            if steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max():
+                rises = "what would be accelerations rises evenly, as times do"
+                raise RecordError(f"{name}: {rises}; name the columns of both")
         record = {
             "announced": samples.size, "held": samples.size, "component": code,
             "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
@@ -114,43 +132,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     return traces
 
 
-def _make_plain(text: Text, skip: int) -> None:
-    """Leave blanks between numbers; comments and the lines before the first row are empty."""
-    comma, points = 0, False
-    text.lines[:skip] = [""] * min(skip, len(text.lines))
-    for place, line in enumerate(text.lines):
-        if len(line) > LONGEST_LINE:
-            raise RecordError(f"{text.place(place)}: has more than {LONGEST_LINE} characters")
-        row = line.translate(_BETWEEN).strip()
-        text.lines[place] = "" if row.startswith(("#", "%")) else row
-        if text.lines[place]:
-            comma, points = comma or ("," in line and place + 1), points or "." in line
-    if comma and not points:
-        commas = "numbers with commas and none with a decimal point"
-        raise RecordError(f"{text.name}, line {comma}: {commas}; write decimal points")
-
-
-def _picked(text: Text, chosen: list[int]) -> NDArray[np.float64]:
-    """Columns of rows, shape (n_row, n_chosen)."""
-    filled = [row.translate(FORTRAN) for row in text.lines if row]
-    if not filled:
-        return np.empty((0, len(chosen)))
-    with contextlib.suppress(ValueError):
-        values = np.loadtxt(filled, usecols=chosen, ndmin=2, comments=None)  # type: ignore[call-overload]
-        if np.isfinite(values).all():
-            return values
-    for place, row in enumerate(text.lines):
-        words, where = row.split(), text.place(place)
-        if words and len(words) <= max(chosen):
-            few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
-            raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
-        for word in (words[c] for c in chosen if words):
-            if len(split(word, where)) != 1:
-                raise RecordError(f"{where}: {word!r} is not a number")
-    raise RecordError(f"{text.name}: cannot be read as columns of numbers")
-
-
-def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> float:
+def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
@@ -159,12 +141,6 @@ def _even_step(times: NDArray[np.float64], text: Text, columns: Columns) -> floa
         return float(f"{mean:.9g}")
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1
-    where = text.place([place for place, row in enumerate(text.lines) if row][late])
     found = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
     remedy = "if times are only rounded, give dt instead of their column"
-    raise RecordError(f"{where}: times must be evenly spaced, {found}; {remedy}")
-
-
-def _rises_evenly(values: NDArray[np.float64]) -> bool:
-    steps = np.diff(values)
-    return steps.size >= 4 and steps.min() > 0.0 and float(np.ptp(steps)) < 1e-3 * steps.max()
+    raise RecordError(f"{places[late]}: times must be evenly spaced, {found}; {remedy}")

@@ -21,7 +21,7 @@ from archfrag.motions.partners import AZIMUTHS, quadrant
 Source = str | Path | BinaryIO
 Table = Mapping[str, tuple[Any, ...]]
 
-FORTRAN = str.maketrans("Dd", "EE")
+_FORTRAN = str.maketrans("Dd", "EE")
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
@@ -129,7 +129,7 @@ def format_width(text: str) -> int | None:
 
 def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] | None:
     """All numbers at once; None if a word or a column is not a finite number."""
-    text = "\n".join(lines).translate(FORTRAN)
+    text = "\n".join(lines).translate(_FORTRAN)
     if "_" in text or (width is not None and "\t" in text):  # Python allows 1_000
         return None
     cells = text.split() if width is None else [
@@ -151,14 +151,14 @@ def _words(line: str, width: int | None) -> list[str]:
         return words
     columns = (line[start : start + width].strip() for start in range(0, len(line), width))
     for found in (words, list(filter(None, columns))):
-        if all(_NUMBER.fullmatch(word.translate(FORTRAN)) for word in found):
+        if all(_NUMBER.fullmatch(word.translate(_FORTRAN)) for word in found):
             return found
     return words
 
 
 def split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
-    text = word.translate(FORTRAN).upper()
+    text = word.translate(_FORTRAN).upper()
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
     if len(pieces) > 1 and not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
         pieces = [""]
@@ -166,7 +166,7 @@ def split(word: str, place: str) -> list[float]:
         values = [float(piece.replace("_", "?")) for piece in pieces]
     except ValueError:
         values = [math.nan]
-    if not np.isfinite(values).all():
+    if not all(map(math.isfinite, values)):
         raise RecordError(f"{place}: {word[:40]!r} is not a finite number")
     return values
 
@@ -235,10 +235,8 @@ def number(text: str | None) -> float | None:
 
 def iso_date(*texts: str) -> str:
     """First date in some texts as YYYY-MM-DD (months before days, as in the USA); else nothing."""
-    for text in texts:
-        found = next(filter(None, (re.search(each, text.upper()) for each in _DATES)), None)
-        if found is None:
-            continue
+    every = (re.search(each, text.upper()) for text in texts for each in _DATES)
+    for found in filter(None, every):
         named = found["month"]
         month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
         year, day = int(found["year"]), int(found["day"])
@@ -253,9 +251,8 @@ def utc_time(text: str) -> UTCDateTime | None:
     date, clock = iso_date(text), _CLOCK.search(text.upper())
     if not date or clock is None:
         return None
-    hour, minute, second = (float((part or "").rstrip(".") or 0) for part in clock.groups())
-    within = 3600.0 * hour + 60.0 * minute + second < 86400.0
-    return moment(*map(int, date.split("-")), hour, minute, second) if within else None
+    parts = (float((part or "").rstrip(".") or 0) for part in clock.groups())
+    return moment(*map(int, date.split("-")), *parts)
 
 
 def moment(
@@ -279,8 +276,7 @@ def magnitude(text: str) -> float | None:
 def direction(text: str) -> dict[str, Any]:
     """Component, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
-    found = re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)
-    if found and int(found[1]) <= 360:
+    if (found := re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)) and int(found[1]) <= 360:
         return {"component": str(int(found[1])), "azimuth": float(found[1]), "vertical": False}
     if found := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
         azimuth = quadrant(re.sub(r"\s", "", found[0]))
@@ -308,11 +304,6 @@ def acceleration_unit(text: str, where: str) -> str:
     return plain
 
 
-def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
-    """Add to the contradictions of a record, or to its ``warnings``, for which it is refused."""
-    record[kind] = (*record.get(kind, ()), fault)
-
-
 def judge_peak(record: Any, stated: str, values: NDArray[np.float64], unit: str) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
     try:
@@ -327,7 +318,7 @@ def judge_peak(record: Any, stated: str, values: NDArray[np.float64], unit: str)
     off = abs(nearest - peak) - rounding
     if off > 0.01 * peak:
         text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        add_fault(record, f"{text} {unit}", "warnings" if off > 0.1 * peak else "faults")
+        record["warnings" if off > 0.1 * peak else "faults"] = (f"{text} {unit}",)
 
 
 def trace_of(

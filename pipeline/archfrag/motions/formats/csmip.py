@@ -56,25 +56,26 @@ def _stream(source: common.Source, channel: Callable[[common.Text, int], _Channe
     place = stated = 0
     while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
-        if trace is not None:
-            if not any(map(common.END_OF_DATA.match, text.lines[place : place + 1])):
-                cut_off = "there is no end-of-data line: the file may be cut off"
-                common.add_fault(trace.stats.record, cut_off)
-            traces.append(trace)
-            stated = max(stated, int(common.search(_CHANNELS, header) or 0))
+        if trace is None:
+            continue
+        faults = trace.stats.record.get("faults", ())
+        if not any(map(common.END_OF_DATA.match, text.lines[place : place + 1])):
+            faults = (*faults, "there is no end-of-data line: the file may be cut off")
+        trace.stats.record.faults = faults
+        traces.append(trace)
+        stated = max(stated, int(common.search(_CHANNELS, header) or 0))
     if not traces:
         raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
     if stated > len(traces):
         fault = f"the header counts {stated} channels, the file holds {len(traces)}"
-        common.add_fault(traces[0].stats.record, fault)
+        traces[0].stats.record.faults += (fault,)
     # Traces of one code get their channel numbers as locations.
-    ids, seen = [trace.id for trace in traces], set[str]()
+    ids = [trace.id for trace in traces]
     for count, trace in enumerate(traces, start=1):
-        if ids.count(ids[count - 1]) > 1:
+        if ids.count(trace.id) > 1:
             trace.stats.location += str(trace.stats.record.get("channel", count))
-        if trace.id in seen:
+        if trace.id in {each.id for each in traces[: count - 1]}:
             trace.stats.location += f"-{count}"
-        seen.add(trace.id)
     return Stream(traces)
 
 

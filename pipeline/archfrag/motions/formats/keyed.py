@@ -13,7 +13,6 @@ Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib``
 is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 """
 
-import contextlib
 import re
 from typing import Any
 
@@ -25,14 +24,12 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import common
 from archfrag.motions.partners import AZIMUTHS
 
-_AT2_LINES = 4
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
-_VERTICALS = ("Z", "UP", "V", "UD")
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
@@ -72,23 +69,21 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
     text = common.Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
-    if len(text.lines) <= _AT2_LINES:
+    if len(text.lines) <= 4:
         raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
-    header = [line.strip() for line in text.head(0, _AT2_LINES)]
-    if "ACCELERATION" not in header[2].upper():
+    _, about, quantity, last = (line.strip() for line in text.head(0, 4))
+    if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
-    unit = common.acceleration_unit(
-        common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", header[2]) or "none", text.place(2)
-    )
-    count, step = (common.search(pattern, header[3]) for pattern in (_NPTS, _DT))
+    unit = common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
+    count, step = (common.search(pattern, last) for pattern in (_NPTS, _DT))
     if not (count and step):
-        count, step = (common.search(_TRAILING, header[3], group) for group in (1, 2))
+        count, step = (common.search(_TRAILING, last, group) for group in (1, 2))
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
     stated, where = common.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
-    record: dict[str, Any] = {"event": header[1], "component": ""}
-    parts = [part.strip() for part in header[1].split(",")]
+    record: dict[str, Any] = {"event": about, "component": ""}
+    parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
@@ -96,8 +91,9 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
             "event": parts[0], "date": parts[1] if dated else "",
             "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
         }  # fmt: skip
-    record |= {"unit": unit, "announced": common.checked_count(count, where)}
-    return Stream([common.trace_of(text.numbers(_AT2_LINES), common.number(step), where, record)])
+    record |= {"unit": common.acceleration_unit(unit, text.place(2)),
+               "announced": common.checked_count(count, where)}  # fmt: skip
+    return Stream([common.trace_of(text.numbers(4), common.number(step), where, record)])
 
 
 def read_dyna(source: common.Source, **_: Any) -> Stream:
@@ -112,10 +108,12 @@ def read_dyna(source: common.Source, **_: Any) -> Stream:
         key, place = match[1].upper(), text.place(count)
         if key in header:
             raise RecordError(f"{place}: {key} is there a second time")
-        value = match[2]
-        with contextlib.suppress(UnicodeDecodeError):  # names may be in UTF-8
-            value = value.encode("latin-1").decode("utf-8")
-        header[key], places[key] = value.strip(), f"{place}, {key}"
+        value = match[2].encode("latin-1")
+        try:  # names may be in UTF-8
+            header[key] = value.decode("utf-8").strip()
+        except UnicodeDecodeError:
+            header[key] = value.decode("latin-1").strip()
+        places[key] = f"{place}, {key}"
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
     return _keyed(text, header, places, len(header), codes)
 
@@ -124,7 +122,7 @@ def read_resorce(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
     text = common.Text(source)
     series = text.first(0, _SERIES.match)
-    match = _SERIES.match(text.lines[series]) if series < len(text.lines) else None
+    match = _SERIES.match("".join(text.lines[series : series + 1]))
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
     header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}
@@ -159,7 +157,7 @@ def _keyed(
         unit=common.acceleration_unit(header["UNITS"], places["UNITS"]),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
         announced=common.checked_count(header["NDATA"], places["NDATA"]),
-        vertical=letter in _VERTICALS if letter else None,
+        vertical=letter in ("Z", "UP", "V", "UD") if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
         event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
@@ -180,19 +178,16 @@ def read_knet(source: common.Source, **_: Any) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
     read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
     stream = read(source if hasattr(source, "read") else str(source))
-    for trace in stream:
-        if "knet" not in trace.stats:
-            continue  # the header is cut off, and so is what follows
+    # Without a header that is whole, nothing follows.
+    for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
         record = common.read_fields(_KNET, knet.get) | common.known(
-            level="raw",
+            level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
-            component=component,
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
             sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
-            station=trace.stats.station,
-        )
+        )  # fmt: skip
         common.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
         trace.stats.record = AttribDict(record)
     return stream

@@ -50,7 +50,7 @@ SUITE = {
     7.0: (5.0, 10.0, 20.0, 40.0, 60.0, 100.0),
     7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
 }
-EVENTS, FIRST_SEED = 3, 20250101  # of each magnitude; of the first motion
+FIRST_SEED = 20250101  # of the first motion
 FOLDER, COMPONENT = "synthetic", "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 # Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
@@ -257,7 +257,7 @@ def shipped_recipes() -> list[Recipe]:
     recipes: list[Recipe] = []
     for group, (magnitude, distances) in enumerate(SUITE.items()):
         for place, distance in enumerate(distances):
-            seed, event = (FIRST_SEED + n for n in (len(recipes), group * EVENTS + place % EVENTS))
+            seed, event = (FIRST_SEED + n for n in (len(recipes), group * 3 + place % 3))
             name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
             recipes.append(Recipe(magnitude, distance, seed, event, id=name))
     return recipes

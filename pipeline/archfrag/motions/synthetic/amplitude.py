@@ -5,11 +5,9 @@ ground-motion model of Chiou and Youngs (2014): crustal earthquakes of active re
 Vs30 = 760 m/s, as the average over depths to the top of rupture. `median_adjustment` brings its
 response spectra to the mean of two ground-motion models.
 
-The logarithm of the amplitude varies by three normal terms, each a row over frequency: one of the
-earthquake (tau), one of the site (phi_s2s) and one of the record (phi_ss), with the deviations and
-the correlation between frequencies of [7]_ and [8]_; that response spectra then vary as those of
-records is the theory of [9]_. A vertical component has V/H of response spectra by [10]_,
-strike-slip faults.
+The logarithm of the amplitude varies by normal terms of the earthquake (tau), the site (phi_s2s)
+and the record (phi_ss), rows over frequency, by [7]_ and [8]_; response spectra then vary as those
+of records, as [9]_ explains. A vertical has V/H of spectra by [10]_, strike-slip faults.
 
 References
 ----------
@@ -30,7 +28,6 @@ References
 .. [10] Gulerce and Abrahamson (2011), Earthquake Spectra 27(4), 1023-1047.
 """
 
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +53,13 @@ def read_table(name: str) -> dict[str, Row]:
 # Coefficients of Bayless and Abrahamson by their names, at 61 frequencies [Hz].
 COEFFICIENTS = read_table("bayless_abrahamson.csv")
 FREQUENCIES = COEFFICIENTS["frequency_hz"]
+GRID: Row = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
+TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
+# Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
+# record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
+# vertical to its horizontal varies as Gulerce and Abrahamson found.
+COMPONENT_CORRELATION = 0.7
+RATIO = read_table("gulerce_abrahamson.csv")  # coefficients by period
 _AMPLIFICATION = tuple(read_table("amplification.csv").values())
 _ADJUSTMENT = read_table("adjustment.csv")  # ln factor by magnitude, distance and frequency
 _MAGNITUDES, _DISTANCES = (np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitude", "distance_km"))
@@ -69,7 +73,7 @@ def corner_frequency(magnitude: float) -> float:
 
 
 def low_cut(magnitude: float) -> float:
-    """Frequency below which the motion is filtered away [Hz]: half the corner, 0.05 to 0.1 Hz."""
+    """Frequency below which motion is filtered away [Hz]: half the corner, in 0.05 to 0.1 Hz."""
     return float(np.clip(0.5 * corner_frequency(magnitude), 0.05, 0.1))
 
 
@@ -98,15 +102,12 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
     constant /= 4.0 * np.pi * density * SHEAR_VELOCITY**3
     moment = 10.0 ** (1.5 * (magnitude + 10.7))
     source = constant * moment / (1.0 + (f / corner_frequency(magnitude)) ** 2)
-
     near, far, transition = 1.1611, 0.5, 50.0  # rates, distance [km]
-    reach = point_source_distance(magnitude, distance)
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
+    reach = point_source_distance(magnitude, distance)
     decay = reach**-near * bend ** (0.5 * (near - far))
-
     exponent = 0.6884 + 0.1354 * np.tanh(magnitude - 5.1278)
     loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (205.4 * SHEAR_VELOCITY))
-
     nodes, factors = _AMPLIFICATION
     with np.errstate(divide="ignore"):
         amplification = np.exp(np.interp(np.log(f), np.log(nodes), np.log(factors)))
@@ -145,16 +146,6 @@ def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
     return values[low] + (position - low) * (values[low + 1] - values[low])
 
 
-TERMS = {"event": "tau", "site": "phi_s2s", "record": "phi_ss"}
-GRID: Row = np.geomspace(0.05, 50.0, 150)  # of integrals over frequency [Hz]
-# Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
-# record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
-# vertical to its horizontal varies as Gulerce and Abrahamson found.
-COMPONENT_CORRELATION = 0.7
-# Gulerce and Abrahamson: coefficients by period.
-RATIO = read_table("gulerce_abrahamson.csv")
-
-
 def correlation(frequency: ArrayLike) -> Row:
     """Correlation of ln amplitude between frequencies [Hz], shape (n_frequency, n_frequency).
 
@@ -172,6 +163,14 @@ def correlation(frequency: ArrayLike) -> Row:
 _ROOT = np.linalg.cholesky(correlation(FREQUENCIES))
 
 
+# Squared factors of many drawn variations at ``GRID``, shape (150, 300).
+_TOTAL = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
+_DRAWN = np.random.Generator(np.random.PCG64(0)).standard_normal((FREQUENCIES.size, 150))
+_ROWS = [np.interp(np.log(GRID), np.log(FREQUENCIES), row)
+         for row in (_ROOT @ _DRAWN * _TOTAL[:, None]).T]  # fmt: skip
+_POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
+
+
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
     """One term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
     return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
@@ -186,31 +185,20 @@ def _power_fractions(amplitude: Row, period: Row) -> Row:
 
 
 def median_correction(amplitude: Row) -> Row:
-    """What to add to ln amplitude so that variation leaves the median of Sa, shape (61,).
+    """What to add to ln amplitude (at ``GRID``) so that variation leaves the median of Sa, (61,).
 
     The mean square of an oscillator is a sum over frequencies of lognormal variables, whose median
     is above the sum of their medians unless all vary as one. The correction at a frequency f is
     found by repetition so that the mean of the sum's logarithm, over 150 drawn rows of variation
-    and the same with opposite sign, is unchanged at the period 1 / f. `amplitude` is at ``GRID``.
+    and the same with opposite sign, is unchanged at the period 1 / f.
     """
     nodes = np.log(FREQUENCIES)
     fractions = _power_fractions(amplitude, 1.0 / FREQUENCIES)
     correction = np.zeros(nodes.size)
     for _ in range(6):
         gain = np.exp(2.0 * np.interp(np.log(GRID), nodes, correction))
-        correction -= 0.5 * np.log((fractions * gain) @ _drawn_powers()).mean(axis=1)
+        correction -= 0.5 * np.log((fractions * gain) @ _POWERS).mean(axis=1)
     return correction
-
-
-@lru_cache(maxsize=1)
-def _drawn_powers() -> Row:
-    """Squared factors of many drawn variations at ``GRID``, shape (150, 300)."""
-    generator = np.random.Generator(np.random.PCG64(0))
-    normal = _ROOT @ generator.standard_normal((FREQUENCIES.size, 150))
-    total = np.sqrt(sum(COEFFICIENTS[name] ** 2 for name in TERMS.values()))
-    normal *= total[:, None]
-    rows = np.array([np.interp(np.log(GRID), np.log(FREQUENCIES), row) for row in normal.T])
-    return np.exp(2.0 * np.concatenate((rows, -rows)).T)
 
 
 def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
@@ -235,8 +223,7 @@ def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: flo
 def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: float) -> Row:
     """ln of the factor on horizontal amplitudes that gives spectra the model's V/H, (61,).
 
-    The ratio of spectra is the root of that of mean squares; the factor at 1 / T is found by
-    repetition.
+    The ratio of spectra is the root of that of mean squares; found by repetition.
     """
     # The model's reference PGA is at 1100 m/s.
     rock = amplitude * site_factor(GRID, 1100.0) / site_factor(GRID, vs30)
