@@ -119,7 +119,10 @@ def test_scaled_motion_has_the_level(name):
         (lambda: Motion([0.0, np.nan, 1.0], 0.01, id="rec"), ["rec: ", "not finite", "index 1"]),
         (lambda: Motion([[1.0, 2.0]], 0.01), ["a row of 2, not (1, 2)"]),
         (lambda: Motion([0.0, 1.0], "fast"), ["dt and samples", "must be numbers"]),
-        (lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]), ["vertical must be a row of 2, not (3,)"]),
+        (
+            lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]),
+            ["vertical must be a row of 2, not (3,)"],
+        ),
     ],
 )
 def test_refusals(call, parts):

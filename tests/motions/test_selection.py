@@ -119,13 +119,8 @@ class TestLimits:
         assert not found[["event", "station"]].duplicated().any()
 
     def test_cautions(self, thousand):
-        weak = thousand.query("distance_km >= 40 and magnitude <= 6.3")
-        for table, part in (
-            (weak, "scaled by more than 4 or less than 1/4"),
-            (thousand.assign(event="Kobe"), "20 of 20 records are of one event (Kobe)"),
-        ):
-            found = select_records(table, TARGET, 20, 1, max_scale=100.0)
-            assert any(part in caution for caution in found.cautions)
+        found = select_records(thousand.assign(event="Kobe"), TARGET, 20, 1, max_scale=100.0)
+        assert any("20 of 20 records are of one event (Kobe)" in each for each in found.cautions)
 
 
 class TestOutput:

@@ -107,15 +107,6 @@ class TestInspect:
         found = json.loads(call("inspect", lost, at2, "--json").stdout)
         assert ["error" in entry for entry in found] == [True, False]
 
-    def test_figure(self, at2, three, tmp_path):
-        figure = tmp_path / "figure.svg"
-        done("inspect", at2, "--figure", figure)
-        for word in ("record.AT2 180", "acceleration [g]", "velocity [cm/s]", "period [s]"):
-            assert word in texts(figure)
-        assert "FILE.svg" in refused("inspect", at2, "--figure", tmp_path / "figure.png")
-        assert "there are 0" in refused("inspect", three, "--figure", figure)
-        refused("inspect", at2, "--figure", tmp_path / "no" / "figure.svg", code=4)
-
 
 class TestConvert:
     @pytest.mark.parametrize("unit", ["m/s2", "g"])
@@ -130,9 +121,7 @@ class TestConvert:
             for part in ("acceleration", "vertical"):
                 assert np.allclose(getattr(new, part), getattr(old, part), rtol=3e-16, atol=0.0)
 
-    def test_text_holds_all_digits_and_an_index_lists_what_was_done(
-        self, three, at2, tmp_path
-    ):
+    def test_text_holds_all_digits_and_an_index_lists_what_was_done(self, three, at2, tmp_path):
         out = tmp_path / "o"
         done("convert", three, "--unit", "m/s2", "--to", "text", "--in", "g", "--out", out)
         done("convert", at2, "--out", out)
@@ -273,10 +262,11 @@ class TestMeasure:
         (file,) = read_flatfile(out)["file"]
         assert (out.parent / file).samefile(at2)
         assert "Sa, 5 % damping [g]" in texts(figure)
+        assert "FILE.svg" in refused("measure", at2, "--out", out, "--figure", tmp_path / "f.png")
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
-    def test_many_files_by_several_processes_stay_in_order(self, tmp_path):
+    def test_many_files_stay_in_order(self, tmp_path):
         files = [tmp_path / f"r{number % 7}-{number:02d}.AT2" for number in range(40)]
         for number, file in enumerate(files):
             file.write_text(at2_text((0.1 + 0.01 * number) * wave()))

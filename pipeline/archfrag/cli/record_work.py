@@ -19,16 +19,11 @@ from archfrag.motions import target as targets
 from archfrag.motions.flatfile import PERIODS, measure_records, read_flatfile
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
-from archfrag.motions.measures import spectral_acceleration, velocity
-from archfrag.motions.motion import Motion
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
 from archfrag.motions.selection import Selection, select_records
 from archfrag.motions.synthetic import Plan, make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
-
-SHOWN_PERIODS = np.geomspace(0.02, 5.0, 80)  # of a record's spectrum [s]
-MOST = 24  # channels in a figure
 
 
 def inspection_text(found: dict[str, Any]) -> str:
@@ -158,34 +153,12 @@ def selected_spectra(found: Selection) -> str:
     return _svg(chart, axes)
 
 
-def channels(traces: Sequence[tuple[str, Motion]]) -> str:
-    """Figure of acceleration and velocity of labelled channels as read, and of their spectra."""
-    rows = len(traces)
-    if not 1 <= rows <= MOST:
-        allowed = f"a figure shows 1 to {MOST} channels with a known unit"
-        raise InputError(f"{allowed}; there are {rows}")
-    chart, axes = _chart(4.5 + 1.4 * rows, (rows + 1, 2), [1.0] * rows + [3.0])
-    for row, (label, motion) in enumerate(traces):
-        acceleration = motion.acceleration / STANDARD_GRAVITY
-        histories = {f"{label}: acceleration [g]": acceleration,
-                     "velocity [cm/s]": 100.0 * velocity(motion)}  # fmt: skip
-        for column, (title, values) in enumerate(histories.items()):
-            own = chart.add_subplot(axes.get_gridspec()[row, column])
-            own.plot(motion.time, values, "tab:blue", linewidth=0.6)
-            own.set_title(title, loc="left", fontsize="small")
-        sa = spectral_acceleration(motion, SHOWN_PERIODS) / STANDARD_GRAVITY
-        axes.plot(SHOWN_PERIODS, sa, linewidth=1.2, label=label)
-    return _svg(chart, axes)
-
-
-def _chart(
-    height: float = 4.5, shape: tuple[int, int] = (1, 1), heights: Sequence[float] = (1.0,)
-) -> tuple[Any, Any]:
-    """A figure of matplotlib with axes of spectra, which have the last row of a grid."""
+def _chart() -> tuple[Any, Any]:
+    """A figure of matplotlib with axes of spectra."""
     from matplotlib.figure import Figure
 
-    chart = Figure(figsize=(9.0, height), layout="constrained")
-    axes = chart.add_subplot(chart.add_gridspec(*shape, height_ratios=heights)[-1, :])
+    chart = Figure(figsize=(9.0, 4.5), layout="constrained")
+    axes = chart.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
     axes.grid(alpha=0.3)
     return chart, axes

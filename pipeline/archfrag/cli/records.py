@@ -55,48 +55,38 @@ def records() -> None:
 @records.command()
 @_files
 @takes_format
-@_figure
 @json_option
 @click.pass_context
 def inspect(
-    context: click.Context, files: tuple[Path, ...], figure: Path | None, as_json: bool,
-    **reading: Any,
-) -> None:  # fmt: skip
+    context: click.Context, files: tuple[Path, ...], as_json: bool, **reading: Any
+) -> None:
     """List the content of record FILES and their errors.
 
     Each channel of each file is shown with its faults. If a file cannot be read, the others are
-    shown and the exit code is 2. The figure shows acceleration, velocity and response spectra.
+    shown and the exit code is 2.
 
     \b
     Example:
-      archfrag records inspect *.V2 --figure records.svg
+      archfrag records inspect *.V2
     """
-    from archfrag.cli import record_work as work
+    from archfrag.cli.record_work import inspection_text, reading_of
     from archfrag.motions.index import goes_with_records
     from archfrag.motions.read import inspect_record
 
-    found, facts, unreadable = [], [], []
+    found, unreadable = [], []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(inspect_record(file, **work.reading_of(file, reading)))
+            found.append(finite(inspect_record(file, **reading_of(file, reading))))
         except RecordError as error:
-            unreadable.append(str(error))
-            facts.append({"file": str(file), "error": str(error)})
-            continue
-        channels = [{k: v for k, v in each.items() if k != "motion"}
-                    for each in found[-1]["channels"]]  # fmt: skip
-        facts.append(finite(found[-1] | {"channels": channels}))
-    if figure is not None and found:
-        write_text(figure, work.channels([
-            (f"{Path(file['file']).name} {channel['code']}".strip(), channel["motion"])
-            for file in found for channel in file["channels"] if channel["motion"] is not None
-        ]))  # fmt: skip
-    if found or as_json:
-        show(facts, "\n".join(map(work.inspection_text, found)), as_json)
-    for message in unreadable:
-        warn(f"error: {message}")
+            unreadable.append(error)
+            found.append({"file": str(file), "error": str(error)})
+    shown = [inspection_text(facts) for facts in found if "error" not in facts]
+    if shown or as_json:
+        show(found, "\n".join(shown), as_json)
+    for error in unreadable:
+        warn(f"error: {error}")
     if unreadable:
         context.exit(RecordError.exit_code)
 

@@ -6,7 +6,6 @@ is refused unless accepted); if ``unit_in_file`` is empty the samples are those 
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +96,7 @@ def _read_one(
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, options)
-    remedy = "give `component` (--component on the command line)"
-    horizontals, verticals = _by_direction(channels, source, "" if component or listed else remedy)
+    horizontals, verticals = _by_direction(channels, source, not (component or listed))
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
     component, chosen, line = component or (several and listed), horizontals[0], ()
@@ -126,8 +124,7 @@ def read_motions(
     """
     source = Path(path)
     channels, entry = read_channels(source, Reading(unit, **options))
-    remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
-    horizontals, verticals = _by_direction(channels, source, remedy)
+    horizontals, verticals = _by_direction(channels, source)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
@@ -245,18 +242,16 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
 
 
 def _by_direction(
-    channels: Sequence[Trace], path: Path, remedy: str
+    channels: Sequence[Trace], path: Path, surely: bool = True
 ) -> tuple[list[Trace], list[Trace]]:
-    """Return the channels that are not known to be vertical, and the vertical ones.
-
-    RecordError if there are only verticals or, with a `remedy`, one may be horizontal or not.
-    """
+    """Return the channels that are not known to be vertical (`surely` horizontal) and the others."""
     verticals = [c for c in channels if is_vertical(c)]
     others = [c for c in channels if not is_vertical(c)]
     if not others:
         raise RecordError(f"{path}: holds only the vertical component; a horizontal one is needed")
-    if remedy and len(channels) > 1 and not all(map(is_horizontal, others)):
+    if surely and len(channels) > 1 and not all(map(is_horizontal, others)):
         names = ", ".join(repr(channel_code(c)) for c in channels)
+        remedy = "name them as SEED does (HNE, HNN, HNZ), or read one by `component` (--component)"
         raise RecordError(f"{path}: which of {names} is horizontal is not clear by code; {remedy}")
     return others, verticals
 
@@ -285,16 +280,13 @@ def _motion(
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
     motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
-    own = next(
-        (v for v in verticals if partners.instrument(v) == partners.instrument(channel)), None
-    )
-    if own is None:
-        return motion
-    vertical = _motion(path, own, name, entry)
-    try:
-        return partners.with_vertical(motion, vertical)
-    except RecordError as error:
-        raise RecordError(f"{path}: {error}") from None
+    for own in (v for v in verticals if partners.instrument(v) == partners.instrument(channel)):
+        vertical = _motion(path, own, name, entry)
+        try:
+            return partners.with_vertical(motion, vertical)
+        except RecordError as error:
+            raise RecordError(f"{path}: {error}") from None
+    return motion
 
 
 def inspect_record(path: str | Path, unit: str | None = None, **options: Any) -> dict[str, Any]:
@@ -309,17 +301,16 @@ def inspect_record(path: str | Path, unit: str | None = None, **options: Any) ->
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
         unit = record.unit_in_file
         names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-        more = implausible(trace) if unit else ()
-        faults = [text for _, text in record.warnings], record.faults, [text for _, text in more]
+        faults = [*(text for _, text in record.warnings), *record.faults]
+        faults += [text for _, text in implausible(trace)] if unit else []
         channels.append({
             "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
             "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
             "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
             "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
-            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(chain(*faults))),
+            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
             "duration": (record.held - 1) * dt,
             "PGA": float(abs(trace.data).max()) if unit else None,
-            "motion": Motion(trace.data, dt) if unit and record.held > 1 else None,
         })  # fmt: skip
     return {
         "file": str(path), "format": traces[0].stats._format,

@@ -19,7 +19,6 @@ from archfrag.files import write_csv
 from archfrag.motions.flatfile import numbers
 from archfrag.motions.target import Array, Target
 
-LARGE_SCALE = 4.0  # a factor that is a caution even if the limit allows it
 STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 # Columns of an index of records by those of a flatfile.
 _INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
@@ -62,10 +61,6 @@ class Selection:
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
         found, count = list(self.target.notes), len(self.table)
-        scale = self.table["scale"].astype(float)
-        if (many := (np.maximum(scale, 1.0 / scale) > LARGE_SCALE).sum()) > 0:
-            beyond = f"more than {LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}"
-            found.append(f"{many} of {count} records are scaled by {beyond}")
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):
