@@ -287,7 +287,7 @@ class TestFaults:
         (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
         (dmg_v1().replace("at 100 pts/sec", ""), ["no time step above 0 s"]),
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
-        (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
+        (dyna_text(SAMPLES, data_type="VELOCITY"), ["DATA_TYPE", "'VELOCITY'"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
         (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
         ("\n".join(geonet_text(ONE).splitlines()[:20]), ["ends after 20 line(s)"]),

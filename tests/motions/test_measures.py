@@ -112,7 +112,6 @@ def test_scaled_motion_has_the_level(name):
         (lambda: parse_measure("AvgSA(1.0,0.2)"), ["shorter period first"]),
         (lambda: parse_measure("RotD50(Arias)"), ["PGA, PGV or Sa(T)"]),
         (lambda: measure(SINE, "RotD50(PGA)"), ["sine", "two horizontal components"]),
-        (lambda: spectral_acceleration(SINE, 0.5, damping=1.5), ["damping 1.5", "[0, 1)"]),
         (lambda: scale_factor(STILL, "PGA", 1.0), ["still: PGA of the record is 0"]),
         (lambda: scale_factor(SINE, "D5_95", 5.0), ["'D5_95' does not grow"]),
         (lambda: SINE.scaled(float("inf")), ["scale factor inf"]),

@@ -190,13 +190,12 @@ def convert(
       archfrag records convert CE23837.V1C --to text --in g --out converted
     """
     from archfrag.cli.record_work import reading_of
-    from archfrag.motions.calibrate import Reading
     from archfrag.motions.convert import convert_record
 
     written = []
     for file in files:
-        options = Reading(**reading_of(file, reading))
-        for path in convert_record(file, out, form, requested, options):
+        options = reading_of(file, reading)
+        for path in convert_record(file, out, form, requested, **options):
             written.append({"file": str(path), "source": str(file)})
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 

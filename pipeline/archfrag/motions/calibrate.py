@@ -5,7 +5,7 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -14,28 +14,13 @@ from archfrag.files import opened, read_bytes
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import channel_code, is_vertical
 
-if TYPE_CHECKING:
-    from obspy import Inventory, Trace
-
-    from archfrag.motions.formats.columns import Columns
-    from archfrag.motions.index import IndexEntry
-
-    Given: TypeAlias = str | Path | Inventory | None
-
+Trace = Inventory = Any  # obspy's, whose import takes time
+Given = str | Path | Inventory | None  # StationXML
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
-
-
-class Reading(NamedTuple):
-    """What the user states of a file, see `archfrag.motions.read.read_motion`."""
-
-    unit: str | None = None
-    inventory: "Given" = None
-    accept: Iterable[str] = ()
-    columns: "Columns | None" = None
 
 
 def check_file(path: Path) -> None:
@@ -65,7 +50,7 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
     return tuple(word for word in ACCEPTABLE if word in given)
 
 
-def implausible(channel: "Trace") -> Iterator[Warned]:
+def implausible(channel: Trace) -> Iterator[Warned]:
     """What is implausible about a channel in m/s2."""
     code, dt = channel_code(channel), float(channel.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
@@ -92,10 +77,13 @@ def accept_or_refuse(
 
 
 def to_si(
-    trace: "Trace", warnings: tuple[Warned, ...], path: Path, options: Reading,
-    entry: "IndexEntry | None",
+    trace: Trace, warnings: tuple[Warned, ...], path: Path, asked: str | None, listed: str,
+    given: Given,
 ) -> None:  # fmt: skip
-    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not."""
+    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not.
+
+    `asked` is the user's unit, `listed` that of an index, `given` the user's StationXML.
+    """
     record = trace.stats.record
     record.warnings, record.unit_in_file = warnings, ""
     record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
@@ -104,8 +92,8 @@ def to_si(
     values, inventory = np.asarray(trace.data, dtype=np.float64), None
     try:
         if record.get("unit") in (None, "", "counts"):
-            inventory = find_inventory(path, trace, options.inventory)
-        _scale(trace, path, options.unit, entry, inventory)
+            inventory = find_inventory(path, trace, given)
+        _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
         record.warnings = (*warnings, (None, str(error).removeprefix(f"{path}: ")))
     mean = float(values.mean())
@@ -130,8 +118,7 @@ def to_si(
 
 
 def _scale(
-    trace: "Trace", path: Path, asked: str | None, entry: "IndexEntry | None",
-    inventory: "Inventory | None",
+    trace: Trace, path: Path, asked: str | None, listed: str, inventory: Inventory | None
 ) -> None:  # fmt: skip
     """Multiply the samples so that they are in m/s2.
 
@@ -145,7 +132,7 @@ def _scale(
         unit_factor(asked, str(path))
     unit, source = record.get("unit"), f"{form} header"
     if unit in (None, "", "counts"):
-        unit, source = (entry.unit if entry else ""), "index"
+        unit, source = listed, "index"
     raw = "Uncorrected: mean removed" if record.get("level") == "raw" else ""
     if unit:
         factor = unit_factor(unit, source)
@@ -178,9 +165,7 @@ def _scale(
         record.log += (f"{raw} ({mean:.6g} m/s2).",)
 
 
-def _of_counts(
-    trace: "Trace", path: Path, inventory: "Inventory | None"
-) -> tuple[float, str] | None:
+def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[float, str] | None:
     """The factor from counts to m/s2 and its source, None if nothing states one."""
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "file's scale factor"
@@ -202,7 +187,7 @@ def _of_counts(
     return None
 
 
-def find_inventory(path: Path, trace: "Trace", given: "Given") -> "Inventory | None":
+def find_inventory(path: Path, trace: Trace, given: Given) -> Inventory | None:
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     from obspy import read_inventory
 

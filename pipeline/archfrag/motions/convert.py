@@ -15,7 +15,7 @@ from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
-from archfrag.motions.calibrate import Reading, accept_or_refuse, implausible
+from archfrag.motions.calibrate import accept_or_refuse, implausible
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.motion import unit_factor
 from archfrag.motions.partners import channel_code, instrument, is_vertical
@@ -25,17 +25,15 @@ _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth
 
 
 def convert_record(
-    path: str | Path, folder: str | Path, form: str, unit: str, options: Reading
+    path: str | Path, folder: str | Path, form: str, to: str, **options: Any
 ) -> list[Path]:
     """Write the channels of a record file in another format, and return the files written.
 
     `form` is ``mseed`` (all channels in a file) or ``text`` (a file each: time [s] and
-    acceleration), `unit` one of acceleration. The source is never replaced, other files of the
-    same name are. InputError if the source would be replaced, RecordError if the record cannot
-    be used, OutputError if a file cannot be written.
+    acceleration), in the unit `to`; `options` are those of `read_motion`. Other files than the source are replaced.
     """
-    file, factor = Path(path), unit_factor(unit, str(path))
-    channels, _ = read_channels(file, options)
+    file, factor = Path(path), unit_factor(to, str(path))
+    channels, _ = read_channels(file, **options)
     for channel in channels:
         accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
     place, digest = make_folder(Path(folder)), sha256_of(file)
@@ -56,7 +54,7 @@ def convert_record(
                 seed.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
             else:
                 made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
-                part.write_text(_text(group[0], factor, unit, made), encoding="ascii")
+                part.write_text(_text(group[0], factor, to, made), encoding="ascii")
         written.append(target)
         if all(map(is_vertical, group)):
             continue
@@ -65,7 +63,7 @@ def convert_record(
             "id": target.stem, "file": target.name, "sha256": sha256_of(target),
             "event": str(first.record.get("event", "")),
             **{key: first.record[key] for key in _HEADER if key in first.record},
-            "dt_s": float(first.delta), "unit": unit,
+            "dt_s": float(first.delta), "unit": to,
             "columns": "" if form == "mseed" else "time=1 acceleration=2",
             "channels": " ".join(map(channel_code, group)),
             "source": file.name, "source_sha256": digest,

@@ -41,16 +41,11 @@ def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIOD
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``; if a motion has both horizontal
-    components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa.
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``.
     """
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    rotated = [(f"{kind}_{column}", f"{kind}({name})", unit) for kind in ("RotD50", "RotD100")
-               for column, name, unit in (*_PEAKS[:2], *spectrum)]  # fmt: skip
-    rows = []
+    listed, rows = [*_PEAKS, *spectrum, *_INTEGRALS], []
     for motion in motions:
-        listed = [*_PEAKS, *spectrum, *_INTEGRALS]
-        listed += [] if motion.transverse is None else rotated
         values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
         row: dict[str, Any] = {"record": motion.id}
         for column, (_, *keys) in _FACTS.items():

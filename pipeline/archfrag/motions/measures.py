@@ -33,6 +33,7 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
 Samples = NDArray[np.float64]
+_DAMPING = 0.05  # fraction of critical
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
 _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
 _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
@@ -175,7 +176,7 @@ def measure(motion: Motion, name: str) -> float:
     if other is None:
         raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
     if found.kind == "Sa":
-        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, 0.05, _ANGLES)[0]
+        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, _ANGLES)[0]
     else:
         if found.kind == "PGV":
             one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
@@ -188,15 +189,15 @@ def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
     return {name: measure(motion, name) for name in names}
 
 
-def spectral_acceleration(motion: Motion, periods: ArrayLike, damping: float = 0.05) -> Samples:
+def spectral_acceleration(motion: Motion, periods: ArrayLike) -> Samples:
     """Pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
-    The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, at periods T [s] and
-    a fraction of critical damping in [0, 1), at 200 points of a period or more (to 0.1 %, even of
-    white noise). The acceleration falls to zero in one step after the record; the free vibration
-    that follows counts. InputError for another period or damping.
+    The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, z = 0.05, at periods
+    T [s], at 200 points of a period or more (to 0.1 %, even of white noise). The acceleration
+    falls to zero in one step after the record; the free vibration that follows counts.
+    InputError unless periods are above 0.
     """
-    return _spectrum(motion.acceleration, motion.dt, periods, damping, np.zeros(1))[:, 0]
+    return _spectrum(motion.acceleration, motion.dt, periods, np.zeros(1))[:, 0]
 
 
 def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
@@ -220,22 +221,18 @@ def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> 
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
 
 
-def _spectrum(
-    ground: NDArray[Any], dt: float, periods: ArrayLike, damping: float, angles: Samples
-) -> Samples:
+def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples) -> Samples:
     """Sa by angle, (n_period, n_angle); the second component is the imaginary part of `ground`."""
     chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
         raise InputError(f"periods {chosen.tolist()} must be positive numbers of seconds")
-    if not 0.0 <= damping < 1.0:
-        raise InputError(f"damping {damping} must be in [0, 1)")
     # A period after the record, in which it falls to zero within one step.
     after = np.ceil(chosen / dt).astype(int) + 2
     padded = np.pad(ground, (0, after.max(initial=0)))
     largest = np.zeros((chosen.size, angles.size))
     loop, directions = _compiled(), np.exp(1j * angles)
     for period, count, row in zip(chosen.tolist(), after + ground.size, largest):
-        loop(padded[:count], float(dt), 2.0 * np.pi / period, float(damping), directions, row)
+        loop(padded[:count], float(dt), 2.0 * np.pi / period, _DAMPING, directions, row)
     scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0))))
     return np.round(largest * scale) / scale
 

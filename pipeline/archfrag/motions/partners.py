@@ -5,16 +5,14 @@ import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from archfrag.errors import RecordError
 from archfrag.motions.motion import Motion
 
-if TYPE_CHECKING:
-    from obspy import Trace
-
+Trace = Any  # obspy's, whose import takes time
 VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
 HORIZONTAL = re.compile(
     r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])", re.IGNORECASE
@@ -34,15 +32,14 @@ _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
-_Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
-def channel_code(trace: "Trace") -> str:
+def channel_code(trace: Trace) -> str:
     """Name of the component: by the header of the record, or the channel code."""
     return str(trace.stats.get("record", {}).get("component", trace.stats.channel)).strip()
 
 
-def instrument(trace: "Trace") -> str:
+def instrument(trace: Trace) -> str:
     """What channels of one instrument have in common."""
     stats, code = trace.stats, channel_code(trace)
     if stats._format == "KNET":
@@ -51,12 +48,12 @@ def instrument(trace: "Trace") -> str:
     return f"{stats.network}.{stats.station}.{stats.location}.{family}"
 
 
-def is_vertical(trace: "Trace") -> bool:
+def is_vertical(trace: Trace) -> bool:
     """Whether a channel is vertical, by its header or its code."""
     return bool(trace.stats.record.get("vertical", VERTICAL.fullmatch(channel_code(trace))))
 
 
-def is_horizontal(trace: "Trace") -> bool:
+def is_horizontal(trace: Trace) -> bool:
     """Whether a channel is known to be horizontal, by its header or its code."""
     by_code = HORIZONTAL.fullmatch(channel_code(trace)) is None
     return not trace.stats.record.get("vertical", by_code)
@@ -80,7 +77,8 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     >>> partners(["ELC180.AT2", "ELC270.AT2", "quake1.txt", "quake2.txt", "ELC-UP.AT2"])[0]
     {'ELC180.AT2': 'ELC270.AT2', 'ELC270.AT2': 'ELC180.AT2'}
     """
-    frames: dict[tuple[str, str], list[_Direction]] = {}
+    # For what is around a direction: name of the file, kind of the code, angle [degrees].
+    frames: dict[tuple[str, str], list[tuple[str, int, float]]] = {}
     for name in sorted(names):
         for code in _CODE.finditer(name):
             word = ("H" if code["sensor"] else "") + code[0].upper()

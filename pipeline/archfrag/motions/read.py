@@ -14,7 +14,7 @@ from obspy import Inventory, Stream, Trace
 
 from archfrag.errors import RecordError
 from archfrag.motions import calibrate, partners
-from archfrag.motions.calibrate import Reading, Warned, accept_or_refuse, implausible
+from archfrag.motions.calibrate import Warned, accept_or_refuse, implausible
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.common import known
@@ -83,19 +83,19 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = Reading(unit, inventory, accept, columns)
+    options = {"unit": unit, "inventory": inventory, "accept": accept, "columns": columns}
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
-        return partners.with_vertical(motion, read_vertical(vertical, **options._asdict()))
+        return partners.with_vertical(motion, read_vertical(vertical, **options))
     return motion
 
 
 def _read_one(
-    source: Path, options: Reading, component: str | None, listed: str | None = None,
+    source: Path, options: dict[str, Any], component: str | None, listed: str | None = None,
     own_vertical: bool = True,
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
-    channels, entry = read_channels(source, options)
+    channels, entry = read_channels(source, **options)
     horizontals, verticals = _by_direction(channels, source, not (component or listed))
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
@@ -123,7 +123,7 @@ def read_motions(
     Options and errors are those of `read_motion`; ids begin with `name` or the file's name.
     """
     source = Path(path)
-    channels, entry = read_channels(source, Reading(unit, **options))
+    channels, entry = read_channels(source, unit, **options)
     horizontals, verticals = _by_direction(channels, source)
     alone, codes = len(horizontals) == 1, [channel_code(channel) for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
@@ -138,7 +138,7 @@ def read_motions(
 def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> Motion:
     """Read the vertical of a file as the horizontal of a motion; options as in `read_motion`."""
     source = Path(path)
-    channels, _ = read_channels(source, Reading(unit, **options))
+    channels, _ = read_channels(source, unit, **options)
     verticals = [channel for channel in channels if is_vertical(channel)]
     if not verticals and len(channels) == 1 and not is_horizontal(channels[0]):
         verticals = channels
@@ -156,7 +156,7 @@ def record_name(path: Path) -> str:
 def load_motion(entry: IndexEntry) -> Motion:
     """Read the record of a row of an index; RecordError if it is not as the row states."""
     check_sha256(entry)
-    options = Reading(entry.unit or None, None, entry.accept, entry.columns)
+    options = {"unit": entry.unit or None, "accept": entry.accept, "columns": entry.columns}
     motion = _read_one(entry.path, options, None, entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
@@ -165,16 +165,18 @@ def load_motion(entry: IndexEntry) -> Motion:
     return motion._replaced(id=entry.id, metadata=merged)
 
 
-def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry | None]:
+def read_channels(
+    path: Path, unit: str | None = None, *, accept: Iterable[str] = (), **options: Any
+) -> tuple[list[Trace], IndexEntry | None]:
     """Return the channels of a file in their order, and the row of an index that lists it."""
-    accept = calibrate.accepted_words(options.accept, str(path))
+    words = calibrate.accepted_words(accept, str(path))
     entry = find_entry(path)
     if entry is not None and path.is_file():
         check_sha256(entry)
-    channels, gap = _examine(path, options, entry)
+    channels, gap = _examine(path, entry, unit, **options)
     for channel in channels:
         record = channel.stats.record
-        record.accept = (*accept, *(entry.accept if entry else ()))
+        record.accept = (*words, *(entry.accept if entry else ()))
         record.accepted = accept_or_refuse(path, record.accept, record.warnings)
         faults = (f"Fault: {fault}." for fault in record.faults)
         record.log = (*record.messages, *record.log, *faults)
@@ -183,10 +185,13 @@ def read_channels(path: Path, options: Reading) -> tuple[list[Trace], IndexEntry
     return channels, entry
 
 
-def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[list[Trace], str]:
+def _examine(
+    path: Path, entry: IndexEntry | None, unit: str | None,
+    inventory: str | Path | Inventory | None = None, columns: Columns | None = None,
+) -> tuple[list[Trace], str]:  # fmt: skip
     """Channels of a file whatever is wrong with it, and why its pieces cannot be joined."""
     calibrate.check_file(path)
-    if columns := options.columns or (entry.columns if entry else None):
+    if columns := columns or (entry.columns if entry else None):
         traces = read_columns(path, columns)
     else:
         # AT2 by its name alone, so that a damaged header is judged by the reader that knows it.
@@ -204,9 +209,10 @@ def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[li
         for *codes, start, _, length, _ in gaps[:1]:
             kind = f"{'a gap' if length > 0 else 'an overlap'} of {abs(length):g} s after {start}"
             gap = f"channel {'.'.join(codes)} has {kind}; a record must be without gaps"
-    listed = ", ".join(f"{channel_code(c)} {c.stats.record.held}" for c in channels)
-    unequal = len({c.stats.record.held for c in channels}) > 1 and form in OWN
-    fault = (f"the channels of the file have unequal numbers of samples ({listed})",)
+    counts, listed = [c.stats.record.held for c in channels], entry.unit if entry else ""
+    unequal = len(set(counts)) > 1 and form in OWN
+    held = ", ".join(f"{channel_code(c)} {count}" for c, count in zip(channels, counts))
+    fault = (f"the channels of the file have unequal numbers of samples ({held})",)
     for channel in channels:
         record, warnings = channel.stats.record, list(_warnings(channel))
         # If a text ends within its last line, digits may be missing.
@@ -215,7 +221,7 @@ def _examine(path: Path, options: Reading, entry: IndexEntry | None) -> tuple[li
             channel.data = channel.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
             warnings.append(("samples", left))
-        calibrate.to_si(channel, tuple(warnings), path, options, entry)
+        calibrate.to_si(channel, tuple(warnings), path, unit, listed, inventory)
         record.faults += fault if unequal else ()
     return channels, gap
 
@@ -244,7 +250,7 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
 def _by_direction(
     channels: Sequence[Trace], path: Path, surely: bool = True
 ) -> tuple[list[Trace], list[Trace]]:
-    """Return the channels that are not known to be vertical (`surely` horizontal) and the others."""
+    """Return channels that are not known to be vertical, or `surely` are not, and verticals."""
     verticals = [c for c in channels if is_vertical(c)]
     others = [c for c in channels if not is_vertical(c)]
     if not others:
@@ -295,7 +301,7 @@ def inspect_record(path: str | Path, unit: str | None = None, **options: Any) ->
     Times are in s (``start`` in UTC), ``PGA`` in m/s2, ``count`` is the number of samples held.
     What is unknown is empty or None. RecordError if the file cannot be read.
     """
-    traces, gap = _examine(Path(path), Reading(unit, **options), find_entry(path))
+    traces, gap = _examine(Path(path), find_entry(path), unit, **options)
     channels, about = [], traces[0].stats.record
     for trace in traces:
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)

@@ -100,22 +100,20 @@ def read_dyna(source: common.Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
     text = common.Text(source)
     header: dict[str, str] = {}
-    places: dict[str, str] = {}
     for count, line in enumerate(text.lines):
         match = _KEY.match(line)
         if match is None:
             break
-        key, place = match[1].upper(), text.place(count)
+        key = match[1].upper()
         if key in header:
-            raise RecordError(f"{place}: {key} is there a second time")
+            raise RecordError(f"{text.place(count)}: {key} is there a second time")
         value = match[2].encode("latin-1")
         try:  # names may be in UTF-8
             header[key] = value.decode("utf-8").strip()
         except UnicodeDecodeError:
             header[key] = value.decode("latin-1").strip()
-        places[key] = f"{place}, {key}"
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
-    return _keyed(text, header, places, len(header), codes)
+    return _keyed(text, header, len(header), codes)
 
 
 def read_resorce(source: common.Source, **_: Any) -> Stream:
@@ -126,37 +124,34 @@ def read_resorce(source: common.Source, **_: Any) -> Stream:
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
     header: dict[str, str] = {"DATA_TYPE": match[1], "UNITS": match[2]}
-    places = dict.fromkeys(header, text.place(series))
-    for count, line in enumerate(text.lines[:series]):
+    for line in text.lines[:series]:
         name, colon, value = line.partition(":")
         if colon and (key := _RESORCE.get(name.rstrip().upper())):
             header[key] = value.strip()
-            places[key] = f"{text.place(count)}, {name.rstrip()}"
     code, name = map(str.strip, header.get("STATION_CODE", "").partition("/")[::2])
     header["STATION_CODE"] = name or code
-    return _keyed(text, header, places, series + 1, ("", code, ""))
+    return _keyed(text, header, series + 1, ("", code, ""))
 
 
 def _keyed(
-    text: common.Text, header: dict[str, str], places: dict[str, str], first: int,
-    codes: tuple[str, str, str],
-) -> Stream:  # fmt: skip
+    text: common.Text, header: dict[str, str], first: int, codes: tuple[str, str, str]
+) -> Stream:
     """The record of a header in DYNA's keys, its samples from line `first` on."""
     kind = header.get("DATA_TYPE", "")
     if kind and not kind.upper().startswith("ACCEL"):
-        raise RecordError(f"{places['DATA_TYPE']}: an acceleration is needed, this is {kind!r}")
+        raise RecordError(f"{text.name}: an acceleration is needed, DATA_TYPE is {kind!r}")
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
-            raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
+            raise RecordError(f"{text.name}: the header gives no {key}")
     record = common.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
     record |= common.known(
-        unit=common.acceleration_unit(header["UNITS"], places["UNITS"]),
+        unit=common.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
-        announced=common.checked_count(header["NDATA"], places["NDATA"]),
+        announced=common.checked_count(header["NDATA"], f"{text.name}, NDATA"),
         vertical=letter in ("Z", "UP", "V", "UD") if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
@@ -168,7 +163,7 @@ def _keyed(
     clock = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", start)
     return Stream([common.trace_of(
         text.numbers(first), common.number(header["SAMPLING_INTERVAL_S"]),
-        places["SAMPLING_INTERVAL_S"], record, codes=codes,
+        f"{text.name}, SAMPLING_INTERVAL_S", record, codes=codes,
         peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
         start=common.moment(*map(float, clock.groups())) if clock else None,
     )])  # fmt: skip
