@@ -175,7 +175,7 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (lambda f: f / "missing.AT2", {}, ["no such file"]),
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
         (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
-        (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated miniSEED"]),
+        (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated MSEED"]),
         (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["XX.AB..HNE", "index 17"]),
         (lambda f: write(f / "a", trace(), trace(start=10.0)), {"unit": "g"}, ["a gap of"]),
         (lambda f: write(f / "a", trace()), {}, ["does not state the unit", "m/s2, cm/s2, gal"]),

@@ -16,12 +16,12 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import opened
 from archfrag.motions import target as targets
-from archfrag.motions.flatfile import PERIODS, measure_records, read_flatfile
+from archfrag.motions.flatfile import PERIODS, measure_records
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
-from archfrag.motions.selection import Selection, select_records
+from archfrag.motions.selection import Selection
 from archfrag.motions.synthetic import Plan, make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
@@ -83,14 +83,7 @@ def table_spectra(table: pd.DataFrame) -> dict[float, NDArray[np.float64]]:
     return {float(period): table[name].to_numpy(float) for name, period in columns.items()}
 
 
-def select_from(flatfile: Path, options: dict[str, Any]) -> Selection:
-    """Selection of the records of a flatfile by the options of the command."""
-    table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
-    target = _target(options, sorted(table_spectra(table)))
-    return select_records(table, target, **{name: options[name] for name in own})
-
-
-def _target(options: dict[str, Any], measured: Sequence[float]) -> targets.Target:
+def target_of(options: dict[str, Any], measured: Sequence[float]) -> targets.Target:
     """Target at periods that the records were measured at, since between them scatter is lost."""
     scenario = ("magnitude", "distance", "vs30", "period")
     given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]

@@ -154,8 +154,12 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
     from archfrag.cli import record_work as work
+    from archfrag.motions.flatfile import read_flatfile
+    from archfrag.motions.selection import select_records
 
-    selection = work.select_from(flatfile, options)
+    table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
+    target = work.target_of(options, sorted(work.table_spectra(table)))
+    selection = select_records(table, target, **{name: options[name] for name in own})
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
         write_text(figure, work.selected_spectra(selection))

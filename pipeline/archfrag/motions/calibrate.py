@@ -5,7 +5,7 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from archfrag.files import opened, read_bytes
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import channel_code, is_vertical
 
-Trace = Inventory = Any  # obspy's, whose import takes time
-Given = str | Path | Inventory | None  # StationXML
+Trace: TypeAlias = Any  # obspy's, whose import takes time
+Inventory: TypeAlias = Any
+Given: TypeAlias = str | Path | Inventory | None  # StationXML
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)

@@ -30,7 +30,8 @@ def convert_record(
     """Write the channels of a record file in another format, and return the files written.
 
     `form` is ``mseed`` (all channels in a file) or ``text`` (a file each: time [s] and
-    acceleration), in the unit `to`; `options` are those of `read_motion`. Other files than the source are replaced.
+    acceleration), in the unit `to`; `options` are those of `read_motion`. Files of the same name
+    are replaced, but not the source.
     """
     file, factor = Path(path), unit_factor(to, str(path))
     channels, _ = read_channels(file, **options)
@@ -75,7 +76,7 @@ def convert_record(
 
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
     """Channels with codes of their own if SEED can hold them, or else new ones."""
-    codes = []
+    codes: list[tuple[str, ...]] = []
     for channel in group:
         stats = channel.stats
         names = (_plain(stats.network)[:2] or "XX", _plain(stats.station)[:5])
@@ -92,10 +93,10 @@ def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
             codes[number] = (*codes[number][:2], place, kind)
         if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
             raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
-    names = ("network", "station", "location", "channel")
+    keys = ("network", "station", "location", "channel")
     return [
         Trace(np.ascontiguousarray(channel.data / factor, dtype=np.float64),
-              {**dict(zip(names, its)), "delta": channel.stats.delta,
+              {**dict(zip(keys, its)), "delta": channel.stats.delta,
                "starttime": channel.stats.starttime})
         for its, channel in zip(codes, group, strict=True)
     ]  # fmt: skip

@@ -157,10 +157,10 @@ def _fetched(archive: Client, site: Site, place: Path) -> dict[str, Any]:
             raise RecordError(str(error).replace(part, str(place))) from None
         for path in (xml, record):
             path.replace(place / path.name)
-    about = [motion.metadata for motion in motions]
-    codes = dict.fromkeys(m[key] for key in ("component", "vertical_component") for m in about)
+    codes = dict.fromkeys(motion.metadata[key] for key in ("component", "vertical_component")
+                          for motion in motions)  # fmt: skip
     return {key: value for key, value in site.items() if key != "query"} | {
         "id": id, "file": f"{place.name}/{id}.mseed", "unit": "", "dt_s": motions[0].dt,
         "sha256": sha256_of(place / f"{id}.mseed"), "channels": " ".join(filter(None, codes)),
-        "start_time": about[0].get("start_time", ""),
+        "start_time": motions[0].metadata.get("start_time", ""),
     }  # fmt: skip

@@ -127,16 +127,18 @@ class Motion:
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
     """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes."""
-    arrays, table = dict[str, np.ndarray](), []
+    names = ("id", "dt", "log", "metadata")
+    try:
+        table = [json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
+                 for motion in motions]  # fmt: skip
+    except (TypeError, ValueError) as error:
+        ids = ", ".join(motion.id for motion in motions)
+        raise InputError(f"{ids}: metadata cannot be stored as JSON ({error})") from None
+    arrays: dict[str, NDArray] = {}
     for number, motion in enumerate(motions):
         arrays[f"horizontal_{number}"] = motion.acceleration
         if motion.vertical is not None:
             arrays[f"vertical_{number}"] = motion.vertical
-        entry = {"id": motion.id, "dt": motion.dt, "log": motion.log, "metadata": motion.metadata}
-        try:
-            table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{motion.id}: metadata cannot be stored as JSON ({error})") from None
     text = json.dumps({"format": _FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:

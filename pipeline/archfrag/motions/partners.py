@@ -105,10 +105,11 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
     """Files that by their names are the vertical component of another one among them."""
-    folders = {path.parent: [each.name for each in paths if each.parent == path.parent]
-               for path in paths}  # fmt: skip
-    return {folder / name for folder, names in folders.items()
-            for name in partners(names)[1].values()}  # fmt: skip
+    found = set()
+    for folder in {path.parent for path in paths}:
+        names = [path.name for path in paths if path.parent == folder]
+        found |= {folder / name for name in partners(names)[1].values()}
+    return found
 
 
 def folder_names(folder: Path) -> list[str]:

@@ -21,8 +21,6 @@ from archfrag.motions.partners import AZIMUTHS, quadrant
 if TYPE_CHECKING:
     from obspy import Inventory
 
-_MOST_PARTS = 1000  # of a time step, in the ratio of two of them
-
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
@@ -33,12 +31,7 @@ def demean(motion: Motion) -> Motion:
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-
-    def corrected(a: Samples) -> Samples:
-        line, unit = _fitted(a, (0, 1))
-        return a - line(unit)
-
-    return motion._changed(corrected, "Linear trend removed.")
+    return motion._changed(lambda a: a - _fitted(a, (0, 1)), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -47,21 +40,18 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     The polynomial, of an `order` from 1 to 5, is zero at the first sample, where the record is at
     rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
-
-    def corrected(a: Samples) -> Samples:
-        velocity, unit = _fitted(integral(a, 1.0), range(1, order + 1))
-        return a - (velocity.deriv() / (a.size - 1))(unit)
-
-    return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
+    done, powers = f"Baseline removed, velocity polynomial of order {order}.", range(1, order + 1)
+    return motion._changed(lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done)
 
 
-def _fitted(values: Samples, powers: Sequence[int]) -> tuple[Polynomial, Samples]:
-    """Polynomial of some powers that fits values best, and its argument: the record as 0 to 1."""
+def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
+    """The polynomial of some powers that fits values best, or its slope by samples."""
     unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
     rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    return Polynomial(coefficients), unit
+    found = Polynomial(coefficients)
+    return (found.deriv() / (values.size - 1) if slope else found)(unit)
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
@@ -156,8 +146,8 @@ def resample(motion: Motion, dt: float) -> Motion:
     from scipy.signal import firwin, resample_poly
 
     ratio = motion.dt / dt if dt > 0.0 else 0.0
-    up, down = Fraction(ratio).limit_denominator(_MOST_PARTS).as_integer_ratio()
-    if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
+    up, down = Fraction(ratio).limit_denominator(1000).as_integer_ratio()
+    if not 0 < up <= 1000 or abs(up / down - ratio) > 1e-9 * ratio:
         raise InputError(f"{motion.id}: {motion.dt:g} to {dt:g} s is no ratio of integers to 1000")
     if up == down:
         return motion
@@ -236,7 +226,7 @@ def remove_response(
     from archfrag.motions.calibrate import find_inventory
     from archfrag.motions.formats import reason_of
 
-    known, changed = None, {}
+    known, changed = None, dict[str, Samples]()
     names = ("trace", "vertical_trace", "trace_transverse")
     for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:

@@ -83,7 +83,9 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = {"unit": unit, "inventory": inventory, "accept": accept, "columns": columns}
+    options: dict[str, Any] = {
+        "unit": unit, "inventory": inventory, "accept": accept, "columns": columns,
+    }  # fmt: skip
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
         return partners.with_vertical(motion, read_vertical(vertical, **options))
@@ -99,7 +101,8 @@ def _read_one(
     horizontals, verticals = _by_direction(channels, source, not (component or listed))
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
-    component, chosen, line = component or (several and listed), horizontals[0], ()
+    component, chosen = component or (listed if several else None), horizontals[0]
+    line: tuple[str, ...] = ()
     if component:
         spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
         places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]

@@ -20,11 +20,10 @@ from archfrag.motions.flatfile import numbers
 from archfrag.motions.target import Array, Target
 
 STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
-# Columns of an index of records by those of a flatfile.
-_INDEX = {"record": "id", "file": "file", "sha256": "sha256", "event": "event",
-          "magnitude": "Mw", "distance_km": "distance_km", "vs30_mps": "Vs30_mps"} | {
-    name: name for name in ("component", "dt_s", "unit", "station", "accept", "columns")
-}  # fmt: skip
+# Columns of an index of records, and those that have other names in a flatfile.
+_RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
+_INDEX = ("id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s",
+          "unit", "station", "accept", "columns")  # fmt: skip
 Rows = NDArray[np.int64]
 Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
 
@@ -92,7 +91,7 @@ class Selection:
         place = Path(os.path.realpath(path))
         if "file" not in self.table:
             raise RecordError("the flatfile: column 'file' is missing")
-        rows = self.table[[name for name in _INDEX if name in self.table]].rename(columns=_INDEX)
+        rows = self.table.rename(columns=_RENAMED).filter(items=_INDEX)
         files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         rows["unit"] = rows.get("unit", "")

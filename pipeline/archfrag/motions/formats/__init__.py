@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -36,9 +36,8 @@ TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 BINARY = ("SAC", "SEISAN", "SACXY", "KINEMETRICS_EVT", "REFTEK130")
 IN_C = ("MSEED", "GSE2", "GSE1", "GCF")  # damaged files have crashed these readers of obspy
 COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
+_entry_points = functools.cache(entry_points)  # a look-up reads the metadata of all packages
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
-
-_BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -58,17 +57,14 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     )
 
 
-@functools.cache
-def _entry_points(name: str) -> dict[str, EntryPoint]:
-    return {point.group: point for point in entry_points(name=name)}
-
-
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
     """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
     if name in OWN or (name, task) == ("KNET", "read"):
         module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
         return getattr(module, f"{task}_{name.lower()}")
-    return _entry_points(f"{task}Format")[f"obspy.plugin.waveform.{name}"].load()
+    group = f"obspy.plugin.waveform.{name}"
+    (found,) = _entry_points(name=f"{task}Format").select(group=group)
+    return found.load()
 
 
 def recognise(path: str, formats: Sequence[str]) -> str | None:
@@ -100,16 +96,16 @@ def read_as(path: str, name: str) -> list[Trace]:
     for warning in caught:
         text = " ".join(str(warning.message).split())
         if "MSEED" in warning.category.__name__:
-            raise RecordError(f"{path}: damaged or truncated miniSEED ({text})")
+            raise RecordError(f"{path}: damaged or truncated MSEED ({text})")
         if not issubclass(warning.category, DeprecationWarning):
             shown[f"obspy: {text}"] = None
     for trace in traces:
         blocks = trace.stats.get("mseed", {})
-        length = blocks.get("record_length") or _BLOCK.get(name)
+        length = blocks.get("record_length") or (1024 if name == "GCF" else 0)
         size = blocks.get("filesize") or Path(path).stat().st_size
         if length and size % length:
-            cut_off = f"truncated {'miniSEED' if name == 'MSEED' else name}: {size} bytes"
-            raise RecordError(f"{path}: {cut_off} are no multiple of records of {length} bytes")
+            cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
+            raise RecordError(f"{path}: {cut_off} bytes")
         record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
         trace.stats._format, trace.stats.npts = name, len(trace.data)
         trace.stats.record = AttribDict(
@@ -160,6 +156,5 @@ def _read_in_c(path: str) -> list[Trace]:
         for trace in traces:
             trace.data = trace.data.astype(float)
     except (TypeError, ValueError):
-        what = "holds something other than numbers"
-        raise RecordError(f"{path}: the {name} file {what}") from None
+        raise RecordError(f"{path}: holds something other than numbers") from None
     return traces

@@ -156,5 +156,5 @@ def _geonet_trace(text: common.Text, first: int, end: int) -> Trace:
         f"{place}: interval", record,
         peak=field.get("peak", ""), codes=("NZ", record.get("station", ""), ""),
         # Year, month, day, hour, minute and millisecond of the first sample.
-        start=common.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0),
+        start=common.moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
     )  # fmt: skip

@@ -19,7 +19,6 @@ from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, unit_factor
 from archfrag.motions.partners import AZIMUTHS, quadrant
 
 Source = str | Path | BinaryIO
-Table = Mapping[str, tuple[Any, ...]]
 
 _FORTRAN = str.maketrans("Dd", "EE")
 _NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
@@ -211,7 +210,9 @@ def known(**facts: Any) -> dict[str, Any]:
     return {key: fact for key, fact in facts.items() if fact not in (None, "")}
 
 
-def read_fields(table: Table, find: Callable[[Any], Any]) -> dict[str, Any]:
+def read_fields(
+    table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
+) -> dict[str, Any]:
     """Read the facts of a header by a table: for each name what reads it and where it may stand.
 
     `find` gives what a header has at a place, which is a key, a pattern or an index; of several

@@ -228,7 +228,7 @@ def _dmg_samples(
 
     They follow a line `section` that announces them or, as pairs of digitised film, the header.
     """
-    step, log, per, width, first = None, (), 2, 7, place + len(lines) + rows
+    step, done, per, width, first = None, [""], 2, 7, place + len(lines) + rows
     if section is None:
         index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), 0)
         where, stated = text.place(place + index), common.search(_COUNT_LINE, lines[index])
@@ -246,9 +246,9 @@ def _dmg_samples(
     held = samples.size // per
     samples[per - 1 :: per] *= scale
     if section is None:
-        samples, step, done = common.on_even_steps(samples, text.place(first))
-        converted = "Unit g/10 converted into g." if scale != 1.0 else ""
-        log = tuple(filter(None, (converted, done)))
+        samples, step, *done = common.on_even_steps(samples, text.place(first))
+        done.insert(0, "Unit g/10 converted into g." if scale != 1.0 else "")
+    log = tuple(filter(None, done))
     return samples, step, {"announced": announced, "held": held, "unit": unit, "log": log}, end
 
 

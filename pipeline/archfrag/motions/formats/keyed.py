@@ -71,7 +71,7 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
         text.lines.pop()
     if len(text.lines) <= 4:
         raise RecordError(f"{text.name}: ends after {len(text.lines)} line(s), 4 are the header")
-    _, about, quantity, last = (line.strip() for line in text.head(0, 4))
+    about, quantity, last = (line.strip() for line in text.head(1, 4))
     if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
     unit = common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"

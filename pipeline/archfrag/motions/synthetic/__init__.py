@@ -236,10 +236,10 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
     magnitudes, distances = np.resize(plan.magnitude, plan.events), np.resize(plan.distance, count)
     if plan.drawn_magnitude:
-        magnitudes = generator.uniform(*plan.magnitude, plan.events).round(6)
+        magnitudes = generator.uniform(plan.magnitude[0], plan.magnitude[1], plan.events).round(6)
     if plan.drawn_distance:
         ends = np.log(np.maximum(plan.distance, 1e-3)).tolist()
-        distances = np.exp(generator.uniform(*ends, count).round(6)).round(2)
+        distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     pulses = generator.uniform(size=count) < plan.pulses
     recipes = []
     for number, (distance, pulse) in enumerate(zip(distances.tolist(), pulses.tolist())):
