@@ -73,20 +73,20 @@ def inspect(
     from archfrag.motions.index import goes_with_records
     from archfrag.motions.read import inspect_record
 
-    found, unreadable = [], []
+    found, unreadable = [], list[str]()
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
             found.append(finite(inspect_record(file, **reading_of(file, reading))))
         except RecordError as error:
-            unreadable.append(error)
+            unreadable.append(str(error))
             found.append({"file": str(file), "error": str(error)})
     shown = [inspection_text(facts) for facts in found if "error" not in facts]
     if shown or as_json:
         show(found, "\n".join(shown), as_json)
-    for error in unreadable:
-        warn(f"error: {error}")
+    for message in unreadable:
+        warn(f"error: {message}")
     if unreadable:
         context.exit(RecordError.exit_code)
 
