@@ -101,7 +101,7 @@ def _ask(client: Client, method: str, **query: Any) -> Any:
 
 
 def _sites(request: Request, quakes: Client, archive: Client, id: str, place: Path) -> list[Site]:
-    """The stations of an event, the nearest first: columns of the index, and what to ask."""
+    """Stations of an event, the nearest first: columns of the index, and what to ask."""
     catalogue = _ask(quakes, "get_events", eventid=id)
     catalogue.write(str(place / "event.xml"), "QUAKEML")
     quake = catalogue[0]

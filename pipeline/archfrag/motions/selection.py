@@ -119,10 +119,12 @@ def select_records(
     RecordError if the flatfile lacks a column or period, or fewer records than asked for may be
     selected, InputError for another argument.
     """
-    given = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
-    for name, value in given.items():
-        if value is not None and not value >= 1:
-            raise InputError(f"{name} = {value} must be at least 1")
+    for name, value, least in (
+        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
+        ("per_event", 1 if per_event is None else per_event, 1),
+    ):  # fmt: skip
+        if not value >= least:
+            raise InputError(f"{name} = {value} must be at least {least}")
     for column in ("record",) if per_event is None else ("record", "event"):
         if column not in table:
             raise RecordError(f"the flatfile: column {column!r} is missing")
