@@ -27,15 +27,10 @@ HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", 
 
 
 def read_motion(
-    path: str | Path,
-    unit: str | None = None,
-    component: str | None = None,
-    *,
-    vertical: str | Path | None = None,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-) -> Motion:
+    path: str | Path, unit: str | None = None, component: str | None = None, *,
+    vertical: str | Path | None = None, inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (), columns: Columns | None = None,
+) -> Motion:  # fmt: skip
     """Read one horizontal component of a record, and the vertical if there is one.
 
     Parameters

@@ -62,9 +62,8 @@ def plug_in(name: str, task: str) -> Callable[[str], Any]:
     if name in OWN or (name, task) == ("KNET", "read"):
         module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
         return getattr(module, f"{task}_{name.lower()}")
-    group = f"obspy.plugin.waveform.{name}"
-    (found,) = _entry_points(name=f"{task}Format").select(group=group)
-    return found.load()
+    points = _entry_points(name=f"{task}Format").select(group=f"obspy.plugin.waveform.{name}")
+    return next(iter(points)).load()
 
 
 def recognise(path: str, formats: Sequence[str]) -> str | None:
