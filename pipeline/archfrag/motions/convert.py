@@ -37,14 +37,13 @@ def convert_record(
     channels, _ = read_channels(file, **options)
     for channel in channels:
         accept_or_refuse(file, channel.stats.record.accept, implausible(channel))
-    place, digest = make_folder(Path(folder)), sha256_of(file)
+    place, digest, written = make_folder(Path(folder)), sha256_of(file), list[Path]()
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
-    written: list[Path] = []
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
     for group in groups:
         code = _plain(channel_code(group[0])) or len(written) + 1
-        middle = "" if len(groups) == 1 else f".{code}"
-        target = place / f"{record_name(file)}{middle}.{'mseed' if form == 'mseed' else 'txt'}"
+        middle, end = "" if len(groups) == 1 else f".{code}", "mseed" if form == "mseed" else "txt"
+        target = place / f"{record_name(file)}{middle}.{end}"
         if os.path.realpath(target) == os.path.realpath(file) or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if rows.get(target.stem, {}).get("source", file.name) != file.name:

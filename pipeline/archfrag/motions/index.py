@@ -67,9 +67,8 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     entries: dict[str, IndexEntry] = {}
     for line, values in enumerate(rows, start=2):
         place, name = f"{source}, line {line}", values["id"]
-        for column in ("id", "file"):
-            if not values[column]:
-                raise RecordError(f"{place}: {column} is empty")
+        if not name or not values["file"]:
+            raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
         if name in entries:
             raise RecordError(f"{place}: id {name!r} occurs twice")
         if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
@@ -82,10 +81,10 @@ def load_index(path: str | Path) -> list[IndexEntry]:
                 continue
             try:
                 metadata[column] = kind(text) if text else None
-                if not np.isfinite(metadata[column] or 0.0):
-                    raise ValueError
             except ValueError:
-                raise RecordError(f"{place}: {column} = {text!r} is not a number") from None
+                metadata[column] = np.nan
+            if not np.isfinite(metadata[column] or 0.0):
+                raise RecordError(f"{place}: {column} = {text!r} is not a number")
         columns = None
         if values.get("columns"):
             from archfrag.motions.formats.columns import parse_columns  # imports obspy
@@ -119,11 +118,9 @@ def find_entry(path: str | Path) -> IndexEntry | None:
     """Row that describes a file, in an index in its folder or the one above; None if none does."""
     record = Path(os.path.realpath(path))  # which takes links that form a circle
     for index in (folder / INDEX_NAME for folder in (record.parent, record.parent.parent)):
-        if index.is_file():
-            state = index.stat()
-            entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
-            if entry is not None:
-                return entry
+        state = index.stat() if index.is_file() else None
+        if state and (entry := _by_path(index, state.st_mtime_ns, state.st_size).get(record)):
+            return entry
     return None
 
 

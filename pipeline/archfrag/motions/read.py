@@ -27,15 +27,10 @@ HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", 
 
 
 def read_motion(
-    path: str | Path,
-    unit: str | None = None,
-    component: str | None = None,
-    *,
-    vertical: str | Path | None = None,
-    inventory: str | Path | Inventory | None = None,
-    accept: Iterable[str] = (),
-    columns: Columns | None = None,
-) -> Motion:
+    path: str | Path, unit: str | None = None, component: str | None = None, *,
+    vertical: str | Path | None = None, inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (), columns: Columns | None = None,
+) -> Motion:  # fmt: skip
     """Read one horizontal component of a record, and the vertical if there is one.
 
     Parameters
@@ -233,15 +228,13 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
     """What cannot be a record, or contradicts its header."""
     delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
     announced, held = record.announced, record.held
-    if not (np.isfinite(delta) and delta > 0.0):
+    if not 0.0 < delta < np.inf:
         yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
     if announced != held:
-        only = "only " if held < announced else ""
         stated = f"the header announces {announced} samples of channel {code}"
-        yield "samples", f"{stated}, the file holds {only}{held}"
-    else:
-        for warning in record.get("warnings", ()):
-            yield "header", f"channel {code}: {warning}"
+        yield "samples", f"{stated}, the file holds {'only ' if held < announced else ''}{held}"
+    for warning in record.get("warnings", ()) if announced == held else ():
+        yield "header", f"channel {code}: {warning}"
     if min(held, len(trace.data)) < 2:
         yield None, f"channel {trace.id} holds less than 2 samples"
     if np.ma.isMaskedArray(trace.data):

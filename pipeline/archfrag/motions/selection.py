@@ -40,15 +40,14 @@ class Selection:
 
     @property
     def median(self) -> Array:
-        """exp of the mean of ln Sa of the records, shape (n_period,) [g]."""
+        """exp of the mean of ln Sa of the records, (n_period,) [g]."""
         return np.exp(self.ln_sa.mean(axis=0))
 
     @property
     def sd(self) -> Array:
-        """Standard deviation of ln Sa of the records (n - 1), shape (n_period,)."""
-        if len(self.ln_sa) < 2:
-            return np.full(self.target.periods.size, np.nan)
-        return self.ln_sa.std(axis=0, ddof=1)
+        """Standard deviation of ln Sa of the records (n - 1), (n_period,); nan of one record."""
+        several = len(self.ln_sa) > 1
+        return self.ln_sa.std(axis=0, ddof=1) if several else np.nan * self.ln_sa[0]
 
     @property
     def errors(self) -> tuple[Array, Array]:
@@ -85,8 +84,7 @@ class Selection:
 
         A study does not apply the column ``scale``, the factor for the target: it scales each
         record to its own levels, by the same factor if a level is Sa(T*) of a conditional
-        spectrum. `folder` is what the column ``file`` of the flatfile is relative to. RecordError
-        if there is no such column, OutputError if the file cannot be written.
+        spectrum. `folder` is what the column ``file`` of the flatfile is relative to.
         """
         place = Path(os.path.realpath(path))
         if "file" not in self.table:

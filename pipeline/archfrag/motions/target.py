@@ -157,14 +157,14 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    scatter = np.zeros(given.shape) if sd is None else np.asarray(sd, dtype=np.float64)
-    rows = {"median Sa": np.asarray(median, dtype=np.float64), "sd": scatter}
-    for name, row in rows.items():
-        low = row <= 0.0 if name == "median Sa" else row < 0.0
+    rows = [
+        np.asarray(row, dtype=np.float64) for row in (median, given * 0.0 if sd is None else sd)
+    ]
+    for name, row, low in zip(("median Sa", "sd"), rows, (rows[0] <= 0.0, rows[1] < 0.0)):
         if row.shape != given.shape or not np.isfinite(row).all() or low.any():
             allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"
             raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
-    sa, scatter = (row[np.argsort(given)] for row in rows.values())
+    sa, scatter = (row[np.argsort(given)] for row in rows)
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))

@@ -1,6 +1,5 @@
 """What readers of text formats share: lines, numbers in columns, and what headers state."""
 
-import io
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -79,11 +78,11 @@ class Text:
                 return columns
         if words is not None:
             return words
-        each = ((place, word) for place, line in enumerate(lines, first)
-                for word in _words(line, width))  # fmt: skip
-        return np.array(
-            [value for place, word in each for value in split(word, self.place(place))]
-        )
+        values: list[float] = []
+        for place, line in enumerate(lines, first):
+            for word in _words(line, width):
+                values += split(word, self.place(place))
+        return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
         """The first line from `index` on that passes a test; the number of lines if none does."""
@@ -92,14 +91,11 @@ class Text:
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
-    """First bytes of a file, or of the rest of an open buffer, whose position is kept."""
-    if isinstance(source, (str, Path)):
-        with opened(source) as file:
-            return file.read(size)
-    position = source.seek(0, io.SEEK_CUR)
-    content = source.read(size)
-    source.seek(position, io.SEEK_SET)
-    return content
+    """First bytes of a file, or of the rest of an open buffer."""
+    if not isinstance(source, (str, Path)):
+        return source.read(size)
+    with opened(source) as file:
+        return file.read(size)
 
 
 def begins_with(*patterns: str) -> Callable[[Source], bool]:

@@ -78,9 +78,8 @@ def make_motion(recipe: Recipe) -> Motion:
     """Make one motion; InputError outside the ranges of the model.
 
     The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
-    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then the ends are tapered, a pulse is
-    added if there is one, a line under a taper is subtracted so that velocity and displacement end
-    at zero, and samples are rounded to 1e-6 m/s2 and single precision.
+    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then come taper, pulse if any, and
+    `_finished`.
     """
     magnitude, distance, seed, *own, dt, vs30 = recipe[:7]
     event, site = (seed if each is None else each for each in own)
@@ -117,9 +116,8 @@ def make_motion(recipe: Recipe) -> Motion:
     horizontal = shaken("noise", terms[0])
     if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
-        generator = _generator("pulse", seed)
-        horizontal, period = _with_pulse(horizontal, after_peak, magnitude, generator)
-        facts["pulse_period_s"] = period
+        made = _with_pulse(horizontal, after_peak, magnitude, _generator("pulse", seed))
+        horizontal, facts["pulse_period_s"] = made
     vertical = _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
     log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
     name = f"M{magnitude:g}-R{distance:g}-{seed}"
@@ -162,10 +160,8 @@ def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
 
 
 def _finished(samples: Row, dt: float) -> Row:
-    """The samples less a tapered line, so that velocity and place end at zero; then rounded.
-
-    The ends of rows are zero, so that plain sums are trapezoid sums.
-    """
+    """The samples less a tapered line, so that velocity and place end at zero; then rounded."""
+    # The ends of rows are zero, so that plain sums are trapezoid sums.
     taper = _taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
     shapes = np.stack((taper, taper * position))
@@ -264,9 +260,9 @@ def shipped_recipes() -> list[Recipe]:
 
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
-    """Write motions, or those that are shipped: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
+    """Write motions (those that are shipped) as ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
 
-    Returns the record files in the order of the index; OutputError if one cannot be written.
+    Returns the record files in the order of the index.
     """
     from obspy import Stream, Trace, UTCDateTime
 
