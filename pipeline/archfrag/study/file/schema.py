@@ -205,7 +205,7 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
-    _expanded: dict[int | None, Members] = {}  # noqa: RUF012  # each study gets a copy
+    _expanded: dict[int | None, tuple[Any, Members]] = {}  # noqa: RUF012  # each has its own
 
     @property
     def folder(self) -> Path:
@@ -220,9 +220,11 @@ class Study(Section):
     def members(self, n_record: int | None = None) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
         key = n_record if needs_records(self.arches) else None
-        if key not in self._expanded:
-            self._expanded[key] = expand(self.arches, key)
-        return self._expanded[key]
+        of, found = self._expanded.get(key, (None, Members()))
+        if of is not self.arches:  # not yet, or of the study that this one is a copy of
+            found = expand(self.arches, key)
+            self._expanded[key] = self.arches, found
+        return found
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
