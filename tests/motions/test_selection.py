@@ -13,9 +13,7 @@ from archfrag.motions.selection import select_records
 from archfrag.motions.target import (
     MODELS,
     conditional_spectrum,
-    correlation,
     predict,
-    read_target,
     spectrum_target,
 )
 
