@@ -125,7 +125,7 @@ class TestRefusals:
             ({"of": {"dead_load": normal(1.0, 0.1, relative=True)}},
              ".of.dead_load.relative needs a key dead_load of the arch, which it"),
             ({"of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
-             ".correlation is not possible: correlation of friction and density: density is not"),
+             ".correlation is not possible: correlation of friction and density = 0.5 must be"),
             ({"joints": {"friction": normal(1.0, 0.1, relative=True)}},
              ".joints.friction.relative cannot be used for joints"),
         ],
