@@ -152,11 +152,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
 
 
 def quoted(cell: Any) -> Any:
-    """A cell of a CSV: text that a spreadsheet would compute gets an apostrophe before it.
-
-    >>> quoted("=1+1"), quoted("-0.5"), quoted(-0.5)
-    ("'=1+1", '-0.5', -0.5)
-    """
+    """A cell of a CSV: text that a spreadsheet would compute gets an apostrophe before it."""
     if isinstance(cell, str) and _FORMULA.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell

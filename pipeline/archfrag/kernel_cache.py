@@ -46,9 +46,9 @@ def kernel_hash() -> str:
 def use_kernel_cache() -> Path | None:
     """Choose and make the folder for the compiled kernels as they are now, once a process.
 
-    It is in ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache directory; if that is
-    not safe, in a temporary folder for this process and those that it starts. None if there is no
-    safe place: kernels are then compiled again in every process.
+    It is in ``NUMBA_CACHE_DIR``, or else in the user's cache directory; if that is not safe, in a
+    temporary folder for this process and those that it starts. None if there is no safe place:
+    kernels are then compiled again in every process.
     """
     from platformdirs import user_cache_path
 

@@ -29,23 +29,10 @@ TICK = 1.0
 def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
     """Compile the kernels, or load them from the cache, once for this machine; seconds it took.
 
-    Two processes divide the work where there are two cores.
-
-    Parameters
-    ----------
-    method : str, optional
-        Method to compile for; all installed methods if not given. `InputError` if there is none.
-    progress : callable, optional
-        Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
-        about 80 s", first at once, then about every second from another thread.
-
-    Examples
-    --------
-    >>> from archfrag.warmup import kernels_are_compiled, warmup
-    >>> warmup("time_stepping") > 0.0
-    True
-    >>> kernels_are_compiled("time_stepping")
-    True
+    Two processes divide the work where there are two cores. `method` is that to compile for; all
+    installed methods if not given. `progress` is called with a message such as "loading kernels"
+    or "compiling kernels, once: 12 s of about 80 s", first at once, then about every second from
+    another thread.
     """
     started, methods = time.perf_counter(), _methods_of(method)
     compiled = kernels_are_compiled(method) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
@@ -57,13 +44,13 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
             progress("loading kernels" if compiled else text)
 
     report()
-    if compiled:
+    with contextlib.ExitStack() as meanwhile:
+        if not compiled:
+            meanwhile.enter_context(every(TICK, report))
+            meanwhile.enter_context(_second_process(methods))
         _compile(methods)
-        return time.perf_counter() - started
-    with every(TICK, report), _second_process(methods):
-        _compile(methods)
-    for stamp in _stamps(method):
-        with contextlib.suppress(OSError):  # only the next message depends on it
+    with contextlib.suppress(OSError):  # only the next message depends on stamps
+        for stamp in () if compiled else _stamps(method):
             stamp.touch()
     return time.perf_counter() - started
 

@@ -13,26 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
-from archfrag.arch.ring import (
-    Ring,
-    catenary,
-    chain_of,
-    circular_ring,
-    ellipse,
-    normal_ring,
-    pointed_ring,
-    segmental_ring,
-    straight_ring,
-)
+from archfrag.arch import ring as rings
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
 # Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
 _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
-    "segmental": (1e-6, 0.5, segmental_ring),
-    "pointed": (0.5, math.inf, pointed_ring),
-    "elliptic": (1e-6, math.inf, partial(normal_ring, ellipse)),
-    "catenary": (1e-6, math.inf, partial(normal_ring, catenary)),
+    "segmental": (1e-6, 0.5, rings.segmental_ring),
+    "pointed": (0.5, math.inf, rings.pointed_ring),
+    "elliptic": (1e-6, math.inf, partial(rings.normal_ring, rings.ellipse)),
+    "catenary": (1e-6, math.inf, partial(rings.normal_ring, rings.catenary)),
 }
 
 
@@ -76,10 +66,9 @@ class Arch:
         Ends of the joint lines by the user's names [m]; with a free end the last is no joint.
     outlines : tuple of (m, 2) ndarray
         Of the voussoirs, for drawing; not closed [m].
-    free_end : bool
-        Whether the last voussoir touches no ground.
-    flipped : bool
-        Whether corner 0 of the chain's joints is the user's extrados.
+    free_end, flipped : bool
+        Whether the last voussoir touches no ground, and whether corner 0 of the chain's joints is
+        the user's extrados.
     parameters : dict
         What the user gave, with defaults, ready for strict JSON (infinite friction: "inf").
 
@@ -152,7 +141,7 @@ class Arch:
         embrace = checks.number("embrace", embrace, "degrees", most=360.0, closed=False)
         voussoirs, sector = checks.count("voussoirs", voussoirs), checks.flag("sector", sector)
         angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
-        ring = circular_ring(np.zeros(2), radius, thickness, angle, sector)
+        ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
         given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
         return cls(**_fields("circular", given, ring, friction, **material))
@@ -273,7 +262,7 @@ class Arch:
                 f"intrados has {len(inner)} points and extrados {len(outer)}; they must be equal"
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
-        ring = straight_ring(inner, outer)
+        ring = rings.straight_ring(inner, outer)
         return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))
 
     @classmethod
@@ -297,10 +286,9 @@ class Arch:
             Without any the chain stands on the sides opposite to the joints of its ends.
         friction, **material
             See `Arch`. Joints and voussoirs count from the end further left, or from the ground.
-        thickness_factor : float
-            Lengthens each joint about its middle; the sides between joints follow.
-        tolerance : float, optional
-            Within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
+        thickness_factor, tolerance : float
+            Factor on each joint about its middle; the sides between joints follow. Distance
+            within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
 
         Examples
         --------
@@ -333,10 +321,9 @@ class Arch:
         path : str or Path
             Its blocks are closed polylines (LWPOLYLINE or 2D POLYLINE, sides straight or arcs) of
             one layer; a LINE of that layer shows an edge on the ground.
-        layer : str, optional
-            Layer of the blocks; the only one with polylines if not given.
-        unit : str, optional
-            m, dm, cm, mm, in or ft; overrides what the drawing states ($INSUNITS).
+        layer, unit : str, optional
+            Layer of the blocks; the only one with polylines if not given. m, dm, cm, mm, in or ft;
+            overrides what the drawing states ($INSUNITS).
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
 
@@ -367,10 +354,8 @@ class Arch:
         ----------
         path : str or Path
             File to write, or `OutputError`.
-        unit : str
-            m, dm, cm, mm, in or ft.
-        layer : str
-            Of all that is drawn.
+        unit, layer : str
+            m, dm, cm, mm, in or ft; layer of all that is drawn.
         """
         from archfrag.arch.drawing import write_dxf
 
@@ -454,14 +439,15 @@ class Block(Arch):
     ) -> None:  # fmt: skip
         width, height = checks.number("width", width), checks.number("height", height)
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
-        ring = straight_ring(right, right * [-1.0, 1.0])
+        ring = rings.straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
         super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
 
 
 def _fields(
-    profile: str, shape: dict[str, Any], ring: Ring, friction: ArrayLike, free_end: bool = False,
-    density: float = 2000.0, depth: float = 1.0, dead_load: ArrayLike | None = None,
+    profile: str, shape: dict[str, Any], ring: rings.Ring, friction: ArrayLike,
+    free_end: bool = False, density: float = 2000.0, depth: float = 1.0,
+    dead_load: ArrayLike | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here."""
     n_voussoir = len(ring.outlines)
@@ -475,7 +461,7 @@ def _fields(
     if profile != "block":
         matter["dead_load"] = _plain(dead_load)
     return {
-        "chain": chain_of(ring, coefficient, density * depth, weight),
+        "chain": rings.chain_of(ring, coefficient, density * depth, weight),
         "intrados": ring.intrados,
         "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),

@@ -59,19 +59,15 @@ def polygon_shape(
     factor = checks.number("thickness_factor", thickness_factor, "", closed=False)
     if tolerance is not None:
         tolerance = checks.number("tolerance", tolerance)
-    ring, placed, free = polygon_ring(drawn, tolerance)
+    ring, placed = polygon_ring(drawn, tolerance)
     if factor != 1.0:
-        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0))
-                 for line in _ends(ring, free)]  # fmt: skip
-        thicker = Blocks.from_points(_stretched(placed, ring, factor), lines)
-        ring, placed, free = polygon_ring(thicker, tolerance)
-    ground = [line.tolist() for line in _ends(ring, free)]
-    return {"outlines": [outline.tolist() for outline in placed], "ground": ground}, ring, free
-
-
-def _ends(ring: Ring, free: bool) -> list[_Segment]:
-    """Lines on which the ends of a ring stand."""
-    return [np.array([ring.intrados[k], ring.extrados[k]]) for k in ((0,) if free else (0, -1))]
+        lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in placed.ground]
+        thicker = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
+        ring, placed = polygon_ring(thicker, tolerance)
+    shape = {
+        name: [rows.tolist() for rows in getattr(placed, name)] for name in ("outlines", "ground")
+    }
+    return shape, ring, len(placed.ground) == 1
 
 
 def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> list[FloatArray]:
@@ -98,10 +94,8 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
     return result
 
 
-def polygon_ring(
-    drawn: Blocks, tolerance: float | None = None
-) -> tuple[Ring, list[FloatArray], bool]:
-    """Ring of blocks in any order, their outlines in its order, and whether an end is free.
+def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, Blocks]:
+    """Ring of blocks in any order, and the blocks in its order, on one line if an end is free.
 
     Joints are the edges that two blocks have in common. The ring runs from the end that stands
     further left, or up from the ground if one end is free; outlines are anticlockwise.
@@ -146,7 +140,9 @@ def polygon_ring(
     placed = [outlines[block] for block in order]
     backs = [_back_middle(outline, *extrados[i : i + 2]) for i, outline in enumerate(placed)]
     sections = [outline_section(outline) for outline in placed]
-    return Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs), placed, free
+    ring = Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs)
+    ground = list(np.stack([intrados, extrados], axis=1)[[0] if free else [0, -1]])
+    return ring, replace(given, outlines=placed, ground=ground)
 
 
 def _back_middle(outline: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -252,18 +248,13 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:
         return None
-
-    def foot(line: _Segment, point: FloatArray) -> FloatArray:
-        step = line[1] - line[0]
-        return line[0] + ((point - line[0]) @ step) / (step @ step) * step
-
     ours, theirs = edge.copy(), other.copy()
-    # How far each end of the other lies inside the edge.
+    # How far each end of the other lies inside the edge; the one inside has its foot on the other.
     for k, inside in enumerate((place[0], length - place[1])):
-        if inside > tolerance:
-            ours[k] = foot(edge, other[k])
-        elif inside < -tolerance:
-            theirs[k] = foot(other, edge[k])
+        if abs(inside) > tolerance:
+            line, ends, point = (edge, ours, other) if inside > 0.0 else (other, theirs, edge)
+            step = line[1] - line[0]
+            ends[k] = line[0] + ((point[k] - line[0]) @ step) / (step @ step) * step
     apart = np.hypot(*(ours - theirs).T).max()
     return 0.5 * (ours + theirs) if apart <= tolerance else None
 

@@ -88,16 +88,6 @@ def sample(
     `correlation` is as in `correlation_factor`: coefficients rho of the Gaussian copula, which are
     the correlations of the normal scores (of the logarithms, if both are lognormal). The rank
     correlation by Spearman is then 6/pi arcsin(rho/2).
-
-    Examples
-    --------
-    >>> from scipy import stats
-    >>> from archfrag.arch.uncertain import Marginal, sample
-    >>> thickness, friction = stats.norm(1.5, 0.075), stats.lognorm(0.1, scale=0.7)
-    >>> marginals = {"thickness": Marginal(thickness), "friction": Marginal(friction, upper=1.0)}
-    >>> values = sample(marginals, 64, correlation={"thickness": {"friction": 0.3}})
-    >>> round(float(values["thickness"].mean()), 2)
-    1.5
     """
     names, generator = list(marginals), np.random.default_rng(seed)
     if not names:
