@@ -11,11 +11,12 @@ import psutil
 import pytest
 
 from archfrag.errors import WorkerError
+from archfrag.study.file.members import Members
 from archfrag.study.file.schema import Method
 from archfrag.study.runs import execute
 from archfrag.study.runs.design import CASE
 from archfrag.study.runs.execute import chunks, kernels_needed, run_batch
-from archfrag.study.runs.store import gather, make_plan, read_part
+from archfrag.study.runs.store import Plan, gather, make_plan, read_part
 
 
 def assert_same(results, expected):
@@ -106,9 +107,9 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     ],
 )
 def test_only_the_kernels_that_the_runs_need(done, method, expected):
-    arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
-    changes = {"arches": arches, "method": Method(**method)}
-    assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == expected
+    arches = Members(each for each in done.plan.arches if each.entry.build().n_voussoir > 2)
+    study = done.study.model_copy(update={"method": Method(**method)})
+    assert kernels_needed(Plan(study, arches, done.plan.records)) == expected
 
 
 @pytest.mark.usefixtures("_at_once")
