@@ -10,15 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError, StudyError
@@ -90,7 +82,7 @@ def refuse(text: str, *keys: str) -> PydanticCustomError:
     return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
 
 
-def _absolute(value: str, info: ValidationInfo) -> str:
+def _absolute(value: str, info: Any) -> str:
     """Make a path absolute: relative ones are below the folder in the validation's context."""
     path = os.path.expanduser(value)
     if path.startswith("~"):

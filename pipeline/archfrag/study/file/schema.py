@@ -205,7 +205,7 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
-    _expanded: dict[int | None, Members] = {}  # noqa: RUF012  # each study gets a copy
+    _expanded: dict[int | None, tuple[Any, Members]] = {}  # noqa: RUF012  # each has its own
 
     @property
     def folder(self) -> Path:
@@ -220,9 +220,11 @@ class Study(Section):
     def members(self, n_record: int | None = None) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
         key = n_record if needs_records(self.arches) else None
-        if key not in self._expanded:
-            self._expanded[key] = expand(self.arches, key)
-        return self._expanded[key]
+        of, found = self._expanded.get(key, (None, Members()))
+        if of is not self.arches:  # not yet, or of the study that this one is a copy of
+            found = expand(self.arches, key)
+            self._expanded[key] = self.arches, found
+        return found
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
@@ -243,10 +245,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         study = Study.model_validate(given, context={"folder": folder})
         # Arches that each record has of its own are known once the records are.
         check_buildable(study.members(n_record=1).checked())
-    except ValidationError as error:
-        raise StudyError(f"{path}: {first_message(error, given)}") from error
-    except StudyError as error:
-        raise StudyError(f"{path}: {error}") from error
+    except (ValidationError, StudyError) as error:
+        why = error if isinstance(error, StudyError) else first_message(error, given)
+        raise StudyError(f"{path}: {why}") from error
     return study
 
 

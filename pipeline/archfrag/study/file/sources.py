@@ -56,12 +56,14 @@ def find_sources(study: Study) -> list[Source]:
                for row in rows if select is None or row.id in select]  # fmt: skip
     given: dict[Path, Source] = {}
     for number, files in enumerate(asked.files):
-        key = f"motions.files[{number}]"
-        for source in _from_files(files, key):
-            # Two patterns may match the same file.
-            if given.setdefault(source.path, source) != source:
-                other = "another unit, inventory, columns or accept"
-                raise StudyError(f"{key}: an entry before it matches {source.path} with {other}")
+        try:
+            for source in _from_files(files):
+                # Two patterns may match the same file.
+                if given.setdefault(source.path, source) != source:
+                    other = "another unit, inventory, columns or accept"
+                    raise InputError(f"an entry before it matches {source.path} with {other}")
+        except InputError as error:
+            raise StudyError(f"motions.files[{number}]: {error}") from None
     every = [*indexed, *given.values()]
     for source in every:
         check_file(source.path)
@@ -108,7 +110,7 @@ def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
             raise StudyError(f"motions.select: {name!r} is not a record of the study; {hint}")
 
 
-def _from_files(files: FileSet, key: str) -> list[Source]:
+def _from_files(files: FileSet) -> list[Source]:
     pattern, paths = Path(files.path), [Path(files.path)]
     if glob.has_magic(files.path) and not pattern.is_file():
         # Folders match as they are written, names in any case.
@@ -117,15 +119,12 @@ def _from_files(files: FileSet, key: str) -> list[Source]:
         every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
         paths = sorted(p for p in every if name.match(p.name) and not index.goes_with_records(p))
         if not paths:
-            raise StudyError(f"{key}: no file matches {files.path}")
+            raise InputError(f"no file matches {files.path}")
     options = files.model_dump(exclude={"path"})
     if files.columns is not None:
         from archfrag.motions.formats.columns import parse_columns
 
-        try:
-            options["columns"] = parse_columns(files.columns)
-        except InputError as error:
-            raise StudyError(f"{key}: {error}") from None
+        options["columns"] = parse_columns(files.columns)
     return [Source(path, options) for path in paths]
 
 
