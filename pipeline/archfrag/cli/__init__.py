@@ -16,11 +16,6 @@ from archfrag.cli.options import PATH, echo, warn
 class _Group(click.Group):
     """Commands whose errors are one message and an exit code; errors of ours keep a traceback."""
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        # Processes that this one starts load no modules from the current folder.
-        os.environ["PYTHONSAFEPATH"] = "1"
-        return super().__call__(*args, **kwargs)
-
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -59,6 +54,8 @@ def main() -> None:
     A study file names arches, records and levels; `archfrag run STUDY` makes its report. The
     other commands are steps of a run, tools for records, and answers for one arch.
     """
+    # Processes that this one starts load no modules from the current folder.
+    os.environ["PYTHONSAFEPATH"] = "1"
 
 
 @main.command()

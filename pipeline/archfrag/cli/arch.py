@@ -19,7 +19,10 @@ _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}  # by a last word
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_NUMBERS = {
+_TYPES = {"voussoirs": int, "drawing": str, "layer": str, "drawing_unit": str}  # others: float
+_OPTIONS = {
+    "voussoirs": "Number of voussoirs.",
+    "friction": "Coulomb coefficient; inf is allowed.",
     "radius": "Mid-thickness radius of a circular arch [m].",
     "embrace": "Angle between the springings [degrees].",
     "span": "Span of the centre line [m].",
@@ -29,12 +32,11 @@ _NUMBERS = {
     "height": "Height of a block [m].",
     "density": "Density of the masonry [kg/m3].",
     "depth": "Width across the plane [m].",
+    "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
+    "layer": "Layer of the drawing; the only one with polylines if not given.",
+    "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
     "thickness_factor": "Factor on the ring thickness of the drawing.",
 }
-
-
-def _option(key: str) -> str:
-    return f"--{'drawing-unit' if key == 'unit' else key.replace('_', '-')}"
 
 
 def _takes_arch(command: Callable) -> Callable:
@@ -42,9 +44,8 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ("profile", "voussoirs", "friction", "sector", "drawing", "layer", *_NUMBERS)
-        given = {name: options.pop(name) for name in names}
-        given["unit"] = options.pop("drawing_unit")
+        given = {name: options.pop(name) for name in ("profile", "sector", *_OPTIONS)}
+        given["unit"] = given.pop("drawing_unit")
         arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
         command(arch, **options)
 
@@ -53,17 +54,10 @@ def _takes_arch(command: Callable) -> Callable:
         click.option("--arch", "arch_id", metavar="ID", help="Id of the arch in the study."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
-        click.option("--voussoirs", type=int, help="Number of voussoirs."),
-        click.option("--friction", type=float, help="Coulomb coefficient; inf is allowed."),
         click.option("--straight", "sector", flag_value=False, default=None, type=bool,
                      help="Use straight-sided voussoirs."),
-        click.option("--drawing", help="DXF file with the blocks: closed polylines, and lines on "
-                     "the ground."),
-        click.option("--layer",
-                     help="Layer of the drawing; the only one with polylines if not given."),
-        click.option("--drawing-unit", help="Unit of the drawing: m, dm, cm, mm, in or ft; what "
-                     "it states if not given."),
-        *(click.option(_option(name), type=float, help=text) for name, text in _NUMBERS.items()),
+        *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
+          for name, text in _OPTIONS.items()),
     )(wrapped)  # fmt: skip
 
 
@@ -92,15 +86,17 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     from archfrag.study.file.arches import ArchEntry
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
-    what = f"--profile {given['profile']}"
     if "drawing" in given:
-        what = "--drawing"
         del given["profile"]
     try:
         return ArchEntry.model_validate(given).build()
     except ValidationError as error:
-        message = first_message(error, given, lambda parts: _option(str(parts[0])))
+        names = {"unit": "drawing_unit"}
+        message = first_message(
+            error, given, lambda at: "--" + names.get(at[0], str(at[0])).replace("_", "-")
+        )
         how = "or take an arch of a study by --study STUDY --arch ID"
+        what = f"--profile {given['profile']}" if "profile" in given else "--drawing"
         raise InputError(f"{what}: {message}; {how}") from error
 
 
@@ -179,7 +175,6 @@ def simulate(
 
 
 def _text(response: "Response", facts: dict[str, Any]) -> str:
-    """Results of one run in short lines."""
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import summary
 

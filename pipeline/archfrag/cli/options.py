@@ -66,10 +66,8 @@ def echo(text: str, err: bool = False) -> None:
 
 
 def warn(message: str) -> None:
-    """Print a line on standard error."""
     echo(f"archfrag: {message}", err=True)
 
 
 def show(facts: Any, text: str, as_json: bool) -> None:
-    """Print a result, as JSON or as text."""
     echo(json.dumps(facts, allow_nan=False) if as_json else text)

@@ -35,9 +35,8 @@ def _with_study(*options: Callable) -> Callable:
 
 
 @click.command()
-@takes_study
-@json_option
-def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+@_with_study(json_option)
+def validate(study: Any, as_json: bool) -> None:
     """Check a study file and all files that it names.
 
     Arches, records, hazard and output folder are checked; nothing is run. If there are very many
@@ -45,13 +44,12 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     """
     from archfrag.files import counted
     from archfrag.study.checks import check_study
-    from archfrag.study.file.schema import load_study
 
-    found = check_study(load_study(study_file, overrides))
+    path, found = click.get_current_context().params["study_file"], check_study(study)
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
-    text = f"{study_file}: in order; {parts}, {runs} by design {found['design']}"
+    text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
     show(found, "\n  ".join([text, *found["classes"], *found["partners"]]), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")

@@ -3,7 +3,6 @@
 Units are those that the receiver expects and are named in each file.
 """
 
-import io
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -16,7 +15,6 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import InputError
-from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.motions.measures import parse_measure
 from archfrag.motions.motion import STANDARD_GRAVITY
@@ -27,11 +25,9 @@ NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 _REACH = 4.0
 _GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
 _MOST = 4  # limit states in IN-CORE
-_PER_G = 1.0 / STANDARD_GRAVITY
 # Receivers' units over those of SI.
-_FACTORS = {
-    "g": _PER_G, "g s": _PER_G, "cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0,
-}  # fmt: skip
+_FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
+_FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
 Element = ElementTree.Element
@@ -208,7 +204,7 @@ def pelicun_table(curves: CurveSet) -> str:
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
     """
-    demand, rows, text = named_measure("pelicun", curves.measure), [], io.StringIO()
+    demand, rows = named_measure("pelicun", curves.measure), []
     for name, states in zip(_ids(curves), curves.complete.values(), strict=True):
         rows.append({
             "ID": name, "Incomplete": 0, "Demand-Type": demand.name, "Demand-Unit": demand.unit,
@@ -219,8 +215,7 @@ def pelicun_table(curves: CurveSet) -> str:
                 f"LS{n}-Family": "lognormal", f"LS{n}-Theta_0": float(demand.factor * fit.theta),
                 f"LS{n}-Theta_1": float(fit.beta),
             }  # fmt: skip
-    write_csv(text, [pd.DataFrame(rows)])
-    return text.getvalue()
+    return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
 def pelicun_description(curves: CurveSet) -> str:

@@ -81,14 +81,10 @@ def curve_tables(
             })  # fmt: skip
     tables: dict[str, Table] = {}
     for name, frames in (("curves", points), ("parameters", [pd.DataFrame(parameters)])):
-        own = _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records")
-        about = {
-            row["name"]: _about(
-                row["about"].format(percent=f"{100 * confidence:g} %"),
-                units.get(row["unit"], row["unit"]),
-            )
-            for row in own
-        }
+        about = Columns()
+        for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
+            text = row["about"].format(percent=f"{100 * confidence:g} %")
+            about[row["name"]] = _about(text, units.get(row["unit"], row["unit"]))
         pieces = [frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]]
         tables[name] = about, pieces
     return tables

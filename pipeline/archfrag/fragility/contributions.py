@@ -1,8 +1,7 @@
 """Collapses divided by category, level by level, and the rate of collapse divided as they are.
 
-Categories are the mechanism of a collapse, its joint, or what is known of its record. By magnitude
-and distance the rate shows which records of the set cause it; this is no deaggregation of the
-hazard, since records are run at levels that their own earthquakes need not have reached.
+By magnitude and distance the rate shows which records of the set cause it. This is no
+deaggregation of the hazard: records are run at levels that their earthquakes did not reach.
 """
 
 from collections.abc import Sequence
@@ -73,15 +72,10 @@ def contributions(
     levels; a resample in which a level has no collapse leaves the rate of this level out. A
     category of fewer than two collapses has none.
 
-    Parameters
-    ----------
-    level_rate : array_like, (n_level,)
-        Rate of collapse by motions of each level [1/year], from `rate_by_level`.
-    collapsed : array_like of bool, (n_record, n_level)
-    category : array_like of int, (n_record, n_level)
-        Position in `categories` of each run that collapsed (else InputError).
-    event : array_like, (n_record,), optional
-        Earthquake of each record; its own where it is not given.
+    `level_rate`, (n_level,), is that of collapse by motions of each level [1/year], from
+    `rate_by_level`; `collapsed` and `category`, (n_record, n_level), whether a run collapsed and
+    its position in `categories` (else InputError); `event`, (n_record,), the earthquake of each
+    record, its own if not given.
     """
     collapse = np.asarray(collapsed, dtype=bool)
     rates = shaped(level_rate, collapse.shape[1:], "level_rate").astype(float)

@@ -73,9 +73,8 @@ def checked_stripes(
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
     for i in np.flatnonzero(k > m)[:1]:
-        raise InputError(
-            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
-        )
+        more = f"more than the n = {m[i]:g} runs"
+        raise InputError(f"collapses is {k[i]:g} at im = {levels[i]:g}, {more}")
     return positive(levels, "im"), k, m
 
 
@@ -222,10 +221,6 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     wrong = np.pad(change, ((0, 0), (1, 0)))  # verdicts against each border, but for a constant
     below = decided & (np.arange(codes.shape[1]) < wrong.argmin(axis=1)[:, None])
     above = decided & ~below
-    return Brackets(
-        np.where(below, level, 0.0).max(axis=1),
-        np.where(above, level, np.inf).min(axis=1),
-        np.count_nonzero((below & collapsed) | (above & survived), axis=1),
-        level,
-        codes.astype(np.int64),
-    )
+    lower, upper = np.where(below, level, 0.0).max(axis=1), np.where(above, level, np.inf)
+    against = np.count_nonzero((below & collapsed) | (above & survived), axis=1)
+    return Brackets(lower, upper.min(axis=1), against, level, codes.astype(np.int64))

@@ -23,9 +23,7 @@ class Fragility:
     beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
     #: (2, 2), of (ln theta, beta): inverse of the observed information, or as `kind` implies
     covariance: FloatArray = field(compare=False)
-    #: At the maximum; of stripes with the binomial coefficients, of capacities the density of
-    #: their logarithms.
-    log_likelihood: float
+    log_likelihood: float  #: with binomial coefficients, or the density of ln capacity
     n_levels: int  #: levels, distinct observed capacities or ends of brackets that were used
     n_total: int  #: runs (stripes) or records that were used
     #: "stripes", "ida", "ida_truncated", "brackets", "ordered", "posterior" or "mixture".
@@ -122,10 +120,8 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
     a, r = logs.shape
     if a < 2 or r < 2:
-        raise FitError(
-            f"{a} arches with {r} records of known capacity remain; two of each are needed to "
-            "separate modelling from records"
-        )
+        known = f"{a} arches with {r} records of known capacity remain"
+        raise FitError(f"{known}; two of each are needed to separate modelling from records")
     arch, record = logs.mean(axis=1), logs.mean(axis=0)
     residual = logs - arch[:, None] - record + logs.mean()
     interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))

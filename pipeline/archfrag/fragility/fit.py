@@ -30,15 +30,9 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     count as independent. FitError if the likelihood has no maximum with beta > 0: the message
     states what is known instead.
 
-    Parameters
-    ----------
-    im : array_like, (n_level,)
-        Intensity of each level, any unit, > 0.
-    collapses : array_like of int, (n_level,)
-        Runs that collapsed.
-    n : int or array_like of int, (n_level,)
-        Runs that collapsed or survived. Unfinished runs and solver failures belong to neither.
-        Levels with n = 0 are left out.
+    `im`, (n_level,), is the intensity of each level, any unit, > 0; `collapses`, (n_level,), the
+    number of runs that collapsed; `n`, int or (n_level,), of those that collapsed or survived.
+    Unfinished runs and solver failures belong to neither. Levels with n = 0 are left out.
 
     Examples
     --------
@@ -73,17 +67,10 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
     Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
-    n - 1. Truncated data: maximum likelihood with the records above `truncate_at` censored.
-    FitError if the data do not determine a dispersion > 0.
-
-    Parameters
-    ----------
-    capacities : array_like, (n_record,)
-        Least intensity at which each record causes collapse, any unit, > 0. With `truncate_at`
-        it may be inf where no collapse was seen.
-    truncate_at : float, optional
-        Highest intensity that was tried. A capacity above it counts as 'higher than this', one
-        equal to it as a collapse.
+    n - 1. With `truncate_at`, the highest intensity that was tried: maximum likelihood with the
+    records above it censored; one equal to it is a collapse. `capacities`, (n_record,), are the
+    least intensities at which each record causes collapse, any unit, > 0, inf where no collapse
+    was seen. FitError if the data do not determine a dispersion > 0.
 
     Examples
     --------
@@ -103,11 +90,9 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     if known.all():
         return _fit_moments(values)
     if not known.any():
-        why = f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it"
-        raise FitError(f"{why}; try higher intensities")
+        raise FitError(f"no capacity lies up to truncate_at = {limit:g}: theta lies above it")
     if np.all(values[known] == limit):
-        why = f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0"
-        raise FitError(f"{why}; resolve the capacities more finely")
+        raise FitError(f"all known capacities equal truncate_at = {limit:g}, so beta tends to 0")
     fit = fit_brackets(np.where(known, values, limit), np.where(known, values, np.inf))
     return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
 
@@ -117,8 +102,7 @@ def _fit_moments(values: FloatArray) -> Fragility:
     logs, n = np.log(values), values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:
-        same = f"all {n} capacities are {np.exp(logs[0]):g}"
-        raise FitError(f"{same}, so beta tends to 0; add records")
+        raise FitError(f"all {n} capacities are {values[0]:g}, so beta tends to 0; add records")
     mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
     z = (logs - mean) / deviation
     covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])

@@ -44,29 +44,19 @@ def compare_measures(
     distance, by t tests at 5 % of the slopes: of magnitude, which belongs to the earthquake, on
     means of events, of distance on records.
 
-    Parameters
-    ----------
-    found : Brackets
-        Of the capacities in the measure `own`, by which the study was scaled.
-    values : mapping of str to array_like, (n_record,)
-        Of the unscaled motions in each measure, > 0.
-    exponent : mapping of str to float
-        Power of the scale factor in each measure, > 0: 2 for Arias intensity.
-    magnitude, distance, event : array_like, (n_record,), optional
-        Of the earthquake, nan where not known; its name.
+    `found` holds brackets in the measure `own`, by which the study was scaled; `values` those of
+    the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each (2
+    for Arias intensity); `magnitude`, `distance` and `event` are of the records, nan where not
+    known; (n_record,) each. Returned are
 
-    Returns
-    -------
-    dict
-        ``rows``, one for each measure, numbers nan where they are not known: ``measure``;
-        ``theta`` in its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent; slopes of
-        ln capacity and their p; ``sufficient``, no p below 0.05, or None; ``n_records`` used,
-        ``n_bracketed`` of them; ``none``, why there is no curve. ``own``; ``best``, of the
-        sufficient measures (if there is none, of those not tested; else of all) the one of least
-        efficiency. ``p_value``, the probability that a measure no better than `own` seems so much
-        better by chance (`scatter_by_chance`), times the number of measures that the best was
-        chosen from (Bonferroni). ``ratio`` of the efficiencies of both; ``n_test``, tests of
-        sufficiency that were made; ``message``.
+    ``rows``, one for each measure, numbers nan where they are not known: ``measure``; ``theta`` in
+    its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent; slopes of ln capacity and
+    their p; ``sufficient``, no p below 0.05, or None; ``n_records`` used, ``n_bracketed`` of them;
+    ``none``, why there is no curve. ``own``. ``best``, of the sufficient measures (if there is
+    none, of those not tested; else of all) the one of least efficiency. ``p_value``, the
+    probability that a measure no better than `own` seems so much better by chance
+    (`scatter_by_chance`), times the number of measures that the best was chosen from (Bonferroni).
+    ``ratio`` of the efficiencies of both. ``n_test``, tests of sufficiency made. ``message``.
     """
     names, n_record = list(values), len(found.verdict)
     if own not in names:
@@ -91,21 +81,18 @@ def compare_measures(
             if place.max(initial=-1) + 1 >= _LEAST and np.ptp(value[used]) > 0.0:
                 covariates[name] = used, value[used], place
 
-    def in_measures(intensity: FloatArray) -> FloatArray:
-        with np.errstate(divide="ignore"):
-            return log_value + power * ((np.log(intensity) - log_value[mine]) / power[mine])
-
     low, high = np.where(known.bracketed, known.middle, (known.lower, known.upper))
+    with np.errstate(divide="ignore"):
+        factors = [(np.log(end) - log_value[mine]) / power[mine] for end in (low, high)]
+    bounds = log_value + power * factors[0], log_value + power * factors[1]
     ends = np.where(known.bracketed, (known.lower, known.upper), 1.0)
     width = power / power[mine] * np.log(ends[1] / ends[0])
-    bounds = in_measures(low), in_measures(high)
     columns, expected = _compare_records(bounds, width**2 / 12.0, covariates)
     rows = []
     for i, (name, each) in enumerate(zip(names, power[:, 0].tolist())):
         row = {key: float(columns[key][i]) for key in _COLUMNS}
         tests = [p for p in (row["p_magnitude"], row["p_distance"]) if np.isfinite(p)]
-        few = "fewer than two records with different capacities in this measure"
-        why = "" if np.isfinite(row["beta"]) else few
+        why = "" if np.isfinite(row["beta"]) else "fewer than two different capacities"
         rows.append({
             "measure": name, **row, "efficiency": row["beta"] / each, "none": why,
             "sufficient": min(tests) >= SIGNIFICANCE if tests and not why else None,
@@ -126,10 +113,8 @@ def _best(
     chosen = sufficient or [i for i in known if rows[i]["sufficient"] is None] or known
     place = min(chosen, key=efficiency.__getitem__)
     best, p_value, ratio = rows[place], 1.0, 1.0
-    message = (
-        f"Of {_OF[best['sufficient']]} {best['measure']} is the most efficient "
-        f"(beta {best['beta']:.2f})"
-    )
+    start = f"Of {_OF[best['sufficient']]} {best['measure']} is the most efficient"
+    message = f"{start} (beta {best['beta']:.2f})"
     if best is own:
         message += ", and it is the one that the study was scaled by."
     elif own["none"]:
@@ -144,12 +129,6 @@ def _best(
         times = f"{ratio:.2f} times that of {own['measure']}"
         message += f": its dispersion is {times}, {can} (p = {p_value:.2g})."
     n_test = int(np.isfinite([(row["p_magnitude"], row["p_distance"]) for row in rows]).sum())
-    if n_test:
-        message += (
-            f" Sufficiency took {n_test} tests at {100 * SIGNIFICANCE:g} %, of which "
-            f"{SIGNIFICANCE * n_test:.1f} reject by chance where nothing depends on magnitude or "
-            "distance."
-        )
     return {"best": best["measure"], "p_value": p_value, "ratio": ratio, "n_test": n_test,
             "message": message}  # fmt: skip
 

@@ -16,8 +16,6 @@ from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import Lines, binomial_lines
 
-_RHO_ERRORS = 0.5
-
 
 @dataclass(frozen=True)
 class QuotedBand:
@@ -117,8 +115,7 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
     if n_event < 2:
-        why = f"all records belong to one group, {events[0]!s}"
-        raise FitError(f"{why}; at least two are needed to show how far they differ")
+        raise FitError(f"all records belong to one group, {events[0]!s}; two are needed")
     if n == n_event:
         return float(n)
     mean_size, values = float((size**2).sum() / n), _expected_logs(found)
@@ -130,7 +127,7 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     rho = (between - within) / total if total > 0.0 else 0.0
     error = (1.0 - rho) * (1.0 + (usual - 1.0) * rho)
     error *= np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
-    rho = float(np.clip(rho + _RHO_ERRORS * error, 0.0, 1.0))
+    rho = float(np.clip(rho + 0.5 * error, 0.0, 1.0))
     return n / (1.0 + (mean_size - 1.0) * rho)
 
 
@@ -189,8 +186,7 @@ def check_lognormal(
     studies drawn from the fitted curve, each fitted anew (parametric bootstrap; Davison and
     Hinkley 1997, section 4.2), in the same cells as the study's runs. ln capacity of a run is
     ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one normal number per record, e one
-    per run, and rho from the scatter between runs of a record: independent runs would give a test
-    that finds misfits too seldom or too often. Records of one event are drawn as independent.
+    per run, and rho from the scatter between runs of a record. Events are not taken into account.
 
     Returns the probability of so large a ratio if the lognormal curve is the true one; rho, 1
     where no verdicts contradict each other, nan where each record serves once. FitError if the

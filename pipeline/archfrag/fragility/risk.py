@@ -16,23 +16,18 @@ from archfrag.fragility.curve import FloatArray, Fragility, log_intensity, posit
 from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
-# A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
-# of it is seen to be from below the hazard curve.
-_LARGEST_LOG = 600.0
+_LARGEST_LOG = 600.0  # of a rate: a steep first slope of the hazard and a wide curve overflow
 
 
 @dataclass(frozen=True)
 class HazardCurve:
-    """Annual frequency of exceedance at several intensities, and a rule between and beyond.
-
-    Between two points the rate is a power of the intensity. Below the first point the first power
-    goes on, above the last one the last power that falls. A hazard curve that bends downwards in
-    these scales is overestimated by both extensions.
+    """Annual frequency of exceedance at several intensities: between two points a power of the
+    intensity; below the first point the first power goes on, above the last one the last power
+    that falls. A curve that bends downwards in these scales is overestimated by both extensions.
     """
 
     im: FloatArray  #: (n,), intensities, increasing, > 0
-    #: (n,), of exceedance [1/year], not increasing, and not constant. Points with a rate of 0 or
-    #: infinity are left out.
+    #: (n,), of exceedance [1/year], not increasing; points of 0 or infinity are left out.
     rate: FloatArray
 
     def __post_init__(self) -> None:
@@ -161,9 +156,8 @@ def collapse_rate(
 
 
 def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
-    """Rate of collapse by motions of each range of intensity, (n_edge + 1,) [1/year].
-
-    From 0 to the first of the rising `edges`, (n_edge,), between edges, and from the last on.
+    """Rate of collapse by motions from 0 to the first of the rising `edges`, (n_edge,), between
+    edges, and from the last on, (n_edge + 1,) [1/year].
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)

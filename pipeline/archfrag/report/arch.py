@@ -229,26 +229,23 @@ def film(example: Example, name: str, title: str) -> Picture | None:
     duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
     stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
+    # The acceleration of the ground stands below.
+    sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
+    box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
+    panel = Panel(sheet, box, ends, (-1.0, 1.0))
+    peak = f"{draw_ground(panel, example, 240):.2g} g"
+    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
     outlines = zip(map(np.asarray, arch.outlines), centroid)
     svg = html.template(
         "film.html.j2", name=name, label=what, width=NARROW, height=height, strip=_STRIP,
         shapes=[look.trace(*pixels(outline, at).T) for outline, at in outlines],
         rest=pixels(centroid, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
         percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
-        stills=stills, ground=Markup("".join(_strip(example, time, height))),
+        stills=stills, ground=Markup("".join(sheet.parts)),
     )  # fmt: skip
     facts = {"what": what, "reason": example.reason, "frames": time.size}
     caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
     return Picture(svg, caption)
-
-
-def _strip(example: Example, time: FloatArray, top: float) -> list[str]:
-    """Acceleration of the ground below a film."""
-    sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
-    panel = Panel(sheet, (12.0, top + 2.0, NARROW - 12.0, top + 2.0 + _STRIP), ends, (-1.0, 1.0))
-    peak = f"{draw_ground(panel, example, 240):.2g} g"
-    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
-    return sheet.parts
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:

@@ -49,7 +49,6 @@ def draw_curve(
 
 
 def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
-    """Draw the observed fraction of collapses at each level."""
     known = results.known
     used = known.n > 0
     panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)
@@ -116,21 +115,17 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     if isotonic:
         im = scale.factor * np.array(isotonic["im"])
         panel.line(im, isotonic["probability"], look.GREY, 0.9)
-    if isinstance(fit, Fragility) and fit.theta * scale.factor <= reach:
-        _mark_median(panel, scale, fit.theta)
+    if isinstance(fit, Fragility) and (median := fit.theta * scale.factor) <= reach:
+        panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+        x, words = float(panel.at_x(median)), f"θ = {scale.text(fit.theta)}"
+        fits = x + look.text_width(words, look.SMALL) + 8.0 < panel.box[2]
+        shift, kind = (4.0, "s") if fits else (-4.0, "s e")
+        sheet.text(x + shift, panel.box[3] - 6.0, words, kind)
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
     _draw_data(panel, results, answer.confidence)
     return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
-
-
-def _mark_median(panel: Panel, scale: Scale, theta: float) -> None:
-    median, words = theta * scale.factor, f"θ = {scale.text(theta)}"
-    panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-    x, room = float(panel.at_x(median)), look.text_width(words, look.SMALL) + 8.0
-    shift, kind = (4.0, "s") if x + room < panel.box[2] else (-4.0, "s e")
-    panel.sheet.text(x + shift, panel.box[3] - 6.0, words, kind)
 
 
 def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:

@@ -157,7 +157,6 @@ class Panel:
         self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6,
         dash: str = "", opacity: float | None = None,
     ) -> None:  # fmt: skip
-        """Join points, with a gap at each nan."""
         self.sheet.path(
             trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
             stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
@@ -166,7 +165,6 @@ class Panel:
     def band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
     ) -> None:
-        """Fill between two curves."""
         place, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
         d = trace(np.append(place, place[::-1]), np.append(upper, lower[::-1]))
         self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
@@ -248,10 +246,10 @@ class Panel:
 
 def panel_below(
     sheet: Sheet, entries: Sequence[Entry], height: float, x: Range, y: Range, *,
-    left: float = LEFT, top: float = 0.0, log: bool = False,
+    left: float = LEFT, log: bool = False,
 ) -> Panel:  # fmt: skip
-    """A legend, and below it the last panel of a sheet, over its full width."""
-    top = sheet.legend(left, top, entries) + 6.0
+    """A legend, and below it the panel of a sheet, over its full width."""
+    top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
 

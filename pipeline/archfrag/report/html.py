@@ -54,12 +54,10 @@ _ENVIRONMENT.filters["px"] = number
 
 
 def template(file: str, **values: Any) -> Markup:
-    """A template of the page with its values."""
     return Markup(_ENVIRONMENT.get_template(file).render(values))
 
 
 def heading(words: str) -> Markup:
-    """A heading in a section."""
     return Markup("<h3>{}</h3>").format(words)
 
 
@@ -114,7 +112,6 @@ def digits(value: float) -> str:
 
 
 def onset_text(value: float) -> str:
-    """Onset acceleration in g."""
     return f"{digits(value)} g" if np.isfinite(value) else "no limit"
 
 

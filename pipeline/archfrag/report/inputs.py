@@ -47,7 +47,6 @@ class Scale:
 
     @property
     def label(self) -> str:
-        """Axis label."""
         return f"{self.measure} [{self.unit}]"
 
     def digits(self, value_si: float) -> str:
@@ -82,7 +81,6 @@ class ReportInputs:
 
     @property
     def percent(self) -> str:
-        """The confidence in words."""
         return f"{100 * self.confidence:.0f} %"
 
     @property
@@ -150,15 +148,11 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
 
 def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer]]:
     other = load_study(path)
-    refused = f"study {other.id!r} cannot be compared with {study.id!r}"
     if study.id == other.id:
-        raise InputError(f"{refused}: each study needs its own id")
-    try:
-        answers, _, cube = finished(other)
-        with cube:
-            return cube.load(), answers
-    except InputError as error:
-        raise InputError(f"{refused}, since it is not finished: {error}") from error
+        raise InputError(f"study {other.id!r} cannot be compared with another of the same id")
+    answers, _, cube = finished(other)
+    with cube:
+        return cube.load(), answers
 
 
 def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> StudyRisk | None:
@@ -172,8 +166,7 @@ def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> Stud
 
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
     """What a cube holds of the study that made it; may be empty."""
-    found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
-    return found
+    return json.loads(cube.attrs.get("archfrag_config", "{}"))
 
 
 def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
@@ -207,9 +200,8 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
     """Levels of groups of runs that have one of their own, and the group of each record, or -1."""
     run = np.flatnonzero(made & np.isfinite(own))
-    order = run[np.argsort(own[run], kind="stable")]
+    order, place = run[np.argsort(own[run], kind="stable")], np.full(own.size, -1)
     groups = np.array_split(order, min(_MOST_GROUPS, max(1, order.size // 5)))
-    place = np.full(own.size, -1)
     for number, members in enumerate(groups):
         place[members] = number
     return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
@@ -238,7 +230,7 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
         }
         for name, answer in inputs.classes.items()
     ]  # fmt: skip
-    found: dict[str, Any] = finite({
+    return finite({
         "format": SUMMARY_FORMAT, "study": attributes.get("archfrag_study"),
         "title": inputs.title,
         "measure": scale.measure, "unit": scale.unit, "unit_in_si": 1.0 / scale.factor,
@@ -248,7 +240,6 @@ def summary(inputs: ReportInputs) -> dict[str, Any]:
         "arches": arches, "classes": classes, "cautions": list(inputs.cautions),
         "made_by": {key: attributes[key] for key in _MADE_BY if key in attributes},
     }, None)  # fmt: skip
-    return found
 
 
 def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
@@ -279,7 +270,6 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 
 
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
-    """Counts and mechanisms of the runs of an arch."""
     found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
     names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
     counts = {name: int(getattr(found, name).sum()) for name in names}

@@ -1,5 +1,6 @@
 """The report of a study: one HTML file that needs no network, and its numbers for programs."""
 
+import contextlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -219,7 +220,6 @@ def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -
 
 
 def _motion_parts(inputs: ReportInputs) -> Iterable[Any]:
-    """Figures and table of the ground motions."""
     cube = inputs.cube
     yield thumbnails(inputs.motions)
     yield _scaled_spectra(inputs)
@@ -280,13 +280,12 @@ def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
     """Attributes of the cube; JSON is laid out in lines."""
     long, short = {}, {}
     for name, value in attributes.items():
-        try:
-            found = json.loads(value) if str(value)[:1] in "{[" else value
-        except ValueError:
-            found = value
+        found = value
+        with contextlib.suppress(TypeError, ValueError):
+            found = json.loads(value)
         if isinstance(found, Mapping | list):
             long[name] = json.dumps(found, indent=2, ensure_ascii=False)
         else:
-            short[name] = found
+            short[name] = value
     yield html.pairs("Provenance", short.items(), "attribute of the cube")
     yield from (html.folded(name, text) for name, text in long.items())

@@ -12,8 +12,8 @@ from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
 from archfrag.report.inputs import Scale
-from archfrag.report.runs import LOOKS, level_axis
-from archfrag.study.answer.risk import ASSUMPTIONS, OTHER, ArchRisk, StudyRisk
+from archfrag.report.runs import level_axis, stacked
+from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.members import SHOWN
 
@@ -83,7 +83,12 @@ def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
 @figure
 def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Scale) -> str:
     """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
-    im = _shown(arch, hazard)
+    # Intensities from which all but a small part of the rate comes.
+    wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
+    im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)
+    density = _density(arch, hazard, im)
+    used = im[density > _REACH * density.max()]
+    im = np.geomspace(min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1]), 200)
     density, shown = _density(arch, hazard, im), scale.factor * im
     rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
     points, ends = hazard.main.im * scale.factor, (float(shown[0]), float(shown[-1]))
@@ -124,11 +129,7 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     found = arch.splits["mechanism"]
     if not found.counts.any():
         return None
-    parts = [
-        (Entry(name, *((look.SOFT, "area") if name == OTHER else LOOKS[i % len(LOOKS)])), rate)
-        for i, (name, rate) in enumerate(zip(found.categories, found.rate))
-        if rate.any()
-    ]
+    parts = stacked(found.categories, found.rate)
     if found.unassigned.any():
         parts.append((Entry("no collapse seen", look.PALE), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
@@ -138,16 +139,6 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
     return f"Rate of collapse of {arch.arch} by level and mechanism"
-
-
-def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:
-    """Intensities from which all but a small part of the rate comes, SI unit."""
-    wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
-    im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)
-    density = _density(arch, hazard, im)
-    used = im[density > _REACH * density.max()]
-    low, high = min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1])
-    return np.geomspace(low, high, 200)
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:

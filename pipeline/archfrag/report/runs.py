@@ -33,13 +33,12 @@ LOOKS = (
     (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
     (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
 )  # fmt: skip
-_OTHER = "other joints"
-_TITLES = ("how it was moving", "joint that was lost")
-# What a joint may be seen doing, from code 1; a closed joint that sticks is not drawn.
+# What a joint may be seen doing, in words of the log, from code 1; a closed joint that sticks is
+# not drawn.
 JOINT_STATES = (
-    Entry("hinge at intrados", look.BLUE), Entry("hinge at extrados", look.VERMILION),
-    Entry("sliding hinge at intrados", look.BLUE, "slash"),
-    Entry("sliding hinge at extrados", look.VERMILION, "slash"),
+    Entry("hinge intrados", look.BLUE), Entry("hinge extrados", look.VERMILION),
+    Entry("hinge intrados sliding", look.BLUE, "slash"),
+    Entry("hinge extrados sliding", look.VERMILION, "slash"),
     Entry("slides", look.ORANGE, "cross"), Entry("open", look.INK),
 )  # fmt: skip
 _MODELS = ((look.PALE, "area"), (look.SKY, "area"), (look.GREEN, "dots"), (look.PURPLE, "slash"))
@@ -124,7 +123,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
         deaggregate(results.verdict, category, names, confidence=confidence)
         for category, names in (
             (results["collapse_mode"], [mode.label for mode in MODES]),
-            (joint, [*(f"joint {each}" for each in own), _OTHER]),
+            (joint, [*(f"joint {each}" for each in own), "other joints"]),
         )
     ]
 
@@ -138,13 +137,14 @@ def fractions(
     Of all runs where every record was run at every level, else of the collapses.
     """
     every = bool(results.simulated.all())
-    divisor = results.counts.n if every else results.counts.collapsed
-    stacks = [_parts(group, divisor) for group in groups]
+    divisor = np.maximum(results.counts.n if every else results.counts.collapsed, 1)
+    stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
     rows = 1 + max(look.legend_rows(key, right - left)[-1][0] for key in keys)
     boxes = sheet.grid(len(keys), 2, 150.0, BELOW + rows * LINE)
-    for box, parts, key, title in zip(boxes, stacks, keys, _TITLES, strict=True):
+    titles = "how it was moving", "joint that was lost"
+    for box, parts, key, title in zip(boxes, stacks, keys, titles, strict=True):
         panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
         what = "runs" if every else "collapses"
         panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], f"fraction of the {what}")
@@ -159,16 +159,13 @@ def fractions(
     )
 
 
-def _parts(group: Contributions, divisor: IntArray) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their fraction at each level."""
-    modes = {entry.label: entry for entry in MODES}
-    found = []
-    for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
-        name = group.categories[i]
-        colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
-        part = group.counts[i] / np.maximum(divisor, 1)
-        found.append((modes.get(name, Entry(name, *colours)), part))
-    return found
+def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their values at each level."""
+    found = {entry.label: entry for entry in MODES}
+    for i, name in enumerate(names):
+        colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]
+        found.setdefault(name, Entry(name, *colours))
+    return [(found[name], part) for name, part in zip(names, values) if part.any()]
 
 
 @figure
@@ -256,11 +253,7 @@ def sampled(
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
-            state, _, side = text.partition(" ")
-            if state == "hinge":
-                sliding = "sliding " if "sliding" in text else ""
-                state = f"{sliding}hinge at {side.split()[0]}"
-            states[i, joint] = codes[state]
+            states[i, joint] = codes[text.split(" towards ")[0]]
     models = np.array([Model[change.model.upper()] for change in changes], dtype=np.int64)
     middle = 0.5 * (edges[:-1] + edges[1:])
     since = np.searchsorted([change.time for change in changes], middle, side="right") - 1

@@ -20,7 +20,6 @@ from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
 Rows = Iterator[tuple[str, object]]
-_ENTRIES = 60  # of the log, in words
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
@@ -44,7 +43,7 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
     yield _levels(results, answer, percent)
     if "cloud" in more:
-        yield _cloud(more["cloud"]["logistic"], inputs.scale)
+        yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
@@ -62,7 +61,6 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
 
 
 def class_parts(inputs: ReportInputs, name: str) -> Parts:
-    """What the page shows of a class."""
     of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
     members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
     yield card(answer, inputs.scale, inputs.percent)
@@ -103,8 +101,6 @@ def card(
     if results is not None:
         names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
         counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
-        landed = (results.verdict == Verdict.STANDING) & np.isfinite(results["lost_contact_time"])
-        counts["lost contact and stand"] = landed.sum()
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -149,15 +145,13 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     return table(label, list(columns), zip(*columns.values()), "", 0)
 
 
-def _cloud(fit: Mapping[str, Any], scale: Scale) -> Markup:
-    """Result of the logistic regression of a cloud, or why there is none."""
+def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
     if "none" in fit:
-        return paragraph(f"There is no logistic regression: {fit['none']}.")
+        return f"There is no logistic regression: {fit['none']}."
     theta, low, high = map(scale.digits, (fit["theta"], *fit["theta_interval"]))
-    return paragraph(
-        f"Logistic regression of collapse against ln intensity: θ {theta} {scale.unit} ({low} to "
-        f"{high}), β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])}).", "note",
-    )  # fmt: skip
+    beta = f"β {fit['beta']:.2f} ({html.interval(fit['beta_interval'])})"
+    found = f"θ {theta} {scale.unit} ({low} to {high}), {beta}"
+    return f"Logistic regression of collapse against ln intensity: {found}."
 
 
 def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
@@ -193,10 +187,10 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
     bar, cells = Markup('{}<span class="bar"><i style="width:{:.0f}%"></i></span>'), []
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
-        best = " (best)" if row["measure"] == found["best"] else ""
+        label = row["measure"] + " (best)" * (row["measure"] == found["best"])
+        shown = bar.format(measured(efficiency[i]), percent[i])
         numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
-        shown = bar.format(measured(row["efficiency"]), percent[i])
-        cells.append([f"{row['measure']}{best}", shown, *numbers, row["unit"]])
+        cells.append([label, shown, *numbers, row["unit"]])
     yield paragraph(found["message"])
     heads = ["measure", "efficiency", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
@@ -208,7 +202,6 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
         if value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
-            shown = {"True": "yes", "False": "no"}.get(shown, shown)
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
         yield "dead load", "none: the ring alone, without fill and spandrels"
@@ -268,12 +261,11 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
 def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
     """Runs simulated again: a collapse and a near miss in motion, and the log of the first."""
     name, arch, onset = inputs.arches[place]
-    fit = inputs.answers[name].curve
+    fit, films = inputs.answers[name].curve, []
     if not onset.stands:
         return
     median = fit.theta * results.scale.factor if isinstance(fit, Fragility) else None
     first = arch_figures.repeat(inputs, results, arch, arch_figures.choose(results, median))
-    films = []
     if animated:
         if first is not None and first.response.collapsed:
             films.append(arch_figures.film(first, f"fall{place}", "A collapse"))
@@ -281,14 +273,9 @@ def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: 
         if second is not None and not second.response.collapsed:
             films.append(arch_figures.film(second, f"miss{place}", "A near miss"))
     if any(films):
-        shown = Markup("\n").join(film for film in films if film)
         yield heading("Runs in motion")
+        shown = Markup("\n").join(filter(None, films))
         yield Markup('<div class="motions">{}</div>').format(shown)
     if first is not None and (picture := runs.timeline(first)):
-        entries = first.response.mechanism or ()
-        words = [str(change) for change in entries[:_ENTRIES]]
-        if len(entries) > _ENTRIES:
-            words.append(f"... and {len(entries) - _ENTRIES} more")
         yield heading("The mechanism in one run")
         yield picture
-        yield html.folded("The log in words", "\n".join(words))
