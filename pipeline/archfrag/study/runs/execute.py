@@ -143,6 +143,7 @@ class _Makers:
             self._pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.kill()
+                child.join()
         if self._client is not None:
             self._client.close()
 
