@@ -99,23 +99,23 @@ def _limit_states(
     notes = []
     names = dict.fromkeys(state for each in own.values() for state in each if state != "collapse")
     for name in reversed(names):
-        start = f"limit state {name!r} is left out"
         found = {arch: own[arch].get(name) for arch in after}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
-        if len(curves) < len(after):
-            notes.append(f"{start}: not every arch has a curve of it")
-            continue
-        above = {arch: crossing(curves[arch], after[arch]) for arch in after}
+        above = {arch: crossing(fit, after[arch]) for arch, fit in curves.items()}
         worst = max(above, key=above.__getitem__, default="")
-        if above and above[worst] > MOST_CROSSING:
-            notes.append(
-                f"{start}: its curve lies below that of a severer state by up to "
-                f"{above[worst]:.2g} (arch {worst!r}); more levels where it begins, or every "
-                "record at every level, would distinguish them"
+        if len(curves) < len(after):
+            why = "not every arch has a curve of it"
+        elif above and above[worst] > MOST_CROSSING:
+            why = (
+                f"its curve lies below that of a severer state by up to {above[worst]:.2g} (arch "
+                f"{worst!r}); more levels where it begins, or every record at every level, would "
+                "distinguish them"
             )
+        else:
+            kept.insert(0, name)
+            after = curves
             continue
-        kept.insert(0, name)
-        after = curves
+        notes.append(f"limit state {name!r} is left out: {why}")
     none = "there is no curve of this limit state"
     return {
         arch: {k: own[arch].get(k, none) for k in kept} | {"collapse": answer.curve}
