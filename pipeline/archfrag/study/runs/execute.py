@@ -143,6 +143,7 @@ class _Makers:
             self._pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.kill()
+                child.join()
         if self._client is not None:
             self._client.close()
 
@@ -157,8 +158,8 @@ class _Makers:
         work, waiting = chunks(cases, self._size), set[Future[tuple[Path, float]]]()
         try:
             while True:
-                worth = self._count > 1 and self._cpu >= IN_PROCESS
-                if self._pool is None and (worth or self._plan.study.execution.scheduler):
+                long = self._count > 1 and self._cpu >= IN_PROCESS
+                if self._pool is None and (long or self._plan.study.execution.scheduler):
                     self._pool = self._start()
                 free = 1 if self._pool is None else IN_FLIGHT * self._count - len(waiting)
                 waiting |= {self._submit(chunk) for chunk in islice(work, free)}
