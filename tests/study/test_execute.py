@@ -13,7 +13,6 @@ import psutil
 import pytest
 
 from archfrag.errors import WorkerError
-from archfrag.study.file.members import Members
 from archfrag.study.file.schema import Method
 from archfrag.study.running import Stopped, only_run, stoppable
 from archfrag.study.runs import execute

@@ -29,13 +29,12 @@ def export_study(
     """Write curves and runs of a study whose results are up to date.
 
     `formats` are of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet; `folder` is
-    ``export`` in the study's folder if not given. A class of arches has one curve; with `members`
-    those of its arches are written as well.
+    ``export`` in the study's folder if not given. With `members` the curves of the arches of
+    classes are written too.
 
     Returned are ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no
-    curve; ``notes``, what to know before the files are used. Nothing is written after an
-    InputError (a receiver has no name for the measure, pyarrow is not installed) or a FitError (no
-    arch has a curve, for a format that holds nothing else).
+    curve; ``notes`` on the use of the files. Nothing is written after an InputError (a receiver
+    has no name for the measure, pyarrow is not installed) or a FitError (no arch has a curve).
     """
     of_arches, of_classes, cube = finished(study)
     answers = quoted(cube, of_arches, of_classes, members)
@@ -51,33 +50,31 @@ def export_study(
         classes = {name: number[name] for name in answers if number[name] > 1}
         states, notes = _limit_states(answers)
         curves = CurveSet(states, study.intensity.measure, ends, made, classes)
-        texts = dict[tuple[str, str], str]()
-        for name in [name for name in formats if name in FORMATS]:
-            receiver, writers = FORMATS[name]
-            note = named_measure(receiver, curves.measure).note
-            if note and f"{name}: {note}" not in notes:
-                notes.append(f"{name}: {note}")
-            if not curves.complete:
+        texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
+        for name in dict.fromkeys(formats):
+            receiver, writers = FORMATS.get(name, ("", {}))
+            if writers and not curves.complete:
                 reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
                 raise FitError(f"there is no curve to export for {receiver}: {reasons}")
+            if writers and (note := named_measure(receiver, curves.measure).note):
+                notes.append(f"{name}: {note}")
             for ending, write in writers.items():
-                found = write(curves)
-                parts = {"": found} if isinstance(found, str) else found
-                texts |= {(name, ending.format(arch=a)): text for a, text in parts.items()}
+                made_of = write(curves)
+                parts = {"": made_of} if isinstance(made_of, str) else made_of
+                texts += [(name, ending.format(arch=a), text) for a, text in parts.items()]
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")
-        files = [(name, folder / f"{study.id}-{ending}") for name, ending in texts]
-        for (_, path), text in zip(files, texts.values()):
-            write_text(path, text)
+        for name, ending, text in texts:
+            files.append((name, folder / f"{study.id}-{ending}"))
+            write_text(files[-1][1], text)
         for name in dict.fromkeys(formats):
             if name not in FORMATS:
                 paths = _write_tables(study, cube, curves, answers, folder, name)
                 files += [(name, path) for path in paths]
     return {
-        "folder": str(folder),
+        "folder": str(folder), "left_out": curves.left_out, "notes": notes,
         "files": [{"format": name, "file": str(path)} for name, path in files],
-        "left_out": curves.left_out, "notes": notes,
     }  # fmt: skip
 
 
@@ -102,23 +99,23 @@ def _limit_states(
     notes = []
     names = dict.fromkeys(state for each in own.values() for state in each if state != "collapse")
     for name in reversed(names):
-        start = f"limit state {name!r} is left out"
         found = {arch: own[arch].get(name) for arch in after}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
-        if len(curves) < len(after):
-            notes.append(f"{start}: not every arch has a curve of it")
-            continue
-        above = {arch: crossing(curves[arch], after[arch]) for arch in after}
+        above = {arch: crossing(fit, after[arch]) for arch, fit in curves.items()}
         worst = max(above, key=above.__getitem__, default="")
-        if above and above[worst] > MOST_CROSSING:
-            notes.append(
-                f"{start}: its curve lies below that of a severer state by up to "
-                f"{above[worst]:.2g} (arch {worst!r}); more levels where it begins, or every "
-                "record at every level, would distinguish them"
+        if len(curves) < len(after):
+            why = "not every arch has a curve of it"
+        elif above and above[worst] > MOST_CROSSING:
+            why = (
+                f"its curve lies below that of a severer state by up to {above[worst]:.2g} (arch "
+                f"{worst!r}); more levels where it begins, or every record at every level, would "
+                "distinguish them"
             )
+        else:
+            kept.insert(0, name)
+            after = curves
             continue
-        kept.insert(0, name)
-        after = curves
+        notes.append(f"limit state {name!r} is left out: {why}")
     none = "there is no curve of this limit state"
     return {
         arch: {k: own[arch].get(k, none) for k in kept} | {"collapse": answer.curve}
