@@ -26,8 +26,8 @@ class TestResponse:
             ({"arch": "arch"}, "arch is str; it must be an archfrag Arch or Block"),
             ({"motion": np.zeros(5)}, "motion is ndarray; it must be an archfrag Motion"),
             ({"method": "newmark"}, "method is 'newmark'; allowed are auto, time_stepping"),
-            ({"dt": 0.0}, "dt is 0.0; it must be a number, finite and positive"),
-            ({"scale": "two"}, "scale is 'two'; it must be a number, finite"),
+            ({"dt": 0.0}, "dt is 0.0; it must be a finite number from 1e-09 to 10"),
+            ({"scale": "two"}, "scale is 'two'; it must be a finite number$"),
             ({"settings": {"stifness": 1.0}}, "'stifness'"),
             ({"initial": 3}, "initial must be a pair of arrays"),
             ({"initial": (np.zeros((4, 3)),) * 2}, r"initial position has shape \(4, 3\)"),
@@ -143,14 +143,10 @@ class TestMechanism:
         sliding = next(change for change in response.mechanism if change.joints)
         assert sliding.joints == {0: "slides towards extrados"}
 
-    def test_a_log_grows_up_to_its_bound_and_a_history_changes_nothing(self, monkeypatch):
+    def test_a_log_has_a_bound_and_a_history_changes_nothing(self, monkeypatch):
         stepped = functools.partial(af.simulate, ARCH, PUSH, method="time_stepping")
         without, kept = stepped(), stepped(history=True)
         assert (without.work, without.energy) == (kept.work, kept.energy)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
-        again = stepped(history=True)  # its log needs more space
-        assert again.mechanism == kept.mechanism
-        assert again.history.identical(kept.history)
         monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_LOG", 6)
         bounded = stepped(history=True).mechanism
         assert bounded[:5] == kept.mechanism[:5]

@@ -31,28 +31,27 @@ def refusal(make, *args, **given):
 
 # Parameter, value, and what the message begins with; "must be" and what is allowed follow.
 NUMBERS = [
-    ("thickness", 0.0, "thickness = 0.0 m is impossible"),
-    ("thickness", "1.5", "thickness = '1.5' is not numeric"),
-    ("thickness", [[1.0], [1.0, 2.0]], "thickness has rows of unequal length"),
-    ("thickness", 1e-9, "thickness = 1e-09 m is no size of a structure"),
-    ("embrace", 360.0, "embrace = 360.0 degrees is impossible"),
-    ("depth", -1.0, "depth = -1.0 m is impossible"),
-    ("voussoirs", 6.5, "voussoirs = 6.5 is impossible"),
-    ("voussoirs", 2001, "voussoirs = 2001 is impossible"),
-    ("sector", "yes", "sector = 'yes' is not a choice"),
-    ("friction", [0.7] * 7, "friction has shape (7,), not (8,)"),
-    ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction = -0.2 at joint 5 is impossible"),
-    ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
-    ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
-    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints = ["),
+    ("thickness", 0.0, "thickness = 0.0"),
+    ("thickness", "1.5", "thickness = '1.5'"),
+    ("thickness", [[1.0], [1.0, 2.0]], "thickness = [[1.0], [1.0, 2.0]]"),
+    ("thickness", 1e-9, "thickness = 1e-09"),
+    ("embrace", 360.0, "embrace = 360.0"),
+    ("depth", -1.0, "depth = -1.0"),
+    ("voussoirs", 6.5, "voussoirs = 6.5"),
+    ("voussoirs", 2001, "voussoirs = 2001"),
+    ("sector", "yes", "sector = 'yes'"),
+    ("friction", [0.7] * 7, "friction of shape (7,)"),
+    ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction[5] = -0.2"),
+    ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load[2] = nan"),
+    ("dead_load", [1.0] * 8, "dead_load of shape (8,)"),
+    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints[2] = 30.0"),
 ]
 
 
 @pytest.mark.parametrize(("key", "value", "start"), NUMBERS)
 def test_numbers_of_a_circular_arch(key, value, start):
     message = refusal(circular, **{key: value})
-    assert message.startswith(start)
-    assert "must be" in message
+    assert message.startswith(f"{start} is impossible; it must be ")
 
 
 @pytest.mark.parametrize("name", ["segmental", "pointed", "elliptic", "catenary"])
@@ -75,21 +74,15 @@ def test_proportions_and_what_overflows():
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "joint"),
+    ("name", "rise", "thickness", "voussoirs"),
     [
-        ("elliptic", {"rise": 8.0, "thickness": 7.0, "voussoirs": 21}, 10),
-        ("catenary", {"rise": 8.0, "thickness": 6.0, "voussoirs": 21}, 10),
-        ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 12}, 5),
-        ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 13}, 6),
+        ("elliptic", 8.0, 7.0, 21), ("catenary", 8.0, 6.0, 21),
+        ("pointed", 9.0, 6.0, 12), ("pointed", 9.0, 40.0, 13),
     ],
-)
-def test_joints_that_cross_inside_the_ring(name, given, joint):
-    message = refusal(profile, name, **given)
-    assert f"joints {joint} and {joint + 1} would cross inside the ring" in message
-    limit = float(message.split()[-2])
-    assert refusal(profile, name, **{**given, "thickness": 1.0001 * limit}).startswith("thick")
-    arch = profile(name, **{**given, "thickness": 0.9999 * limit})
-    assert arch.n_voussoir == given["voussoirs"]
+)  # fmt: skip
+def test_joints_that_cross_inside_the_ring(name, rise, thickness, voussoirs):
+    given = {"rise": rise, "thickness": thickness, "voussoirs": voussoirs}
+    assert "must neither cross nor touch inside the ring" in refusal(profile, name, **given)
 
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
@@ -110,17 +103,17 @@ def ring_of(angles):
 @pytest.mark.parametrize(
     ("intrados", "extrados", "more", "start"),
     [
-        (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), {}, "the intrados and extrados corners of joint 1"),
-        (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, {}, "the intrados corners of joints 0 and 1"),
+        (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), {}, "voussoir 0 is no convex quadrilateral: its"),
+        (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, {}, "voussoir 0 is no convex quadrilateral: its"),
         (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), {}, "voussoir 1 is no convex quadrilateral: its"),
         (moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]), {},
          "voussoir 1 lies on the same side of joint 1 as voussoir 0"),
         (*ring_of(np.linspace(-200.0, 200.0, 12)), {}, "voussoirs 0 and 9 overlap by "),
-        (SQUARE[:2], ABOVE[:2], {}, "intrados has shape (2, 2)"),
+        (SQUARE[:2], ABOVE[:2], {}, "intrados of shape (2, 2) is impossible"),
         (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
-        (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2] = (nan, 1.0) is not finite"),
-        (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice"),
-        (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction has shape (4,)"),
+        (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2, 0] = nan is impossible"),
+        (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is impossible"),
+        (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction of shape (4,) is "),
     ],
 )  # fmt: skip
 def test_joints_that_cannot_be(intrados, extrados, more, start):

@@ -59,8 +59,8 @@ def test_ranks_and_logarithms_are_correlated_as_asked():
 @pytest.mark.parametrize(
     ("correlation", "message"),
     [
-        ({"a": {"d": 0.1}}, "d is not one of the parameters that vary (a, b, c)"),
-        ({"a": {"a": 0.1}}, "correlation of a and a: with itself"),
+        ({"a": {"d": 0.1}}, "a and d = 0.1 must be greater than -1 and less than 1, of two of the"),
+        ({"a": {"a": 0.1}}, "correlation of a and a = 0.1 must be"),
         ({"a": {"b": 0.1}, "b": {"a": 0.1}}, "correlation of b and a: is given twice"),
         ({"a": {"b": 1.0}}, "= 1 must be greater than -1 and less than 1"),
         ({"a": {"b": 0.9, "c": 0.9}, "b": {"c": -0.9}}, "cannot hold together"),

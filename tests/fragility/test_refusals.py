@@ -72,7 +72,6 @@ def test_data_that_give_no_curve(call, key):
     ("call", "key"),
     [
         (lambda: count_verdicts([[0.0, NAN]]), r"of 0 \(standing\)"),
-        (lambda: count_verdicts(Verdict.STANDING), "levels last"),
         (lambda: find_brackets([[0, 1]], [0.1, 0.0]), "levels holds 0"),
         (lambda: find_brackets([0, 1], [0.1, 0.2]), "n_record"),
         (lambda: fit_stripes([-0.1, 0.2], [0, 1], 5), "im holds -0.1"),

@@ -165,7 +165,7 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
         (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
         (lambda f: cut(f, 4000), {"unit": "g"}, ["truncated MSEED"]),
-        (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["XX.AB..HNE", "index 17"]),
+        (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["NEAR..HNE", "index 17"]),
         (lambda f: write(f / "a", trace(), trace(start=10.0)), {"unit": "g"}, ["a gap of"]),
         (lambda f: write(f / "a", trace()), {}, ["does not state the unit", "m/s2, cm/s2, gal"]),
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),

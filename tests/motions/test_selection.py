@@ -101,13 +101,8 @@ def test_one_of_an_event_and_of_a_recording(thousand):
 
 
 def test_cautions(thousand):
-    weak = thousand.query("distance_km >= 40 and magnitude <= 6.3")
-    for table, part in (
-        (weak, "scaled by more than 4 or less than 1/4"),
-        (thousand.assign(event="Kobe"), "20 of 20 records are of one event (Kobe)"),
-    ):
-        found = select_records(table, TARGET, 20, 1, max_scale=100.0)
-        assert any(part in caution for caution in found.cautions)
+    found = select_records(thousand.assign(event="Kobe"), TARGET, 20, 1, max_scale=100.0)
+    assert any("20 of 20 records are of one event (Kobe)" in each for each in found.cautions)
 
 
 def test_index_that_a_study_reads_and_scales_by_the_same_factors(tmp_path):
@@ -162,8 +157,7 @@ def in_csv(text):
         (lambda *_: targets.correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
-        (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
-        (predicted({"vs30_mps": 0.0}), ["vs30_mps = 0.0"]),
+        (predicted({"vs30_mps": 0.0}), ["20.0, 0.0) must be numbers above 0"]),
         (lambda *_: conditional_spectrum(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
         (lambda *_: conditional_spectrum(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),

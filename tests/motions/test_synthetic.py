@@ -117,7 +117,7 @@ HEADER = "id,file,sha256,Mw,dt_s,unit\n"
         (f"{HEADER},f,,6,0.01,g\n", r"line 2: id is empty$"),
         (f"{HEADER}a,f,,6,0.01,ft\n", r"line 2: unknown unit 'ft' of acceleration"),
         (f"{HEADER}a,f,,big,0.01,g\n", r"line 2: Mw = 'big' is not a number$"),
-        (f"{HEADER}a,f,,nan,0.01,g\n", r"line 2: Mw = 'nan' is not a finite number$"),
+        (f"{HEADER}a,f,,nan,0.01,g\n", r"line 2: Mw = 'nan' is not a number$"),
         (f"{HEADER}a,f,,6,,g\na,h,,6,,g\n", r"line 3: id 'a' occurs twice$"),
     ],
 )

@@ -41,8 +41,10 @@ def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIOD
     Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
     ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
     ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``.
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``. InputError for other periods.
     """
+    if wrong := [t for t in periods if round(t, 3) != t]:
+        raise InputError(f"period {wrong[0]:g} s must have no more than three decimals")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
     listed, rows = [*_PEAKS, *spectrum, *_INTEGRALS], []
     for motion in motions:

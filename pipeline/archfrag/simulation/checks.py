@@ -86,6 +86,5 @@ def check_number(name: str, value: Any, least: float, most: float, unit: str = "
     except TypeError:
         good = False
     if not good:
-        raise InputError(
-            f"{name} is {value!r}; it must be a finite number from {least:g} to {most:g} [{unit}]"
-        )
+        between = "" if math.isinf(least) else f" from {least:g} to {most:g} [{unit}]"
+        raise InputError(f"{name} is {value!r}; it must be a finite number{between}")
