@@ -59,7 +59,10 @@ def test_ranks_and_logarithms_are_correlated_as_asked():
 @pytest.mark.parametrize(
     ("correlation", "message"),
     [
-        ({"a": {"d": 0.1}}, "a and d = 0.1 must be greater than -1 and less than 1, of two of the"),
+        (
+            {"a": {"d": 0.1}},
+            "a and d = 0.1 must be greater than -1 and less than 1, of two",
+        ),
         ({"a": {"a": 0.1}}, "correlation of a and a = 0.1 must be"),
         ({"a": {"b": 0.1}, "b": {"a": 0.1}}, "correlation of b and a: is given twice"),
         ({"a": {"b": 1.0}}, "= 1 must be greater than -1 and less than 1"),

@@ -5,7 +5,7 @@ import pytest
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.contributions import deaggregate, level_edges
-from archfrag.fragility.counts import Verdict, count_verdicts, find_brackets
+from archfrag.fragility.counts import count_verdicts, find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
 from archfrag.fragility.limit_states import fit_limit_states

@@ -160,7 +160,7 @@ def test_flatfile_has_its_columns_and_values(tmp_path):
     assert list(again.columns) == list(table.columns)
     assert (again["event"][0], again["component"][0]) == ("Quake, 1999", "090")
     assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
-    with pytest.raises(InputError, match="0.1001 s must have no more than three decimals"):
+    with pytest.raises(InputError, match=r"0.1001 s must have no more than three decimals"):
         measure_records([], periods=[0.1, 0.1001])
 
 

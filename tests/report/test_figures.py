@@ -99,13 +99,14 @@ class TestLabelsKeepClear:
     def test_classes_and_their_parameters(self, drawn):
         members = [synthetic.answer_of(2.0 + 0.1 * i) for i in range(20)]
         answers = {f"a{i}": a for i, a in enumerate(members)} | {"alone": synthetic.answer_of(6.0)}
-        made, scale = {"thin": synthetic.answer_of(3.0)}, results().scale
-        curves.all_curves(answers, made, {f"a{i}": "thin" for i in range(20)}, scale, 0.8)
+        made, data = {"thin": synthetic.answer_of(3.0)}, synthetic.cube(list(answers))
+        data["arch_class"] = ("arch", ["thin"] * 20 + ["alone"])
+        curves.all_curves(synthetic.inputs(cube=data, answers=answers), answers, made)
         words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
         values = {"a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)}
-        runs.theta_panels(members, values, "ring", scale)
+        runs.theta_panels(members, values, "ring", synthetic.SCALE)
         assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
         # A point for each arch.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 20

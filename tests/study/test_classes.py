@@ -95,8 +95,7 @@ class TestOneCurve:
         assert sum(part["collapses"] for part in one["slab"]["by_mechanism"]) == fell
 
     def test_every_export_holds_it_and_no_arch_of_it_unless_asked(self, classes, tmp_path):
-        result = called(classes, "export", "--format=csv", "--out", tmp_path)
-        assert "4 arches; --members" in result.stderr
+        called(classes, "export", "--format=csv", "--out", tmp_path)
         stated = pd.read_csv(tmp_path / "classes-parameters.csv").query("limit_state=='collapse'")
         assert tuple(stated["arch"]) == self.NAMES
         stored = classes.fits["classes"]["slab"]["curve"]

@@ -14,7 +14,7 @@ from archfrag.study.checks import check_study, uncorrected
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
-from archfrag.study.runs import CASE
+from archfrag.study.runs.design import CASE
 from archfrag.study.runs.store import make_plan
 from tests.motions.helpers import at2_text, wave
 from tests.motions.samples import geonet_text

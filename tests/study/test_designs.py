@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from archfrag.study.runs.outcome import COLUMNS
 
 import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
@@ -14,9 +13,10 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs import Grid, ask
+from archfrag.study.runs.design import Grid, ask
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Ida, Precision
+from archfrag.study.runs.store import COLUMNS
 from tests.study.small import TEXT, assert_compliant, changed, cube_of, small_study, write_at2
 
 LEVELS = np.linspace(0.05, 0.75, 15)
@@ -255,5 +255,5 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
         for name in set(known) & set(cube):
             np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
     if design == "cloud":
-        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
+        assert set(fit_cube(study)[0]["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)

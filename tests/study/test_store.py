@@ -89,7 +89,7 @@ class TestParts:
 
 
 def drawn(folder, seed, count):
-    keys = np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"V{KEY}")
+    keys = np.frombuffer(np.random.default_rng(seed).bytes(count * KEY), f"S{KEY}")
     return write_part(folder, keys, {"verdict": 1})
 
 

@@ -192,7 +192,7 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
     write_at2(record, 0.2 * np.sin(9.0 * time_) * np.sin(np.pi * time_ / 1.5), 0.01)
     os.utime(record, (1.0e9, 1.0e9))
     _, stderr = run(path, *TITLE)
-    assert f"archfrag: record {record} has changed (sha256 " in stderr
+    assert f"archfrag: record {record} has changed" in stderr
     assert "Another title" in (out / "report.html").read_text()
     assert sha256_of(out / "cube.nc") != before
     with xr.open_dataset(out / "cube.nc") as cube:
@@ -207,7 +207,7 @@ def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_
     work.mkdir(parents=True)
     with only_run(load_study(path)):
         _, stderr = run(path, code=4)
-    assert f"another run of study 'small' is at work here (process {os.getpid()} on " in stderr
+    assert "another run of study 'small' is at work here; wait for it or stop it" in stderr
     dice, parts = random.Random(20), []
     for sign in ("study.json", "motions/*", "parts/*/*.npy"):
         process = start(path)
