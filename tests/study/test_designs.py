@@ -8,14 +8,14 @@ import xarray as xr
 
 import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
-from archfrag.fragility.quoted import capacity_posterior, quoted_band
+from archfrag.fragility.quoted import capacity_posterior
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.design import Grid, ask
 from archfrag.study.runs.execute import run_batch
-from archfrag.study.runs.ida import LEAST_RECORDS, NEAR, Ida, Precision
+from archfrag.study.runs.ida import NEAR, Ida
 from archfrag.study.runs.store import COLUMNS
 from tests.study.small import TEXT, assert_compliant, changed, cube_of, small_study, write_at2
 
@@ -114,54 +114,6 @@ class TestIda:
             pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
             off.append(np.log(pairs))
         assert np.all(np.abs(np.mean(off, axis=0)) < [0.01, 0.05, 0.05])
-
-
-def capacities(seed, n=2000):
-    return 0.3 * np.random.default_rng(seed).standard_normal(n)
-
-
-def until_known(log_capacity, groups=None, **keys):
-    """Facts of a search with a wanted precision, and the verdicts of the records searched."""
-    precision = Precision(**({"theta": 0.1, "runs": 10_000} | keys))
-    table = (np.log(FINE) >= log_capacity[:, None]).astype(np.int8)
-    design = Ida(kind="ida", checks=0, precision=precision)
-    note, _, seen = driven(design, table, groups=groups, levels=FINE)
-    return note, seen[: note["records"]]
-
-
-class TestPrecision:
-    @pytest.mark.parametrize(
-        ("runs", "why"), [(10**5, "no more than 40 records"), (60, "60 runs do not suffice")]
-    )
-    def test_why_it_was_not_reached_is_stated(self, runs, why):
-        note, _ = until_known(capacities(8, n=40), theta=0.01, runs=runs)
-        assert not note["reached"]
-        assert why in note["why"]
-        assert note["half_width"] > 0.01
-
-    def test_it_stops_by_the_interval_that_is_quoted(self):
-        note, seen = until_known(capacities(1))
-        quoted = quoted_band(find_brackets(seen, FINE), 1.0)
-        reach = np.abs(np.log(np.array(quoted.theta) / quoted.curve.theta)).max()
-        assert note["reached"]
-        assert note["half_width"] == pytest.approx(reach, rel=1e-12)
-        assert note["half_width"] <= 0.1
-        assert note["records"] > LEAST_RECORDS
-
-    def test_median_is_as_well_known_as_asked(self):
-        """90 % is asked for; 25 repeats have a standard error of 6 %."""
-        error = []
-        for seed in range(25):
-            seen = until_known(capacities(seed), theta=0.06)[1]
-            posterior = capacity_posterior(find_brackets(seen, FINE))[0]
-            error.append(abs(np.log(posterior.fragility.theta)))
-        assert np.mean(np.array(error) <= 0.06) >= 0.8
-
-    def test_records_of_shared_events_are_worth_fewer(self):
-        shared = np.repeat(capacities(4, n=400), 4)
-        groups = np.repeat(np.arange(400), 4).astype(str)
-        aware, unaware = until_known(shared, groups)[0], until_known(shared)[0]
-        assert aware["records"] > 2 * unaware["records"]
 
 
 DESIGNS = {

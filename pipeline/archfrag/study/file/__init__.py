@@ -23,6 +23,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 _FORMER = {
     "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same numbers "
     "as options, and write index: FOLDER/index.csv",
+    "precision": "add records until the interval of theta in the report is narrow enough",
 }
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {

@@ -8,10 +8,8 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, Verdict, find_brackets
+from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.file import Section
 from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
@@ -22,23 +20,7 @@ COST_OF_SURVIVAL = 2.0
 NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
-MARGIN = 1.1  # on the records that the present width suggests
-LEAST_ADDED, MOST_ADDED = 1.05, 2.0  # factors on the number of records from one look to the next
-# A design that looks after each iteration stops too soon where its runs happen to scatter little.
-LEAST_RECORDS = 20
-LOOKS_IN_A_ROW = 2
 MOST_NAMED = 12  # arches with checks that contradict; of more only their number
-
-
-class Precision(Section):
-    """Runs are made until the median is known this well."""
-
-    theta: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
-    """How far the interval of ln(median) may reach to either side: 0.05 is 5 %."""
-    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9
-    """Of the interval, two-sided."""
-    runs: Annotated[int, Field(ge=10, le=10**6)] = 500
-    """Most runs of an arch; where they do not suffice the report states so."""
 
 
 class Ida(Design):
@@ -50,8 +32,6 @@ class Ida(Design):
     checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
     """Cells near the borders chosen at random for each arch, to see how often a run contradicts
     the capacity of its record; as many as records searched where not given."""
-    precision: Precision | None = None
-    """Records are added until this is reached; all are used where not given."""
     adaptive = True
     text = "the levels bisected for each record"
 
@@ -70,38 +50,32 @@ class Ida(Design):
         low, high = np.full(n_record, -1), np.full(n_record, n_level)
         # Probability that level l is the first above the border, n_level if none does.
         expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
-        done, used, narrow, facts = 0, min(FIRST_RECORDS, n_record), 0, dict[str, Any]()
-        while used > done:
-            if done > 2:
-                new = slice(done, used)
-                found = expected_by_measures(grid, low[:done], high[:done], grid.measures[new])
-                expected[new] = expected_borders(grid.levels, *found)
-            yield from search(grid, low, high, expected, range(done, used))
-            done, used = used, n_record
-            if self.precision is not None:
-                more, narrow, facts = look(self.precision, grid, done, narrow)
-                used = done + more
+        first = min(FIRST_RECORDS, n_record)
+        yield from search(grid, low, high, expected, range(first))
+        if n_record > first:
+            found = expected_by_measures(grid, low[:first], high[:first], grid.measures[first:])
+            expected[first:] = expected_borders(grid.levels, *found)
+            yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
-        place, unseen = np.arange(n_level), grid.seen[:done] == Verdict.NOT_SIMULATED
-        near = (place >= low[:done, None] - NEAR) & (place <= high[:done, None] + NEAR)
+        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_SIMULATED
+        near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
         free, places = np.nonzero(near & unseen)
-        count = done if self.checks is None else self.checks
+        count = n_record if self.checks is None else self.checks
         generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
         collapsed, survived = yield from grid.run(row, place)
         against = int(np.where(place <= low[row], collapsed, survived).sum())
-        facts |= {"checked": int((collapsed | survived).sum()), "contradictions": against}
-        return {"runs": grid.runs, "records": done} | facts
+        checked = int((collapsed | survived).sum())
+        return {
+            "runs": grid.runs, "records": n_record, "checked": checked, "contradictions": against
+        }  # fmt: skip
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
         checks = n_record // 3 if self.checks is None else self.checks
-        runs = min(search_runs + checks, n_record * n_level)
-        if self.precision is None:
-            return runs, "about"
-        return min(runs, self.precision.runs + checks), "at most"
+        return min(search_runs + checks, n_record * n_level), "about"
 
     def likelihood(self, found: Brackets) -> Fragility:
         """Curve by maximum likelihood, from the brackets of the records' capacities."""
@@ -111,18 +85,13 @@ class Ida(Design):
         return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Messages on what was not reached, or found against the design's own assumption."""
-        found = [
-            f"{name}: the median is known to {100 * own['half_width']:.2g} % instead of the "
-            f"{100 * self.precision.theta:.2g} % requested: {own['why']}"
-            for name, own in facts.items() if self.precision and own.get("why")
-        ]  # fmt: skip
+        """Messages on checks that contradict the borders found."""
         against = {name: (own["contradictions"], own["checked"])
                    for name, own in facts.items() if own.get("contradictions")}  # fmt: skip
         if len(against) > MOST_NAMED:
             count, checked = np.sum(list(against.values()), axis=0).tolist()
             against = {f"{len(against)} arches": (count, checked)}
-        return found + [
+        return [
             f"{name}: {count} of {checked} checks near the border contradict the capacity of "
             "their record. Such a record has several borders between survival and collapse; the "
             "search found one of them, not always the lowest. Beta includes the scatter of single "
@@ -191,47 +160,3 @@ def expected_by_measures(
         if error < best[1]:
             best = (capacity.mean() + slope * (other - x.mean()), error)
     return best
-
-
-def look(
-    requested: Precision, grid: Grid, done: int, narrow: int
-) -> tuple[int, int, dict[str, Any]]:
-    """Whether `done` records are enough: the interval must be narrow at two looks in a row.
-
-    Returned are records to add, looks in a row at which the interval was narrow (`narrow` before
-    this one), and facts for the report.
-    """
-    groups = None if grid.groups is None else grid.groups[:done]
-    found = find_brackets(grid.seen[:done], grid.levels)
-    width = half_width(found, requested.confidence, groups)
-    enough = width <= requested.theta
-    narrow = narrow + 1 if enough and done >= LEAST_RECORDS else 0
-    facts: dict[str, Any] = {"half_width": width, "reached": narrow >= LOOKS_IN_A_ROW}
-    if facts["reached"]:
-        return 0, narrow, facts
-    # It falls with the root of the number of records.
-    factor = min(max(MARGIN * (width / requested.theta) ** 2, LEAST_ADDED), MOST_ADDED)
-    available = grid.records.size - done
-    allowed = int((requested.runs - grid.runs) * done / max(grid.runs, 1))
-    more = min(int(np.ceil(factor * done)) - done, allowed, available)
-    if more > 0:
-        return more, narrow, facts
-    if enough:
-        facts["reached"] = True
-    elif available <= 0:
-        facts["why"] = f"there are no more than {done} records"
-    else:
-        facts["why"] = f"{requested.runs} runs do not suffice"
-    return 0, narrow, facts
-
-
-def half_width(found: Brackets, confidence: float, groups: ArrayLike | None = None) -> float:
-    """How far the interval of ln(median) reaches, by the quoted posterior; inf without a curve."""
-    from archfrag.fragility.quoted import capacity_posterior
-
-    try:
-        known = capacity_posterior(found, groups)[0]
-    except FitError:
-        return np.inf
-    ends = np.log(known.theta_interval(confidence)) - float(np.log(known.fragility.theta))
-    return float(np.abs(ends).max())
