@@ -124,10 +124,8 @@ class Scene:
     def bodies(self) -> Bodies:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
-        sections = [polygon_section(outline) for outline in self.polygons()]
-        own = density * np.array([section.area for section in sections])
-        inertia = density * np.array([section.polar for section in sections])
-        centroid = np.array([section.centroid for section in sections])
+        area, centroid, polar = map(np.array, zip(*map(polygon_section, self.polygons())))
+        own, inertia = density * area, density * polar
         load = np.broadcast_to(self.chain.get("dead_load", 0.0), own.shape) / STANDARD_GRAVITY
         _, outer = self.joint_lines()
         lever = 0.5 * (outer[:-1] + outer[1:]) - centroid

@@ -31,10 +31,6 @@ class RecordError(InputError):
         super().__init__(f"{message[: self.LONGEST]} ..." if cut else message)
 
 
-class StudyError(InputError):
-    """A study file that cannot be used; names the file and the key."""
-
-
 class GeometryError(InputError):
     """An arch that cannot exist; names the parameter and its value."""
 

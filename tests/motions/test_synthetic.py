@@ -13,7 +13,6 @@ from archfrag.motions.measures import spectral_acceleration, velocity
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
 from archfrag.motions.synthetic import (
-    Plan,
     Recipe,
     _generator,
     amplification,
@@ -211,7 +210,7 @@ def test_pulse_amplification_is_shahi_and_bakers_near_the_period():
 
 
 def test_seeds_of_events_and_sites():
-    recipes = plan_motions(Plan(2, 3, [6.0], [10.0, 30.0], seed=4, sites=2))
+    recipes = plan_motions(2, 3, [6.0], [10.0, 30.0], seed=4, sites=2)
     expected = [(0, 0, 0), (1, 0, 1), (2, 0, 0), (3, 1, 1), (4, 1, 0), (5, 1, 1)]
     assert [tuple(np.array(r[2:5]) - 4_000_000) for r in recipes] == expected
     assert [r.distance for r in recipes] == [10.0, 30.0] * 3
@@ -219,7 +218,7 @@ def test_seeds_of_events_and_sites():
 
 def test_drawn_values_lie_between_their_ends_and_follow_the_seed():
     recipes, again, others = (
-        plan_motions(Plan(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25))
+        plan_motions(200, 2, [5.5, 7.5], [10.0, 100.0], True, True, seed, pulses=0.25)
         for seed in (1, 1, 2)
     )
     assert recipes == again != others

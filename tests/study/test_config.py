@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from archfrag.errors import StudyError
+from archfrag.errors import InputError
 from archfrag.study.checks import check_study
 from archfrag.study.file.schema import load_study, study_schema
 from tests.study.small import ROOT, TEXT, dumped, small_study
@@ -15,14 +15,14 @@ from tests.study.small import ROOT, TEXT, dumped, small_study
 
 def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
     path = small_study(tmp_path, TEXT.replace("thickness: 1.5", "thickness: 25.0"))
-    with pytest.raises(StudyError) as caught:
+    with pytest.raises(InputError) as caught:
         load_study(path)
     assert caught.value.exit_code == 2
     assert str(caught.value) == (
         f"{path}: arches[0] (ring): cannot exist: thickness = 25.0 is impossible; it must be "
         "less than 20 m, twice the radius of the centre line"
     )
-    with pytest.raises(StudyError, match=r"nowhere\.yaml cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml cannot be read: No such file"):
         load_study(tmp_path / "nowhere.yaml")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from archfrag.errors import StabilityError, StudyError
+from archfrag.errors import InputError, StabilityError
 from archfrag.simulate import onset
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
@@ -162,7 +162,7 @@ class TestTables:
         ],
     )
     def test_a_bad_table_is_one_message(self, tmp_path, old, new, message):
-        with pytest.raises(StudyError, match=r"^[^\n]*$") as refusal:
+        with pytest.raises(InputError, match=r"^[^\n]*$") as refusal:
             expand([fleet(tmp_path, TABLE.replace(old, new, 1))])
         assert str(refusal.value).startswith(
             f"arches[0] (fleet): {tmp_path / 'fleet.csv'}{message}"

@@ -10,7 +10,7 @@ from obspy import Stream, Trace, UTCDateTime
 from archfrag.motions.flatfile import read_flatfile
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
-from archfrag.motions.synthetic import Plan, make_motion, plan_motions
+from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
 from tests.study.small import command, files_below
@@ -200,11 +200,11 @@ class TestMake:
         found = facts("make", "--out", tmp_path / "a", *PLAN)
         names = ["e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"]
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == names
-        plan = Plan(
+        recipes = plan_motions(
             2, 2, magnitude=[6.0, 7.0], distance=[10.0, 20.0], drawn_magnitude=True,
             sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
         )  # fmt: skip
-        for entry, recipe in zip(load_index(tmp_path / "a"), plan_motions(plan), strict=True):
+        for entry, recipe in zip(load_index(tmp_path / "a"), recipes, strict=True):
             read, motion = load_motion(entry), make_motion(recipe)
             assert np.array_equal(read.acceleration, motion.acceleration)
             assert np.array_equal(read.vertical, motion.vertical)

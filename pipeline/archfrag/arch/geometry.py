@@ -5,7 +5,6 @@ angle of the arc to the next corner, positive anticlockwise, 0 for a straight si
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,12 +13,8 @@ from archfrag.arch.checks import FloatArray
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 
 
-class Section(NamedTuple):
-    """What a plane figure of unit density and unit depth is to a rigid body."""
-
-    area: float  # [m2]
-    centroid: FloatArray  # (2,) [m]
-    polar: float  # polar second moment of area about the centroid [m4]
+# Of a plane figure: area [m2], centroid (2,) [m], polar second moment about the centroid [m4].
+Section = tuple[float, FloatArray, float]
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -52,7 +47,7 @@ def polygon_section(corners: FloatArray) -> Section:
     twice = cross(here, there)
     squares = (here * here + here * there + there * there).sum(axis=1)
     polar = math.fsum(twice * squares) / 12.0
-    return Section(abs(area), origin + shift, abs(polar))
+    return abs(area), origin + shift, abs(polar)
 
 
 def sector_section(
@@ -76,7 +71,7 @@ def sector_section(
         - sinc**2 * (thickness**2 / 6.0 + thickness**4 / (144.0 * radius**2))
     )
     direction = np.array([math.sin(middle), math.cos(middle)])
-    return Section(area, centre + distance * direction, area * gyration)
+    return area, centre + distance * direction, area * gyration
 
 
 def _one_minus_sinc(angle: float) -> float:
@@ -131,7 +126,7 @@ def outline_section(outline: FloatArray) -> Section:
     point -= shift
     weight = 0.5 * _WEIGHT * cross(point, slope)
     polar = 0.25 * (weight * (point**2).sum(axis=2)).sum()
-    return Section(abs(area), origin + shift, abs(polar))
+    return abs(area), origin + shift, abs(polar)
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:

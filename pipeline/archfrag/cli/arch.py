@@ -63,7 +63,7 @@ def _takes_arch(command: Callable) -> Callable:
 
 def _of_study(path: Path, name: str | None) -> "Arch":
     """An arch of a study file; its only one if `name` is None."""
-    from archfrag.errors import StudyError
+    from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
 
     # Of arches that each record has of its own, those of the first.
@@ -73,7 +73,7 @@ def _of_study(path: Path, name: str | None) -> "Arch":
     if name not in entries:
         wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
         some = ", ".join(list(entries)[:_NAMES]) + ", ..." * (len(entries) > _NAMES)
-        raise StudyError(f"{path}: {wrong}; the study has {some}")
+        raise InputError(f"{path}: {wrong}; the study has {some}")
     return entries[name].build()
 
 

@@ -22,7 +22,7 @@ from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
 from archfrag.motions.selection import Selection
-from archfrag.motions.synthetic import Plan, make_suite, plan_motions
+from archfrag.motions.synthetic import make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
 
@@ -119,7 +119,7 @@ def make_chosen(out: Path, requested: dict[str, Any]) -> list[Path]:
         raise InputError(f"{', '.join(missing)}: needed with the other options")
     given["magnitude"], given["drawn_magnitude"] = given["magnitude"]
     given["distance"], given["drawn_distance"] = given.pop("distance_km")
-    return make_suite(out, plan_motions(Plan(**{"records_per_event": 1, **given})))
+    return make_suite(out, plan_motions(**{"records_per_event": 1, **given}))
 
 
 def measured_spectra(found: Mapping[float, NDArray[np.float64]]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError, StudyError
+from archfrag.errors import InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
@@ -136,7 +136,7 @@ def check_study(study: Study) -> dict[str, Any]:
         used = " and ".join(name for name in others if name and name != about["file"])
         partners += [f"{about['file']} with {used}"] if used else []
     if not raw:
-        raise StudyError("motions: the study has no record; give an index or files")
+        raise InputError("motions: the study has no record; give an index or files")
     found = study.members(len(raw))
     checked = found.checked()
     check_standing(checked)

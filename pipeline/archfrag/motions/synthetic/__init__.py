@@ -208,42 +208,35 @@ def _with_pulse(
     return samples + gain * without / alone * pulse, period
 
 
-class Plan(NamedTuple):
-    """A suite that is asked for."""
+def plan_motions(
+    events: int, records_per_event: int, magnitude: Sequence[float], distance: Sequence[float],
+    drawn_magnitude: bool = False, drawn_distance: bool = False, seed: int = 1,
+    sites: int | None = None, vs30: float = VS30, vertical: bool = False, pulses: float = 0.0,
+) -> list[Recipe]:  # fmt: skip
+    """Recipes of a suite, event by event; InputError if there are more records than seeds.
 
-    events: int
-    records_per_event: int
-    magnitude: Sequence[float]  # taken in turn by the events, or two ends of what is drawn
-    distance: Sequence[float]  # [km], by the records; drawn uniformly in logarithm
-    drawn_magnitude: bool = False
-    drawn_distance: bool = False
-    seed: int = 1  # 0 to 10^9
-    sites: int | None = None  # record n is at site n modulo this, or at one of its own
-    vs30: float = VS30  # [m/s]
-    vertical: bool = False
-    pulses: float = 0.0  # probability of each record to have a pulse
-
-
-def plan_motions(plan: Plan) -> list[Recipe]:
-    """Recipes of a suite, event by event; InputError if there are more records than seeds."""
-    count, first = plan.events * plan.records_per_event, plan.seed * SPACING
+    Events take the magnitudes in turn, or draw them between two ends; records do so with distances
+    [km], which are drawn uniformly in logarithm. `seed` is from 0 to 10^9. Record n is at site n
+    modulo `sites`, or at one of its own, with `vs30` [m/s]; it has a pulse at a chance of `pulses`.
+    """
+    count, first = events * records_per_event, seed * SPACING
     if count > SPACING:
         raise InputError(f"{count} motions are more than {SPACING}, the seeds of one suite")
-    generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
-    magnitudes, distances = np.resize(plan.magnitude, plan.events), np.resize(plan.distance, count)
-    if plan.drawn_magnitude:
-        magnitudes = generator.uniform(plan.magnitude[0], plan.magnitude[1], plan.events).round(6)
-    if plan.drawn_distance:
-        ends = np.log(np.maximum(plan.distance, 1e-3)).tolist()
+    generator = np.random.Generator(np.random.PCG64(_DRAWN + seed))
+    magnitudes, distances = np.resize(magnitude, events), np.resize(distance, count)
+    if drawn_magnitude:
+        magnitudes = generator.uniform(magnitude[0], magnitude[1], events).round(6)
+    if drawn_distance:
+        ends = np.log(np.maximum(distance, 1e-3)).tolist()
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
-    pulses = generator.uniform(size=count) < plan.pulses
+    with_pulse = generator.uniform(size=count) < pulses
     recipes = []
-    for number, (distance, pulse) in enumerate(zip(distances.tolist(), pulses.tolist())):
-        event, record = divmod(number, plan.records_per_event)
-        site = number if plan.sites is None else number % plan.sites
+    for number, (place, pulse) in enumerate(zip(distances.tolist(), with_pulse.tolist())):
+        event, record = divmod(number, records_per_event)
+        site = number if sites is None else number % sites
         recipes.append(Recipe(
-            float(magnitudes[event]), distance, first + number, first + event, first + site,
-            vs30=plan.vs30, vertical=plan.vertical, pulse=pulse, id=f"e{event + 1}-r{record + 1}",
+            float(magnitudes[event]), place, first + number, first + event, first + site,
+            vs30=vs30, vertical=vertical, pulse=pulse, id=f"e{event + 1}-r{record + 1}",
         ))  # fmt: skip
     return recipes
 

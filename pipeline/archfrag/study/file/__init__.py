@@ -13,7 +13,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,14 +157,14 @@ _Loader.add_implicit_resolver(
 
 
 def parse_value(text: str, place: str) -> Any:
-    """Read a value in YAML; StudyError with the `place` and the line if it is not valid."""
+    """Read a value in YAML; InputError with the `place` and the line if it is not valid."""
     try:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         why = " ".join(str(getattr(error, "problem", None) or error).split())[:200]
         mark = getattr(error, "problem_mark", None)
         line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
-        raise StudyError(f"{place}: {line}: {why}; check indentation and quotes") from error
+        raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error
 
 
 def read_csv(text: str) -> "pd.DataFrame":

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
+from archfrag.errors import GeometryError, InputError, StabilityError
 from archfrag.files import read_text
 from archfrag.study.file import first_message, meant, parse_value, read_csv
 from archfrag.study.file.arches import COLUMNS, ArchEntry
@@ -108,7 +108,7 @@ def needs_records(entries: Sequence[ArchEntry]) -> bool:
 def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
     """List all arches of the entries of a study file.
 
-    The number of records is needed where a class has `crossed: false`. StudyError if a table or
+    The number of records is needed where a class has `crossed: false`. InputError if a table or
     drawing cannot be used, two arches have the same id, or there are too many.
     """
     found: list[Member] = []
@@ -121,13 +121,13 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
             each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
             if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
                 most = f"a study must have at most {MOST_MEMBERS}"
-                raise StudyError(f"{where}: makes {count} arches with those before it; {most}")
+                raise InputError(f"{where}: makes {count} arches with those before it; {most}")
             new = [member for base in bases for member in _drawn(base, n_record or 0)]
         except GeometryError as error:
-            raise StudyError(f"{where}: {error}") from None
+            raise InputError(f"{where}: {error}") from None
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
-                raise StudyError(f"{where}: the id {name!r} already belongs to {seen[name]}")
+                raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
         found += new
     return Members(found)
@@ -158,25 +158,25 @@ def _entry(given: dict[str, Any], place: str) -> ArchEntry:
     try:
         return ArchEntry.model_validate(given)
     except ValidationError as error:
-        raise StudyError(f"{place}: {first_message(error, given)}") from None
+        raise InputError(f"{place}: {first_message(error, given)}") from None
 
 
 def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
     """The arches of a table; keys of the entry fill the cells that a row leaves empty."""
     place = f"{where}: {entry.table}"
-    text = read_text(Path(entry.table or ""), LARGEST_TABLE, StudyError, f"{where}: the table")
+    text = read_text(Path(entry.table or ""), LARGEST_TABLE, InputError, f"{where}: the table")
     try:
         table = read_csv(text)
     except InputError as error:
-        raise StudyError(f"{place}: {error}") from None
+        raise InputError(f"{place}: {error}") from None
     if "id" not in table or table.empty:
-        raise StudyError(f"{place}: must have arches and a column id; commas between columns")
+        raise InputError(f"{place}: must have arches and a column id; commas between columns")
     for name in map(str, table):
         if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
             rule = "give an attribute a name less like it"
-            raise StudyError(f"{place}: column {name} is not a key of an arch; {hint} ({rule})")
+            raise InputError(f"{place}: column {name} is not a key of an arch; {hint} ({rule})")
     if (twice := table["id"].duplicated()).any():
-        raise StudyError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
+        raise InputError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
     defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
     keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
     numeric = [key for key in keys if key in ("voussoirs", *VARIABLE)]
@@ -198,16 +198,16 @@ def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
 
 
 def check_buildable(given: Members) -> None:
-    """Check that all arches can exist; StudyError names the first that cannot."""
+    """Check that all arches can exist; InputError names the first that cannot."""
     for member in given:
         try:
             member.entry.build()
         except GeometryError as error:
-            raise StudyError(f"{member.place}: cannot exist: {error}") from error
+            raise InputError(f"{member.place}: cannot exist: {error}") from error
 
 
 def check_standing(given: Members) -> None:
-    """Check that all arches can exist (or StudyError) and stand (or StabilityError)."""
+    """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
     from archfrag.simulate import onset
 
     check_buildable(given)

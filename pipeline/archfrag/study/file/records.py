@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError
 from archfrag.files import make_folder, sha256_of
 from archfrag.study.file.schema import Study
 from archfrag.study.file.sources import read_sources, study_inputs
@@ -89,7 +89,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
             raw=is_raw(motion), samples=samples.hexdigest(),
         ))  # fmt: skip
     if not records:
-        raise StudyError("motions: the study has no record; give an index or files")
+        raise InputError("motions: the study has no record; give an index or files")
     if (select := study.motions.select) is not None:
         records.sort(key=lambda record: select.index(record.id))
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,

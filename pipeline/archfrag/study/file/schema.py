@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError
 from archfrag.files import WORK, read_text
 from archfrag.study.file import PathText, Section, first_message, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
@@ -231,13 +231,13 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
     `overrides` are texts ``key.key=value``, the value in YAML; paths in them are relative to the
-    current folder. StudyError is one message with file, key, value and what is allowed.
+    current folder. InputError is one message with file, key, value and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
-    given = parse_value(read_text(path, LARGEST_FILE, StudyError, "the study file"), str(path))
+    given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
     if not isinstance(given, dict):
-        raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")
+        raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
     for text in overrides:
         _override(given, text)
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
@@ -245,9 +245,9 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         study = Study.model_validate(given, context={"folder": folder})
         # Arches that each record has of its own are known once the records are.
         check_buildable(study.members(n_record=1).checked())
-    except (ValidationError, StudyError) as error:
-        why = error if isinstance(error, StudyError) else first_message(error, given)
-        raise StudyError(f"{path}: {why}") from error
+    except (ValidationError, InputError) as error:
+        why = error if isinstance(error, InputError) else first_message(error, given)
+        raise InputError(f"{path}: {why}") from error
     return study
 
 
@@ -269,7 +269,7 @@ def _override(given: dict[str, Any], text: str) -> None:
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
-        raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
+        raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
     name = next((part for part in reversed(parts) if not part.isdigit()), "")
     block: Any = given
@@ -280,7 +280,7 @@ def _override(given: dict[str, Any], text: str) -> None:
         block[last] = _from_here(value, name)
     except (IndexError, TypeError, ValueError):
         what = "a list is counted from 0, and only a block or a list has keys"
-        raise StudyError(f"--set {text}: the study has no such place; {what}") from None
+        raise InputError(f"--set {text}: the study has no such place; {what}") from None
 
 
 def _from_here(value: Any, key: str) -> Any:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.errors import InputError, RecordError
 from archfrag.files import sha256_of
 from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
@@ -46,7 +46,7 @@ def needs_pairs(study: Study) -> bool:
 def find_sources(study: Study) -> list[Source]:
     """Find the record files of a study.
 
-    StudyError or RecordError for a file or id that is missing, or is there with two settings.
+    InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     asked = study.motions
     rows = [] if asked.index is None else index.load_index(asked.index)
@@ -63,7 +63,7 @@ def find_sources(study: Study) -> list[Source]:
                     other = "another unit, inventory, columns or accept"
                     raise InputError(f"an entry before it matches {source.path} with {other}")
         except InputError as error:
-            raise StudyError(f"motions.files[{number}]: {error}") from None
+            raise InputError(f"motions.files[{number}]: {error}") from None
     every = [*indexed, *given.values()]
     for source in every:
         check_file(source.path)
@@ -102,12 +102,12 @@ def study_inputs(study: Study) -> Inputs:
 
 
 def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
-    """Check that all selected records exist; `StudyError` names the first that does not."""
+    """Check that all selected records exist; `InputError` names the first that does not."""
     names = list(known)
     for name in selected:
         if name not in names:
             hint = meant(name, names) or f"the study has {', '.join(names)}"
-            raise StudyError(f"motions.select: {name!r} is not a record of the study; {hint}")
+            raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
 
 
 def _from_files(files: FileSet) -> list[Source]:
