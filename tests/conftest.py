@@ -1,10 +1,19 @@
 """For all tests."""
 
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.validation.table import Writer, validated  # noqa: F401
+
+
+@pytest.fixture(autouse=True)
+def environment_of_each_test() -> Iterator[None]:
+    """Undo what a command called in this process sets for the processes that it starts."""
+    yield
+    os.environ.pop("PYTHONSAFEPATH", None)
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:

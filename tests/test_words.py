@@ -25,7 +25,7 @@ TERMS = {
     "method setting": "knob knobs",
 }
 # Words that parts of the code still use; each goes from here with its last use.
-STILL_USED = {"across", "faults", "note", "notes", "scene", "scenes"}
+STILL_USED = {"scene", "scenes"}
 
 
 def words_to_replace(source: str) -> dict[str, str]:

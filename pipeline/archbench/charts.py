@@ -46,7 +46,7 @@ def style_of(name: str) -> Style:
     return STYLES.get(name, Style(name, GREY, ".", ":"))
 
 
-def _panels(height: float, rows: int = 1, across: int = 1, used: int = 1) -> tuple[Figure, list]:
+def _panels(height: float, rows: int = 1, columns: int = 1, used: int = 1) -> tuple[Figure, list]:
     """A figure of the page's width and its axes; those beyond `used` are empty."""
     matplotlib.rcParams.update({
         "font.size": 8.5, "axes.titlesize": 8.5, "axes.titleweight": "bold",
@@ -56,7 +56,7 @@ def _panels(height: float, rows: int = 1, across: int = 1, used: int = 1) -> tup
         "svg.fonttype": "none", "svg.hashsalt": "archbench",
     })  # fmt: skip
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots(rows, across, squeeze=False).flatten().tolist()
+    axes = figure.subplots(rows, columns, squeeze=False).flatten().tolist()
     for each in axes[used:]:
         each.set_axis_off()
     return figure, axes[:used]
@@ -214,9 +214,9 @@ def _cells(axes: Axes, places: Iterable[tuple[int, int]], cells: Iterable) -> No
 def stability_map(cells: pd.DataFrame) -> Figure:
     """Cells of one plane: a map for each method, its parameter across, what differs up."""
     methods, rows = _ordered(cells["method"]), list(dict.fromkeys(cells["row"]))
-    across = min(4, len(methods))
-    down = math.ceil(len(methods) / across)
-    figure, panels = _panels(0.6 + down * (0.8 + 0.22 * len(rows)), down, across, len(methods))
+    columns = min(4, len(methods))
+    down = math.ceil(len(methods) / columns)
+    figure, panels = _panels(0.6 + down * (0.8 + 0.22 * len(rows)), down, columns, len(methods))
     for axes, method in zip(panels, methods, strict=True):
         own = cells[cells["method"] == method]
         values = sorted(set(own["value"]), reverse=True)

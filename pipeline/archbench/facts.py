@@ -145,9 +145,9 @@ def rest_limit(run: Run, tolerance: float) -> Finding:
 
 def loaded_block(run: Run, tolerance: float) -> Finding:
     """Rest limits of a block with a load on its back: friction, or the corner's direction."""
-    across, up = run.scene.bodies().centroid[0].tolist()
+    offset, up = run.scene.bodies().centroid[0].tolist()
     half, friction = 0.5 * run.scene.chain["width"], run.scene.friction
-    plus, minus = (min(friction, (half + side * across) / up) for side in (1.0, -1.0))
+    plus, minus = (min(friction, (half + side * offset) / up) for side in (1.0, -1.0))
     return _onset(run, plus, minus, tolerance)
 
 

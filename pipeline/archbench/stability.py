@@ -112,9 +112,9 @@ def elastic(scene: Scene, setting: Setting, frames: Frames) -> tuple[float, floa
     before, after = joint_faces(arch, frames.displacement, frames.rotation)
     along = np.diff(0.5 * (before + after), axis=2)[:, :, 0]
     length = np.linalg.norm(along, axis=2)
-    across = np.stack([along[..., 1], -along[..., 0]], axis=2)
+    normal_of = np.stack([along[..., 1], -along[..., 0]], axis=2)
     force = frames.resultant[..., :2]
-    normal, shear = ((force * side).sum(axis=2) / length for side in (across, along))
+    normal, shear = ((force * side).sum(axis=2) / length for side in (normal_of, along))
     lever = 2.0 * frames.resultant[..., 2] / length
     corners = np.maximum(0.5 * np.stack([normal + lever, normal - lever], axis=2), 0.0)
     spring = 0.5 * own["stiffness"] * length

@@ -55,8 +55,8 @@ def test_names_of_measures(receiver, measure, name, unit, si, note):
     named = formats.named_measure(receiver, measure)
     assert named[:2] == (name, unit)
     assert named.factor * si == pytest.approx(1.0, rel=1e-15)
-    assert note in named.note
-    assert bool(note) == bool(named.note)
+    assert note in named.condition
+    assert bool(note) == bool(named.condition)
 
 
 @pytest.mark.parametrize(

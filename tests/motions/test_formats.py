@@ -1,4 +1,4 @@
-"""Text formats of agencies: claims, one motion in each, headers, faults and refusals."""
+"""Text formats of agencies: claims, one motion in each, headers, errors and refusals."""
 
 import time
 from pathlib import Path
@@ -88,7 +88,7 @@ class TestEachFormat:
             assert (trace.stats._format, trace.stats.calib) == (form, 1.0)
             assert np.array_equal(trace.data, other.data)
             assert np.array_equal(trace.data, third.data)
-            assert not trace.stats.record.get("faults")
+            assert not trace.stats.record.get("errors")
 
     @every_text
     def test_what_is_no_finite_number(self, tmp_path, form, text):
@@ -180,7 +180,7 @@ class TestHeaders:
         motion = (read_vertical if channel.startswith("UD") else read_motion)(path)
         assert any("in the borehole" in step for step in motion.log) == (channel[2] == "1")
         assert pga(motion) == pytest.approx(0.2384, rel=1e-2)
-        assert "faults" not in motion.metadata
+        assert "errors" not in motion.metadata
 
 
 class TestTimes:
@@ -210,13 +210,13 @@ class TestFaults:
     )  # fmt: skip
     def test_contradictions_are_logged(self, tmp_path, text, fault):
         motion = read_all(tmp_path, text)[0]
-        assert [f for f in motion.metadata["faults"] if fault in f]
-        assert [step for step in motion.log if step.startswith("Fault: ") and fault in step]
+        assert [f for f in motion.metadata["errors"] if fault in f]
+        assert [step for step in motion.log if step.startswith("Error in") and fault in step]
 
     @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])
     def test_no_end(self, tmp_path, text):
         cut = text[: text.upper().rindex("END")].rstrip("/&- \n") + "\n"
-        assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["faults"][0]
+        assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["errors"][0]
         short = text[: text.upper().rindex("END") - 1500]
         if "VELOC DATA" not in text:
             refuse(tmp_path, short, "announces 400 samples", "holds only")
@@ -233,8 +233,8 @@ class TestFaults:
         peak = G * np.abs(EAST).max()
         good, odd, wrong = (read_all(tmp_path, make(factor * peak), accept=["header"])[0].metadata
                             for factor in (1.004, 1.06, 2.0))  # fmt: skip
-        assert "faults" not in good
-        assert "the header states a peak of" in odd["faults"][0]
+        assert "errors" not in good
+        assert "the header states a peak of" in odd["errors"][0]
         assert wrong["accepted"]
         refuse(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
 

@@ -63,10 +63,10 @@ def test_plain_tables(load):
     assert list(found.curves) == ["mean", "0.84"]
     np.testing.assert_allclose(found.main.im, [0.1 * G, 0.4 * G])
     np.testing.assert_array_equal(found.main.rate, [1e-2, 4e-4])
-    assert found.notes == ()
+    assert found.messages == ()
     found = load("im,poe_50\n0.1,0.1\n0.4,0.02\n", unit="g")
     assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
-    assert "taken to be PGA" in found.notes[0]
+    assert "taken to be PGA" in found.messages[0]
     for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]")):
         found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
         np.testing.assert_allclose(found.main.im, [0.1, 1.0])
@@ -82,7 +82,7 @@ class TestOpenQuakeCsv:
         np.testing.assert_array_equal(again.main.rate, found.main.rate)
 
         found = load(openquake(), measure="RotD50(PGA)", site=(14.0, 42.3))
-        assert "no component" in found.notes[0]
+        assert "no component" in found.messages[0]
 
     def test_mean_comes_first_and_quantiles_follow(self, load):
         found = load(openquake("quantile-0.84", p="2.000000E-01"), openquake(), **SITE)

@@ -110,7 +110,7 @@ class TestInspect:
         (channel,) = found["channels"]
         assert (channel["code"], channel["unit"], channel["count"]) == ("180", "g", 400)
         assert channel["PGA"] == pytest.approx(PEAK * 9.80665, rel=1e-6)
-        assert channel["faults"] == found["faults"] == []
+        assert channel["errors"] == found["errors"] == []
         text = done("inspect", three, "--unit", "m/s2").stdout.splitlines()
         assert text[0] == f"{three}: MSEED, XX.AB"
         assert text[1].startswith("  HNE       777 samples at 0.005 s, 3.88 s, m/s2, PGA 0.")
@@ -124,11 +124,11 @@ class TestInspect:
             for code, start, count in (("HNE", 100, 300), ("HNE", 110, 300), ("HNN", 100, 310))
         ).write(str(gap), format="MSEED")  # fmt: skip
         first, second, third = facts("inspect", wrong, three, gap)
-        faults = first["channels"][0]["faults"]
-        for fault, part in zip(faults, ("announces 500", "offset", "peak"), strict=True):
+        errors = first["channels"][0]["errors"]
+        for fault, part in zip(errors, ("announces 500", "offset", "peak"), strict=True):
             assert part in fault
         assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == ("", None)
-        assert "has a gap of 7 s" in third["faults"][0]
+        assert "has a gap of 7 s" in third["errors"][0]
         assert "    ! the header announces 500" in done("inspect", wrong).stdout
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):

@@ -175,7 +175,8 @@ class TestSnakemake:
 
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     asked = ["export", finished[0], "--format", "csv", "--out", tmp_path]
-    assert command(*asked).exit_code == 0
+    exported = command(*asked)
+    assert exported.exit_code == 0, exported.stderr
     assert len(pd.read_csv(tmp_path / "small-runs.csv")) == 2 * 2 * 5
     made = files_below(tmp_path)
     late = command(*asked, "--set", "intensity.levels=[0.1, 0.6]")

@@ -53,8 +53,8 @@ class PinocchioStepper:
         velocity[2::3] += np.maximum(gap[:, 0], 0.0) / dt
         delassus = (moving * inverse) @ moving.T
         # Nothing moves out of the plane; a unit there keeps the matrix from being singular.
-        across = np.arange(1, len(delassus), 3)
-        delassus[across, across] = 1.0
+        second = np.arange(1, len(delassus), 3)
+        delassus[second, second] = 1.0
         if result.isValid():
             result.setConstraintImpulseGuess(result.retrieveConstraintImpulses())
         if len(self.q) >= SPARSE_FROM:

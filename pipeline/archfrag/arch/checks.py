@@ -40,14 +40,14 @@ def _floats(
 
 def number(
     name: str, value: Any, unit: str = "m", *, least: float = 0.0, most: float = math.inf,
-    closed: bool = True, note: str = "",
+    closed: bool = True, meaning: str = "",
 ) -> float:  # fmt: skip
     """One number between bounds, which are allowed if `closed`; lengths have bounds anyway."""
     if unit == "m":
         least, most = max(least, SMALLEST), min(most, LARGEST)
     words = ("at least", "at most") if closed else ("greater than", "less than")
     limits = [f"{word} {bound:.9g} {unit}".rstrip() for word, bound in zip(words, (least, most))]
-    allowed = f"a number {' and '.join(limits)}" + (f" ({note})" if note else "")
+    allowed = f"a number {' and '.join(limits)}" + (f" ({meaning})" if meaning else "")
     ends = (least, most) if closed else ()
     return float(_floats(name, value, allowed, lambda x: least < x < most or x in ends))
 

@@ -212,8 +212,8 @@ class Arch:
         """Check what profiles over a span have in common, and build one of them."""
         span, rise, thickness, voussoirs, joints, friction = given
         least, most, ring_of = _OVER_SPAN[profile]
-        span, note = checks.number("span", span), f"{least:g} to {most:g} x span"
-        rise = checks.number("rise", rise, least=least * span, most=most * span, note=note)
+        span, meaning = checks.number("span", span), f"{least:g} to {most:g} x span"
+        rise = checks.number("rise", rise, least=least * span, most=most * span, meaning=meaning)
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
@@ -391,8 +391,8 @@ class Arch:
         n_joint, depths = self.n_joint, []
         for name, value in (("intrados", intrados), ("extrados", extrados)):
             depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
-        across = self.extrados[:n_joint] - self.intrados[:n_joint]
-        length = np.hypot(*across.T)
+        face = self.extrados[:n_joint] - self.intrados[:n_joint]
+        length = np.hypot(*face.T)
         left = length - depths[0] - depths[1]
         if not np.all(left > checks.SMALLEST):
             joint = int(np.argmin(left))
@@ -400,7 +400,7 @@ class Arch:
                 f"recess of joint {joint} leaves {left[joint]:.6g} m of its {length[joint]:.6g} "
                 f"m; it must leave more than {checks.SMALLEST:g} m"
             )
-        along = across / length[:, None]
+        along = face / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
         ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
         for line, step in zip(ends.values(), moved):

@@ -27,7 +27,7 @@ from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
 
 def inspection_text(found: dict[str, Any]) -> str:
-    """What `inspect_record` found in a file: a line for each channel and for each fault."""
+    """What `inspect_record` found in a file: a line for each channel and for each error."""
     magnitude = None if found["magnitude"] is None else f"M {found['magnitude']:g}"
     stations = dict.fromkeys(channel["station"] for channel in found["channels"])
     head = (*(found[key] for key in ("format", "event", "date")), magnitude, *list(stations)[:3])
@@ -39,8 +39,8 @@ def inspection_text(found: dict[str, Any]) -> str:
             facts.append(f"PGA {channel['PGA'] / STANDARD_GRAVITY:.4g} g")
         facts += [channel["level"], "vertical" if channel["vertical"] else "", channel["start"]]
         lines.append(f"  {channel['code'] or '(no code)':9s} {', '.join(filter(None, facts))}")
-        lines += [f"    ! {fault}" for fault in channel["faults"]]
-    return "\n".join([*lines, *(f"  ! {fault}" for fault in found["faults"])])
+        lines += [f"    ! {error}" for error in channel["errors"]]
+    return "\n".join([*lines, *(f"  ! {error}" for error in found["errors"])])
 
 
 def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:

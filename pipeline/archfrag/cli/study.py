@@ -188,8 +188,8 @@ def export(
     made = export_study(study, formats, out, members)
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
-    for note in made["notes"]:
-        warn(f"note: {note}")
+    for message in made["notes"]:
+        warn(f"note: {message}")
     show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
 
 

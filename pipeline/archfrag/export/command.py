@@ -48,7 +48,7 @@ def export_study(
         }  # fmt: skip
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
-        states, notes = _limit_states(answers)
+        states, messages = _limit_states(answers)
         curves = CurveSet(states, study.intensity.measure, ends, made, classes)
         texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
         for name in dict.fromkeys(formats):
@@ -56,8 +56,8 @@ def export_study(
             if writers and not curves.complete:
                 reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
                 raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-            if writers and (note := named_measure(receiver, curves.measure).note):
-                notes.append(f"{name}: {note}")
+            if writers and (message := named_measure(receiver, curves.measure).condition):
+                messages.append(f"{name}: {message}")
             for ending, write in writers.items():
                 made_of = write(curves)
                 parts = {"": made_of} if isinstance(made_of, str) else made_of
@@ -73,7 +73,7 @@ def export_study(
                 paths = _write_tables(study, cube, curves, answers, folder, name)
                 files += [(name, path) for path in paths]
     return {
-        "folder": str(folder), "left_out": curves.left_out, "notes": notes,
+        "folder": str(folder), "left_out": curves.left_out, "notes": messages,
         "files": [{"format": name, "file": str(path)} for name, path in files],
     }  # fmt: skip
 
@@ -96,7 +96,7 @@ def _limit_states(
     # Curves of the next severer state, by arch with a curve of collapse.
     after = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept: list[str] = []
-    notes = []
+    messages = []
     names = dict.fromkeys(state for each in own.values() for state in each if state != "collapse")
     for name in reversed(names):
         found = {arch: own[arch].get(name) for arch in after}
@@ -115,12 +115,12 @@ def _limit_states(
             kept.insert(0, name)
             after = curves
             continue
-        notes.append(f"limit state {name!r} is left out: {why}")
+        messages.append(f"limit state {name!r} is left out: {why}")
     none = "there is no curve of this limit state"
     return {
         arch: {k: own[arch].get(k, none) for k in kept} | {"collapse": answer.curve}
         for arch, answer in answers.items()
-    }, notes
+    }, messages
 
 
 def crossing(mild: Fragility, severe: Fragility) -> float:

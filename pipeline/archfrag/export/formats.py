@@ -54,14 +54,16 @@ class CurveSet:
             "median and dispersion are those of ln capacity over the class"
         )
 
-    def origin(self, note: str) -> str:
-        """How the curves were made, and a note; without characters that XML forbids."""
+    def origin(self, condition: str) -> str:
+        """How the curves were made, and a condition; without characters that XML forbids."""
         title = "".join(c if c.isprintable() else " " for c in self.made["title"]).rstrip(".")
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
-        return text.format(**{**self.made, "title": title}) + (f" Note: {note}." if note else "")
+        return text.format(**{**self.made, "title": title}) + (
+            f" Note: {condition}." if condition else ""
+        )
 
     @property
     def limit_states(self) -> tuple[str, ...]:
@@ -95,7 +97,7 @@ class Named(NamedTuple):
     name: str
     unit: str
     factor: float  # times a value in SI gives one in `unit`
-    note: str  # what the receiver's measure must be for the curve to hold, or empty
+    condition: str  # what the receiver's measure must be for the curve to hold, or empty
 
 
 def named_measure(receiver: str, measure: str) -> Named:
@@ -109,18 +111,18 @@ def named_measure(receiver: str, measure: str) -> Named:
             f"{', '.join(known)}{permanent}; csv and parquet take any"
         )
     name, unit = known[parsed.kind]
-    notes = []
+    messages = []
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
-        notes.append(
+        messages.append(
             "OpenQuake's AvgSA must be the geometric mean of spectral accelerations from "
             f"{first:g} to {last:g} s, as {measure} is; its periods are set with the "
             "ground-motion model"
         )
     if parsed.rotated:
         must = f"must be {parsed.rotated} of two horizontal components"
-        notes.append(f"the values of {parsed.kind} {must}")
-    return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(notes))
+        messages.append(f"the values of {parsed.kind} {must}")
+    return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages))
 
 
 def nrml_continuous(curves: CurveSet) -> str:
@@ -171,7 +173,7 @@ def _nrml(
     of = "".join(f" {curves.described(name)}." for name in curves.classes)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     text = f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. "
-    _add(model, "description", f"{text}{more}{curves.origin(imt.note)}{of}{left}")
+    _add(model, "description", f"{text}{more}{curves.origin(imt.condition)}{of}{left}")
     _add(model, "limitStates", " ".join(curves.limit_states))
     known = curves.complete.items()
     functions = [(_add(model, "fragilityFunction", id=a, **kind), states) for a, states in known]
@@ -220,9 +222,9 @@ def pelicun_table(curves: CurveSet) -> str:
 
 def pelicun_description(curves: CurveSet) -> str:
     """What stands beside the table, as JSON in the layout of pelicun's own databases."""
-    made, note = curves.made, named_measure("pelicun", curves.measure).note
+    made, condition = curves.made, named_measure("pelicun", curves.measure).condition
     general = {
-        "ShortName": made["study"], "Description": curves.origin(note),
+        "ShortName": made["study"], "Description": curves.origin(condition),
         "Version": made["archfrag"], "ComponentGroups": ["Masonry arches"],
         "archfrag": made, "LeftOut": curves.left_out,
     }  # fmt: skip
@@ -277,7 +279,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
                 "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
             })  # fmt: skip
         sets[arch] = _text({
-            "description": f"{curves.described(arch)}. {curves.origin(demand.note)}",
+            "description": f"{curves.described(arch)}. {curves.origin(demand.condition)}",
             "creator": f"archfrag {curves.made['archfrag']}",
             "demandTypes": [demand.name], "demandUnits": [demand.unit],
             "resultType": "Limit State", "resultUnit": "",

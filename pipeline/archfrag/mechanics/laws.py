@@ -86,9 +86,9 @@ def closed_forces(j, work):
 @inlined
 def cone_rays(j, model, ax, ay, bx, by):
     """Return the edges of Coulomb's cones (Eq 20): along the tangent, and against it."""
-    across, along = model.ray[j, 0], model.ray[j, 1]
-    high_x, high_y = across * ax - along * ay, across * ay + along * ax
-    low_x, low_y = across * bx + along * by, across * by - along * bx
+    n, t = model.ray[j, 0], model.ray[j, 1]
+    high_x, high_y = n * ax - t * ay, n * ay + t * ax
+    low_x, low_y = n * bx + t * by, n * by - t * bx
     return high_x, high_y, low_x, low_y
 
 

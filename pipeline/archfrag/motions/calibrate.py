@@ -87,7 +87,7 @@ def to_si(
     """
     record = trace.stats.record
     record.warnings, record.unit_in_file = warnings, ""
-    record.log, record.faults = (tuple(record.get(key, ())) for key in ("log", "faults"))
+    record.log, record.errors = (tuple(record.get(key, ())) for key in ("log", "errors"))
     if any(word is None for word, _ in warnings):
         return
     values, inventory = np.asarray(trace.data, dtype=np.float64), None
@@ -102,7 +102,7 @@ def to_si(
     if abs(mean) > motion > 0.0:
         offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it"
         unit = record.unit_in_file or "unit unknown"
-        record.faults += (f"{offset}, {motion:.4g} [{unit} in the file]",)
+        record.errors += (f"{offset}, {motion:.4g} [{unit} in the file]",)
     if not record.unit_in_file:
         return
     code = channel_code(trace)

@@ -170,7 +170,7 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     arrays = {part: None if samples is None else samples[first : first + count]
               for part, samples in motion.components.items()}  # fmt: skip
     arrays[key] = other.acceleration[its_first : its_first + count]
-    for found in ("faults", "accepted"):
+    for found in ("errors", "accepted"):
         if both := [*own.get(found, ()), *its.get(found, ())]:
             labels[found] = list(dict.fromkeys(both))
     return motion._replaced(**arrays, metadata={**own, **labels}, log=log)

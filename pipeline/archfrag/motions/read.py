@@ -1,7 +1,7 @@
 """Records of ground motion from files: waveform formats that obspy reads, and our plug-ins.
 
 A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``announced`` and
-``held`` numbers of samples, a ``log``, ``faults`` (contradictions) and ``warnings`` (for which it
+``held`` numbers of samples, a ``log``, ``errors`` (contradictions) and ``warnings`` (for which it
 is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
 """
 
@@ -60,7 +60,7 @@ def read_motion(
     -------
     Motion
         In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        states, what was ``accepted``, and the ``faults``: contradictions in the file.
+        states, what was ``accepted``, and the ``errors``: contradictions in the file.
 
     Raises
     ------
@@ -176,8 +176,8 @@ def read_channels(
         record = channel.stats.record
         record.accept = (*words, *(entry.accept if entry else ()))
         record.accepted = accept_or_refuse(path, record.accept, record.warnings)
-        faults = (f"Fault: {fault}." for fault in record.faults)
-        record.log = (*record.messages, *record.log, *faults)
+        errors = (f"Error in the file: {error}." for error in record.errors)
+        record.log = (*record.messages, *record.log, *errors)
     if gap:
         raise RecordError(f"{path}: {gap}")
     return channels, entry
@@ -210,7 +210,7 @@ def _examine(
     counts, listed = [c.stats.record.held for c in channels], entry.unit if entry else ""
     unequal = len(set(counts)) > 1 and form in OWN
     held = ", ".join(f"{channel_code(c)} {count}" for c, count in zip(channels, counts))
-    fault = (f"the channels of the file have unequal numbers of samples ({held})",)
+    differing = (f"the channels of the file have unequal numbers of samples ({held})",)
     for channel in channels:
         record, warnings = channel.stats.record, list(_warnings(channel))
         # If a text ends within its last line, digits may be missing.
@@ -220,7 +220,7 @@ def _examine(
             left = "the last sample is left out, since the file ends within its line"
             warnings.append(("samples", left))
         calibrate.to_si(channel, tuple(warnings), path, unit, listed, inventory)
-        record.faults += fault if unequal else ()
+        record.errors += differing if unequal else ()
     return channels, gap
 
 
@@ -277,7 +277,7 @@ def _motion(
         metadata["start_time"] = str(stats.starttime)
     if entry is not None:
         metadata |= known(**entry.metadata)
-    found = {"faults": list(record.faults), "accepted": list(accepted)}
+    found = {"errors": list(record.errors), "accepted": list(accepted)}
     metadata |= {key: facts for key, facts in found.items() if facts}
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
@@ -303,14 +303,14 @@ def inspect_record(path: str | Path, unit: str | None = None, **options: Any) ->
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
         unit = record.unit_in_file
         names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-        faults = [*(text for _, text in record.warnings), *record.faults]
-        faults += [text for _, text in implausible(trace)] if unit else []
+        errors = [*(text for _, text in record.warnings), *record.errors]
+        errors += [text for _, text in implausible(trace)] if unit else []
         channels.append({
             "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
             "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
             "dt": dt, "announced": record.announced, "count": record.held, "unit": unit,
             "level": str(record.get("level") or ("raw" if unit == "counts" else "")),
-            "vertical": is_vertical(trace), "faults": list(dict.fromkeys(faults)),
+            "vertical": is_vertical(trace), "errors": list(dict.fromkeys(errors)),
             "duration": (record.held - 1) * dt,
             "PGA": float(abs(trace.data).max()) if unit else None,
         })  # fmt: skip
@@ -318,5 +318,5 @@ def inspect_record(path: str | Path, unit: str | None = None, **options: Any) ->
         "file": str(path), "format": traces[0].stats._format,
         **{key: str(about.get(key, "")) for key in ("event", "date")},
         "magnitude": about.get("magnitude"), "channels": channels,
-        "faults": [*about.messages, *filter(None, (gap,))],
+        "errors": [*about.messages, *filter(None, (gap,))],
     }  # fmt: skip

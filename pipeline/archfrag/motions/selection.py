@@ -58,7 +58,7 @@ class Selection:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What users of the selection should know."""
-        found, count = list(self.target.notes), len(self.table)
+        found, count = list(self.target.messages), len(self.table)
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
         if most.max() > max(0.25 * count, 1):

@@ -25,7 +25,7 @@ _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
 ) -> tuple[Array, Array, tuple[str, ...]]:
-    """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and notes.
+    """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and messages.
 
     The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
@@ -46,16 +46,16 @@ def predict(
              "v_s30": vs30, "dip": 90.0, "depth_tor": top, "mechanism": "SS",
              "on_hanging_wall": False}  # fmt: skip
     pygmm = from_extra("pygmm", "select")
-    kind, notes = getattr(pygmm, MODELS[model]), []
+    kind, messages = getattr(pygmm, MODELS[model]), []
     parameters = [each for each in kind.PARAMS if each.name in facts]
     for parameter in parameters:
         word, value = _WORDS.get(parameter.name, parameter.name), facts[parameter.name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"{low or 0} to {high or 'any'}, not {value:g}"
-            notes.append(f"{model} is recommended for {word} {limits}")
+            messages.append(f"{model} is recommended for {word} {limits}")
     with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # in whose place are the notes
+        warnings.simplefilter("ignore")  # in whose place are the messages
         scenario = pygmm.Scenario(**{each.name: facts[each.name] for each in parameters})
         prediction = kind(scenario)
     first, last = prediction.periods.min(), prediction.periods.max()
@@ -64,7 +64,7 @@ def predict(
     _check_within(asked, first * (1 - 1e-9), last * (1 + 1e-9), f"of the model {model}")
     inside = np.clip(asked, first, last)
     ln_median, sd = prediction.interp_ln_spec_accels(inside), prediction.interp_ln_stds(inside)
-    return ln_median, sd, tuple(notes)
+    return ln_median, sd, tuple(messages)
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> Array:
@@ -94,7 +94,7 @@ class Target:
     ln_mean: Array
     covariance: Array  # (n_period, n_period), zero for a spectrum that is a mean only
     conditioning: float | None = None  # period [s] at which Sa is given, to scale every record to
-    notes: tuple[str, ...] = ()  # what users of the target should know
+    messages: tuple[str, ...] = ()  # what users of the target should know
 
     @property
     def median(self) -> Array:
@@ -138,12 +138,12 @@ def conditional_spectrum(
     known = int(np.searchsorted(others, conditioning))
     grid = np.insert(others, known, conditioning)
     rho = correlation(grid[:, None], grid)
-    median, sd, notes = predict(rupture, model, grid)
+    median, sd, messages = predict(rupture, model, grid)
     mean = median + rho[known] * (np.log(level) - median[known]) / sd[known] * sd
     covariance = np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known]))
     covariance[known, :] = covariance[:, known] = 0.0
     mean[known] = np.log(level)
-    return Target(grid, mean, covariance, float(conditioning), notes)
+    return Target(grid, mean, covariance, float(conditioning), messages)
 
 
 def spectrum_target(

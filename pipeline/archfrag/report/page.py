@@ -178,9 +178,9 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
     for motion in shown:
         values = np.asarray(motion.acceleration, dtype=float)
         _, low, high = look.envelope(values / (np.abs(values).max() or 1.0), _BINS)
-        across = np.linspace(0.5, 109.5, low.size)
+        place = np.linspace(0.5, 109.5, low.size)
         ends = np.append(19.75 - 19.5 * high, (20.25 - 19.5 * low)[::-1])
-        outline = look.trace(np.append(across, across[::-1]), ends)
+        outline = look.trace(np.append(place, place[::-1]), ends)
         pieces.append(
             f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
             f'<path d="{outline}z" fill="{look.BLUE}"/></svg>'

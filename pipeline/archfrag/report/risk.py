@@ -28,7 +28,7 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         return
     hazard, first = risk.hazard, next(iter(risk.hazard.curves))
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
-    yield html.paragraph(". ".join([words, *hazard.notes, ""]), "note")
+    yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
     yield _rates_table(risk, percent)
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:

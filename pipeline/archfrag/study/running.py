@@ -37,7 +37,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
         if came:
             raise SystemExit(128 + came[0])
 
-    def note(number: int, frame: FrameType | None) -> None:
+    def record_stop(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:
             signal.signal(each, signal.SIG_IGN)
         came.append(number)
@@ -51,7 +51,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
 
     for number in _SIGNALS:
         if before[number] != signal.SIG_IGN:  # under nohup a hang-up does not matter
-            signal.signal(number, note)
+            signal.signal(number, record_stop)
     wakeup = signal.set_wakeup_fd(writer)
     threading.Thread(target=end_late, daemon=True).start()
     try:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8  # on what changed
-Note = Callable[[str], None]
+Say = Callable[[str], None]
 Report = Callable[[Study, Path | None], Path]  # writes it: of a layer above
 
 
@@ -71,13 +71,13 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, note: Note, plan: Plan | None = None, *,
+    study: Study, step: str, say: Say, plan: Plan | None = None, *,
     report: Report | None = None, cores: int | None = None, quiet: bool = False,
     compared: Path | None = None,
 ) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `note` takes a line for the user; `plan` is that of the study, if it is known; `cores`
+    `say` takes a line for the user; `plan` is that of the study, if it is known; `cores`
     processes make runs, in the place of the study's; `compared` is another study's file, for the
     report.
     """
@@ -85,7 +85,7 @@ def make_step(
         if "motions" not in stale_steps(study)[0]:
             return
         check_start(study)
-        note(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
+        say(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
     if compared is None and not out_of_date(study, step, plan):
@@ -98,21 +98,21 @@ def make_step(
         (path,) = products(study, step)
         make_folder(path.parent)
         write_csv(path, [table])
-        note(
+        say(
             f"batch {batch + 1} of {batches}: {counted(log['runs'], 'run')}, {log['kept']} kept "
             f"from before, {log['runs'] - log['kept']} new; {log['wall_time']:.1f} s on "
             f"{counted(log['workers'], 'core')}"
         )
     elif step == "cube":
-        note(f"cube: {write_cube(study, plan)}")
+        say(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
 
         require(study, "cube", plan)
         for line in fit_lines(study, fit_cube(study)):
-            note(line)
+            say(line)
     elif report is not None:
-        note(f"report: {report(study, compared)}")
+        say(f"report: {report(study, compared)}")
     return finish(study, step, plan)
 
 
@@ -233,7 +233,7 @@ def run_study(
     if not stale_steps(study)[0]:
         return False
 
-    def note(text: str) -> None:
+    def say(text: str) -> None:
         if not quiet:
             print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
 
@@ -242,15 +242,15 @@ def run_study(
         files.write_text(study.work / files.OWNER, files.canonical_json(owner) + "\n")
         stale, changed = stale_steps(study)
         for line in changed[:_MOST_LINES]:
-            note(line)
+            say(line)
         if changed:
-            note("what follows from it is made again; other runs that are finished are kept")
+            say("what follows from it is made again; other runs that are finished are kept")
         plan = None
         for step in stale:
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
-            make_step(study, step, note, plan, report=report, cores=cores, quiet=quiet)
+            make_step(study, step, say, plan, report=report, cores=cores, quiet=quiet)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"

@@ -52,8 +52,8 @@ def _set_rows_of(j, model, position, work):
     nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
     # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
     along = slide[j] * model.ray[j, 1]
-    across = select(sticks, 1.0, model.ray[j, 0])
-    fx, fy = across * nx - along * ny, across * ny + along * nx
+    pressing = select(sticks, 1.0, model.ray[j, 0])
+    fx, fy = pressing * nx - along * ny, pressing * ny + along * nx
     _set_row(work.row, j, 0, px, py, nx, ny, position)
     _set_row(work.column, j, 0, px, py, fx, fy, position)
     # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.

@@ -53,8 +53,8 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     ay = select(second, side[j, 1, PLUS, 1], side[j, 0, PLUS, 1])
     bx = select(second, side[j, 1, MINUS, 0], side[j, 0, MINUS, 0])
     by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
-    across, along = model.ray[j, 0], model.ray[j, 1]
-    size = 1.0 / math.sqrt(across * across + along * along)
+    n, t = model.ray[j, 0], model.ray[j, 1]
+    size = 1.0 / math.sqrt(n * n + t * t)
     high_x, high_y, low_x, low_y = cone_rays(j, model, ax, ay, bx, by)
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
     above = (high_x * fy - high_y * fx) * size

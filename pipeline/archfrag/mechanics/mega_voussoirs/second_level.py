@@ -64,12 +64,12 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
         x, y, moment = _boundary(mega, k - 1, (position[k, 0], position[k, 1]))
         fx, fy = c * x + s * y, c * y - s * x
         x, y = work.solved[k, 0] + ground_x, work.solved[k, 1] + body_y
-        forward, across = c * x + s * y, c * y - s * x
+        ahead_x, ahead_y = c * x + s * y, c * y - s * x
         angular, square = work.solved[k, 2], velocity[k, 2] * velocity[k, 2]
         for i in range(mega.first[k], mega.last[k]):
             x, y = offset[i, 0], offset[i, 1]
-            hx = model.mass[i] * (forward - angular * y - square * x)
-            hy = model.mass[i] * (across + angular * x - square * y)
+            hx = model.mass[i] * (ahead_x - angular * y - square * x)
+            hy = model.mass[i] * (ahead_y + angular * x - square * y)
             fx, fy = fx - hx, fy - hy
             moment -= cross((x, y), (hx, hy)) + model.inertia[i] * angular
             _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)

@@ -99,8 +99,8 @@ def keep_margins(mega, motion):
 @inlined
 def _cone_margins(k, c, model, work, per_weight, value):
     """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
-    across, along, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
-    size = per_weight / math.sqrt(across * across + along * along)
+    n, t, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
+    size = per_weight / math.sqrt(n * n + t * t)
     fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
     n, m = side[k, c, PLUS], side[k, c, MINUS]
     high_x, high_y, low_x, low_y = cone_rays(k, model, n[0], n[1], m[0], m[1])

@@ -104,8 +104,8 @@ def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
         for c in range(3):
             stages.velocity[i, stage, c] = velocity[i, c]
             stages.acceleration[i, stage, c] = work.solved[i, c]
-        across = ground_x * velocity[i, 0] + ground_y * velocity[i, 1]
-        by_ground -= mega.model.mass[i] * across
+        power = ground_x * velocity[i, 0] + ground_y * velocity[i, 1]
+        by_ground -= mega.model.mass[i] * power
     for j in range(work.slide.shape[0]):
         if work.slide[j] != 0.0:
             rate, nx, ny = sliding_rate(j, position, velocity, work)

@@ -315,7 +315,7 @@ def judge_peak(record: Any, stated: str, values: NDArray[np.float64], unit: str)
     off = abs(nearest - peak) - rounding
     if off > 0.01 * peak:
         text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        record["warnings" if off > 0.1 * peak else "faults"] = (f"{text} {unit}",)
+        record["warnings" if off > 0.1 * peak else "errors"] = (f"{text} {unit}",)
 
 
 def trace_of(

@@ -58,17 +58,17 @@ def _stream(source: common.Source, channel: Callable[[common.Text, int], _Channe
         trace, place, header = channel(text, place)
         if trace is None:
             continue
-        faults = trace.stats.record.get("faults", ())
+        errors = trace.stats.record.get("errors", ())
         if not any(map(common.END_OF_DATA.match, text.lines[place : place + 1])):
-            faults = (*faults, "there is no end-of-data line: the file may be cut off")
-        trace.stats.record.faults = faults
+            errors = (*errors, "there is no end-of-data line: the file may be cut off")
+        trace.stats.record.errors = errors
         traces.append(trace)
         stated = max(stated, int(common.search(_CHANNELS, header) or 0))
     if not traces:
         raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
     if stated > len(traces):
-        fault = f"the header counts {stated} channels, the file holds {len(traces)}"
-        traces[0].stats.record.faults += (fault,)
+        error = f"the header counts {stated} channels, the file holds {len(traces)}"
+        traces[0].stats.record.errors += (error,)
     # Traces of one code get their channel numbers as locations.
     ids = [trace.id for trace in traces]
     for count, trace in enumerate(traces, start=1):

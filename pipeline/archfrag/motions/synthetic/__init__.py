@@ -217,7 +217,7 @@ def plan_motions(
 
     Events take the magnitudes in turn, or draw them between two ends; records do so with distances
     [km], which are drawn uniformly in logarithm. `seed` is from 0 to 10^9. Record n is at site n
-    modulo `sites`, or at one of its own, with `vs30` [m/s]; it has a pulse at a chance of `pulses`.
+    modulo `sites`, or at one of its own, with `vs30` [m/s]; `pulses` is the chance of a pulse.
     """
     count, first = events * records_per_event, seed * SPACING
     if count > SPACING:

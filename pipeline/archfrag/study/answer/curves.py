@@ -294,9 +294,9 @@ def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str
     onset = min(_onset(each.cube) for each in members)
     states = []
     for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
-        note = members[0].worded(none) if none else ""
-        curve = curve_to_dict(_above(fit, onset) or note)
-        states.append({"name": name, "meaning": meaning, "note": note, "curve": curve})
+        reason = members[0].worded(none) if none else ""
+        curve = curve_to_dict(_above(fit, onset) or reason)
+        states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
     return {"message": message, "states": states}
 
 

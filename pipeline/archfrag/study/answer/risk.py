@@ -229,7 +229,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
     facts: dict[str, Any] = finite({
         "study": risk.study, "measure": hazard.measure, "unit": study.intensity.unit,
         "years": risk.years,
-        "hazard": {"source": hazard.source, "notes": list(hazard.notes), "curves": curves},
+        "hazard": {"source": hazard.source, "notes": list(hazard.messages), "curves": curves},
         "assumptions": list(ASSUMPTIONS), "arches": arches, "classes": risk.classes,
     }, None)  # fmt: skip
     return facts
@@ -239,7 +239,7 @@ def risk_text(facts: dict[str, Any]) -> str:
     """What `risk_facts` gives but for parts by level, magnitude and distance, for a terminal."""
     hazard = facts["hazard"]
     lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
-    lines += [f"note: {note}" for note in hazard["notes"]]
+    lines += [f"note: {message}" for message in hazard["notes"]]
     for name, arch in facts["arches"].items():
         count = facts["classes"].get(name)
         title = f"\nclass {name}, {count} arches" if count else f"\n{name}"

@@ -43,7 +43,7 @@ class Hazard:
     # Intensity in the SI unit of the measure. The first is the one that risk is quoted of, the
     # mean where the file has it; others are quantiles or branches of the epistemic uncertainty.
     curves: dict[str, HazardCurve]
-    notes: tuple[str, ...] = ()  # messages on what was assumed
+    messages: tuple[str, ...] = ()  # messages on what was assumed
 
     @property
     def main(self) -> HazardCurve:
@@ -63,38 +63,38 @@ def load_hazard(
     InputError names the file, what is wrong there, and what is allowed.
     """
     found: dict[str, HazardCurve] = {}
-    notes: dict[str, None] = {}
+    messages: dict[str, None] = {}
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            for name, curve, note in _curves(text, measure, unit, site):
+            for name, curve, message in _curves(text, measure, unit, site):
                 if name in found:
                     raise InputError(f"has a second curve {name!r}")
                 found[name] = curve
-                notes |= {f"{path}: {note}": None} if note else {}
+                messages |= {f"{path}: {message}": None} if message else {}
         except (InputError, ValueError) as error:
             must = "" if isinstance(error, InputError) else "must hold numbers, but: "
             raise InputError(f"{path}: {must}{error}") from None
     order = sorted(found, key=lambda name: name != "mean")
     source = ", ".join(map(str, paths))
-    return Hazard(measure, source, {name: found[name] for name in order}, tuple(notes))
+    return Hazard(measure, source, {name: found[name] for name in order}, tuple(messages))
 
 
 def _curves(
     text: str, measure: str, unit: str | None, site: Sequence[float] | None
 ) -> Iterator[tuple[str, HazardCurve, str]]:
-    """Name, curve in SI units and note on what is assumed, of all that may be of the measure."""
+    """Yield name, curve in SI units and assumption of all curves that may be of the measure."""
     requested, allowed = parse_measure(measure), LEVEL_UNITS.get(measure_unit(measure), {})
     read = _nrml if text.lstrip().startswith("<") else _csv
     other, any_found = "", False
     for name, stated, own, years, im, values, sites in read(text):
-        given, note = None, ""
+        given, message = None, ""
         with contextlib.suppress(InputError):  # a file may hold any other measures too
             given = parse_measure("Arias" if stated == "IA" else stated or measure)
         if stated is None:
-            note = f"does not name its measure, which is taken to be {measure}"
+            message = f"does not name its measure, which is taken to be {measure}"
         elif sites is not None and given == requested._replace(rotated="") != requested:
-            note = f"the file states {stated} and no component, taken to be {measure}'s"
+            message = f"the file states {stated} and no component, taken to be {measure}'s"
         elif given != requested:
             other = f"is a hazard of {stated}, but the study's levels are of {measure}"
             continue
@@ -109,7 +109,7 @@ def _curves(
             curve = HazardCurve(np.array(im), np.array(chosen))
         else:
             curve = HazardCurve.from_exceedance(im, chosen, years)
-        yield name, replace(curve, im=curve.im * allowed[own]), note
+        yield name, replace(curve, im=curve.im * allowed[own]), message
     if other and not any_found:
         raise InputError(other)
 

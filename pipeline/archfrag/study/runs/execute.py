@@ -140,7 +140,8 @@ class _Makers:
     def close(self) -> None:
         """End all workers."""
         if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+            with contextlib.suppress(OSError):  # of a pool that has just lost its workers
+                self._pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.kill()
                 child.join()
