@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -185,8 +186,8 @@ def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     assert files_below(tmp_path) == made
 
 
-def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finished):
-    path = finished[0]
+def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finished, tmp_path):
+    path = shutil.copytree(finished[0].parent, tmp_path / "copy") / finished[0].name
     out, record = path.parent / "out", path.parent / "records" / "wave1.AT2"
     before = sha256_of(out / "cube.nc")
     time_ = np.arange(150) * 0.01
