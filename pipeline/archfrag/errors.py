@@ -66,7 +66,7 @@ class FitError(ArchfragError):
         super().__init__(self.worded())
 
     def worded(self, factor: float = 1.0, unit: str = "") -> str:
-        """The message with its levels divided by a factor, each with a unit."""
+        """Return the message with its levels divided by a factor, each with a unit."""
         shown = [f"{level / factor:g} {unit}".rstrip() for level in self.levels]
         return self.message.format(*shown) if shown else self.message
 

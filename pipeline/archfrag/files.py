@@ -99,7 +99,7 @@ def make_folder(path: Path) -> Path:
 
 
 def temporary_prefix() -> str:
-    """What a name that `sweep` recognises begins with; its suffix is .tmp."""
+    """Return the prefix of names that `sweep` recognises; their suffix is .tmp."""
     return f".archfrag-{_HOST}-{os.getpid()}-"
 
 

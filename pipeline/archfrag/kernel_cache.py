@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept: one private folder for each state of the kernels' source.
+"""Folders of compiled kernels: a private one for each state of the kernels' source.
 
 The folder's name is a hash of `mechanics`, `methods` and the versions of Python, numba and
 llvmlite: edited source never leaves old machine code in use, and all clones and environments of a

@@ -1,4 +1,4 @@
-"""What a user may give: each check returns clean floats or raises one clear message."""
+"""Checks of what users give: each returns floats or raises one clear message."""
 
 import math
 import reprlib

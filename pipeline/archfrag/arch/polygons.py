@@ -243,7 +243,7 @@ def _find_joints(given: Blocks) -> None:
 
 
 def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment | None:
-    """What two edges of one direction have in common, along the first; None if nothing."""
+    """Return the overlap of two edges of one direction, along the first; None if there is none."""
     length = float(np.hypot(*(edge[1] - edge[0])))
     place = (other - edge[0]) @ ((edge[1] - edge[0]) / length)
     if min(length, place[1]) - max(0.0, place[0]) < _SHORTEST * tolerance:

@@ -27,7 +27,7 @@ from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
 
 def inspection_text(found: dict[str, Any]) -> str:
-    """What `inspect_record` found in a file: a line for each channel and for each error."""
+    """Write what `inspect_record` found: a line for each channel and for each error."""
     magnitude = None if found["magnitude"] is None else f"M {found['magnitude']:g}"
     stations = dict.fromkeys(channel["station"] for channel in found["channels"])
     head = (*(found[key] for key in ("format", "event", "date")), magnitude, *list(stations)[:3])

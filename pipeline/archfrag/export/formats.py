@@ -46,7 +46,7 @@ class CurveSet:
     classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
 
     def described(self, name: str) -> str:
-        """What a curve is of."""
+        """Describe what a curve is of."""
         if name not in self.classes:
             return f"Masonry arch {name}"
         return (
@@ -55,7 +55,7 @@ class CurveSet:
         )
 
     def origin(self, condition: str) -> str:
-        """How the curves were made, and a condition; without characters that XML forbids."""
+        """Describe how the curves were made, without characters that XML forbids."""
         title = "".join(c if c.isprintable() else " " for c in self.made["title"]).rstrip(".")
         text = (
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
@@ -81,7 +81,7 @@ class CurveSet:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """By arch, why it lacks a curve of collapse, or else of other limit states."""
+        """Return by arch why it lacks a curve of collapse or of other limit states."""
         why: dict[str, str] = {}
         for arch, states in self.curves.items():
             reasons = [f"{state}: {fit}" for state, fit in states.items() if isinstance(fit, str)]
@@ -221,7 +221,7 @@ def pelicun_table(curves: CurveSet) -> str:
 
 
 def pelicun_description(curves: CurveSet) -> str:
-    """What stands beside the table, as JSON in the layout of pelicun's own databases."""
+    """Describe the table in JSON, in the layout of pelicun's own databases."""
     made, condition = curves.made, named_measure("pelicun", curves.measure).condition
     general = {
         "ShortName": made["study"], "Description": curves.origin(condition),

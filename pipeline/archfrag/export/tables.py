@@ -119,7 +119,7 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
-    """What the cube holds of each record, or of each arch."""
+    """Table of the cube's values of each record, or of each arch."""
     columns, values = _columns(cube, [
         name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
         if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]

@@ -18,7 +18,7 @@ NOTHING = "no run collapsed or stood, so there is nothing to fit"
 
 
 class Verdict(IntEnum):
-    """What one run shows of collapse; only the first two decide anything."""
+    """Outcome of one run; only the first two are verdicts on collapse."""
 
     STANDING = 0
     COLLAPSED = 1
@@ -108,7 +108,7 @@ def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatAr
 def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int, resamples: int
 ) -> IntArray:
-    """How often a bootstrap draws each record, with all of its event, (resamples, n_record)."""
+    """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
     if resamples < 100:
         raise InputError(f"resamples is {resamples}; quantiles need at least 100")
     group = event_groups(event, n_record)

@@ -39,7 +39,7 @@ _LEVELS = (0.01, 0.15865525393145707, 0.5, 0.8413447460685429, 0.99)
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of a curve after the runs."""
+    """Posterior of a curve, given the runs."""
 
     #: Of kind ``"posterior"``: medians of theta and beta, and the log-likelihood there; standard
     #: errors are half the widths of their central 68 %, as their tails are not normal.
@@ -291,7 +291,7 @@ def _summed(terms: Terms, x: FloatArray, start: tuple[float, float], n: int) -> 
 def _root(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Where increasing functions cross zero, by halving."""
+    """Find the zeros of increasing functions by bisection."""
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         less = function(middle) < 0.0

@@ -1,4 +1,4 @@
-"""What a file, StationXML and the user state of a record: unit, sense, and what is plausible."""
+"""Units and senses of records from file, StationXML and user, and checks of plausibility."""
 
 import contextlib
 import io
@@ -52,7 +52,7 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
 
 
 def implausible(channel: Trace) -> Iterator[Warned]:
-    """What is implausible about a channel in m/s2."""
+    """List what is implausible about a channel in m/s2."""
     code, dt = channel_code(channel), float(channel.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
@@ -66,7 +66,7 @@ def implausible(channel: Trace) -> Iterator[Warned]:
 def accept_or_refuse(
     path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
 ) -> tuple[str, ...]:
-    """Lines for the log on warnings whose word is in `accept`; RecordError for any other one."""
+    """Log accepted warnings; RecordError for a warning that is not in `accept`."""
     lines: tuple[str, ...] = ()
     for word, fact in warnings:
         if word not in accept:

@@ -31,7 +31,7 @@ _REFUSED = (
 
 
 class Request(NamedTuple):
-    """What to ask `stations_from` for each event, by its identifier at `events_from`."""
+    """Query to `stations_from` for each event, by its identifier at `events_from`."""
 
     events: tuple[str, ...]
     stations_from: str

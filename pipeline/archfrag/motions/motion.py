@@ -21,7 +21,7 @@ METRES_PER_SECOND_SQUARED = {
 
 
 def unit_factor(unit: str, place: str) -> float:
-    """What a value in a unit of acceleration is multiplied by to be in m/s2."""
+    """Return the factor from a unit of acceleration to m/s2."""
     if unit not in METRES_PER_SECOND_SQUARED:
         allowed = f"allowed are {', '.join(METRES_PER_SECOND_SQUARED)}"
         raise RecordError(f"{place}: unknown unit {unit!r} of acceleration; {allowed}")

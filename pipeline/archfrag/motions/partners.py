@@ -40,7 +40,7 @@ def channel_code(trace: Trace) -> str:
 
 
 def instrument(trace: Trace) -> str:
-    """What channels of one instrument have in common."""
+    """Return the key that channels of one instrument share."""
     stats, code = trace.stats, channel_code(trace)
     if stats._format == "KNET":
         return f"{stats.station}.{code[2:]}"

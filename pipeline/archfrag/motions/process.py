@@ -1,4 +1,4 @@
-"""What may be done to a motion before it is used; each step writes a line in its log.
+"""Processing steps of a motion; each writes a line in its log.
 
 A step does the same to all components. What its settings may be is checked in
 `archfrag.study.file.motions`; what depends on the motion, too, is checked here.

@@ -147,7 +147,7 @@ def read_vertical(path: str | Path, unit: str | None = None, **options: Any) -> 
 
 
 def record_name(path: Path) -> str:
-    """What the id of a record is made of: its file's name, of K-NET's with the ending."""
+    """Return the base of a record's id: its file's name, with the ending for K-NET."""
     return path.name if recognise(str(path), ("KNET",)) else path.stem
 
 
@@ -225,7 +225,7 @@ def _examine(
 
 
 def _warnings(trace: Trace) -> Iterator[Warned]:
-    """What cannot be a record, or contradicts its header."""
+    """List what is impossible in a record, or contradicts its header."""
     delta, code, record = trace.stats.delta, channel_code(trace) or trace.id, trace.stats.record
     announced, held = record.announced, record.held
     if not 0.0 < delta < np.inf:

@@ -57,7 +57,7 @@ class Selection:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What users of the selection should know."""
+        """Messages for users of the selection."""
         found, count = list(self.target.messages), len(self.table)
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
@@ -67,7 +67,7 @@ class Selection:
         return tuple(found)
 
     def facts(self) -> dict[str, Any]:
-        """What a command prints as JSON: records, factors, target and differences from it."""
+        """Return records, factors, target and differences from it as plain values."""
         mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
         target = self.target
         return {

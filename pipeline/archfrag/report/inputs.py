@@ -1,4 +1,4 @@
-"""What the report of a finished study is written from, and its numbers for programs."""
+"""Inputs of the report of a finished study, and its numbers for programs."""
 
 import json
 from collections import Counter
@@ -39,7 +39,7 @@ _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no 
 
 @dataclass(frozen=True)
 class Scale:
-    """How an intensity measure is written: its name, the unit people read, SI to that unit."""
+    """Scale of an intensity measure: its name, the unit people read, SI to that unit."""
 
     measure: str
     unit: str
@@ -165,7 +165,7 @@ def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> Stud
 
 
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
-    """What a cube holds of the study that made it; may be empty."""
+    """Return the configuration of the study that made a cube; may be empty."""
     return json.loads(cube.attrs.get("archfrag_config", "{}"))
 
 

@@ -28,7 +28,7 @@ _UNITS = {
 
 
 def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
-    """What the page shows of an arch; films if it is `animated`."""
+    """Yield the parts of an arch's section; with films if it is `animated`."""
     name, arch, onset = inputs.arches[place]
     answer, percent = inputs.answers[name], inputs.percent
     more, cautions = answer.more, cautions_of(inputs.cautions, name)

@@ -1,1 +1,1 @@
-"""What a simulation returns: rest range, response, history, log of the mechanism."""
+"""Results of a simulation: rest range, response, history, log of the mechanism."""

@@ -13,7 +13,7 @@ COMMON = ("dt", "rtol", "follow")
 
 
 def method_names() -> tuple[str, ...]:
-    """What a study may name as the method."""
+    """Names of the methods that a study may use."""
     return tuple(dict.fromkeys([AUTO, *METHODS]))
 
 
@@ -66,7 +66,7 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
 
 
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
-    """All of a method's own parameters: those given, if allowed, the others at their defaults."""
+    """Return a method's own parameters: those given, if allowed, and defaults of the others."""
     own = own_parameters(info)
     if not isinstance(settings, Mapping | None):
         raise InputError(f"settings is {type(settings).__name__}; it must map names to numbers")

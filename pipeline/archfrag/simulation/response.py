@@ -188,7 +188,7 @@ def response_of(
     results: Results, row: int, method: str, wall_time: float,
     mechanism: tuple[MechanismChange, ...] | None = None, history: xarray.Dataset | None = None,
 ) -> Response:  # fmt: skip
-    """What a method returned of one run, in names; mechanism and history as in `Response`."""
+    """Name what a method returned of one run; mechanism and history as in `Response`."""
     status = Status(int(results.status[row]))
     of_run = results.count, results.energy, results.model_time, results.peak, results.loss
     count, energy, model_time, peak, loss = (values[row].tolist() for values in of_run)
@@ -312,7 +312,7 @@ def mechanism_of(
 
 
 def summary(changes: Sequence[MechanismChange]) -> str:
-    """How often the mechanism changed, and why, most frequent causes first."""
+    """Count the changes of the mechanism by cause, the most frequent first."""
     causes = Counter(change.cause for change in changes if change.cause not in ("start", "end"))
     why = [f"{CAUSE_WORDS[Cause[name.upper()]]} {n}" for name, n in causes.most_common()]
     return f"{causes.total()} changes of the mechanism ({', '.join(why) or 'none'})"

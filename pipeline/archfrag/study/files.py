@@ -97,7 +97,7 @@ def stamp_file(study: "Study", step: str) -> Path:
 
 
 def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
-    """What a step was made from, None if it is not done, and digests of its files."""
+    """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
         stamp = read_json(stamp_file(study, step))
         return dict(stamp["from"]), dict(stamp["files"])
@@ -137,7 +137,7 @@ def refuse_foreign_cube(study: "Study") -> None:
 
 
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
-    """What changed from one state of the inputs to another, a line for each file."""
+    """List the changes from one state of the inputs to another, a line for each file."""
     lines = []
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
@@ -198,7 +198,7 @@ def available_cores() -> int:
 
 
 def machine() -> dict[str, Any]:
-    """Where it runs, for the log."""
+    """Describe the machine for the log."""
     return {"host": socket.gethostname(), "system": platform.platform(),
             "cores": available_cores()}  # fmt: skip
 

@@ -139,7 +139,7 @@ def require(study: Study, step: str, plan: Plan | None = None) -> None:
 
 
 def finished(study: Study) -> "Fitted":
-    """Cube and answers of a study; InputError if they are not those of the study as it is."""
+    """Return cube and answers of a study; InputError if they are out of date."""
     from archfrag.study.answer.fits import load_fits
 
     require(study, "cube")

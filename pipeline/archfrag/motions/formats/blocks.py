@@ -92,7 +92,7 @@ def read_smc(source: common.Source, **_: Any) -> Stream:
     # Writers of uncorrected volumes left a last row of what was in their memory.
     if count < values.size <= count + 8:
         values = values[:count]
-        log.append(f"Row beyond the {count} numbers that the header counts left out.")
+        log.append(f"Row left out: it is beyond the {count} numbers of the header.")
     record |= {"level": level, "unit": "cm/s2", "announced": count // per,
                "held": values.size // per}  # fmt: skip
     if per == 2:  # pairs of time and acceleration

@@ -18,7 +18,7 @@ _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=
 
 @dataclass(frozen=True)
 class Columns:
-    """Where the numbers of a plain text are: in columns counted from 1, or row after row.
+    """Layout of numbers in a plain text: in columns counted from 1, or row after row.
 
     Blanks, tabs, commas and semicolons separate numbers; empty lines and those that begin with
     # or % are passed over. InputError if the keys contradict each other.

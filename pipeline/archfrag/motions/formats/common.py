@@ -1,4 +1,4 @@
-"""What readers of text formats share: lines, numbers in columns, and what headers state."""
+"""Shared by readers of text formats: lines, numbers in columns, and facts of headers."""
 
 import math
 import re
@@ -52,7 +52,7 @@ class Text:
         self.lines = _lines(_read_bytes(source))
 
     def place(self, index: int) -> str:
-        """What messages call a line."""
+        """Return the name of a line in messages."""
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
@@ -209,7 +209,7 @@ def known(**facts: Any) -> dict[str, Any]:
 def read_fields(
     table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
 ) -> dict[str, Any]:
-    """Read the facts of a header by a table: for each name what reads it and where it may stand.
+    """Read the facts of a header by a table: name, reader and place of each.
 
     `find` gives what a header has at a place, which is a key, a pattern or an index; of several
     places the first one that gives a fact counts.

@@ -59,7 +59,7 @@ _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from 
 
 
 class Recipe(NamedTuple):
-    """All that a motion follows from; seeds, of random numbers, are 0 to 2^63 - 1."""
+    """Parameters of a synthetic motion; seeds are 0 to 2^63 - 1."""
 
     magnitude: float  # 3 to 8
     distance: float  # to the rupture, 0 to 300 [km]
@@ -145,7 +145,7 @@ def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool)
 
 
 def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
-    """What is added to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
+    """Return additions to ln amplitude of the horizontal and of the vertical, each shape (61,)."""
     scenario = recipe.magnitude, recipe.distance, recipe.vs30
     ratio = _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
     if not recipe.vary:

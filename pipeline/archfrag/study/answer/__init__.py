@@ -1,1 +1,1 @@
-"""What follows from the runs of a study: the cube, its curves, classes of arches and risk."""
+"""Results of a study's runs: the cube, its curves, classes of arches and risk."""

@@ -1,4 +1,4 @@
-"""What follows from the runs of a cube for each arch and of each class.
+"""Answers from the runs of a cube, for each arch and each class.
 
 Curves with their bands; other shapes and measures; limit states; parts of the dispersion.
 """

@@ -110,7 +110,7 @@ def _store(
 
 
 def load_fits(study: Study) -> Fitted:
-    """What `fit_cube` stored, and the cube; InputError if the file is missing or damaged."""
+    """Read the answers that `fit_cube` stored, and the cube; InputError if a file is damaged."""
     path = study.folder / FITS
     try:
         stored = read_json(path)
@@ -125,7 +125,7 @@ def load_fits(study: Study) -> Fitted:
 
 
 def fit_lines(study: Study, fitted: Fitted) -> list[str]:
-    """What to tell about curves: those of the first arches and of classes, and cautions."""
+    """Write lines on the curves of the first arches and of classes, and cautions."""
     arches, classes, cube = fitted
     lines = [fit_text(study, name, each) for name, each in list(arches.items())[:SHOWN]]
     if len(arches) > SHOWN:
@@ -151,7 +151,7 @@ def fit_text(study: Study, name: str, found: Answer) -> str:
 
 
 def lost_text(found: Answer, median: Callable[[float], str]) -> str:
-    """What the runs without a verdict could change; empty if there are none."""
+    """Write what the runs without a verdict could change; empty if there are none."""
     lost = found.more.get("without_verdict") or {}
     if "runs" not in lost:
         return ""
@@ -164,7 +164,7 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
 
 
 def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
-    """All that a study's cube and curves give reason to caution, levels in the study's unit."""
+    """List the cautions on a study's cube and curves, with levels in the study's unit."""
     levels, named = None, ["levels of their own"]
     if cube["intensity"].ndim == 1:
         levels = cube["intensity"].values

@@ -186,7 +186,7 @@ def _on_levels(
 
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
-    """All of a result in plain numbers; intensities in the unit of the study.
+    """Return a result in plain numbers, with intensities in the unit of the study.
 
     ``arches`` holds classes too; ``classes`` is the number of arches of each.
     """
@@ -236,7 +236,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
 
 
 def risk_text(facts: dict[str, Any]) -> str:
-    """What `risk_facts` gives but for parts by level, magnitude and distance, for a terminal."""
+    """Write `risk_facts` for a terminal, without parts by level, magnitude and distance."""
     hazard = facts["hazard"]
     lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
     lines += [f"note: {message}" for message in hazard["notes"]]

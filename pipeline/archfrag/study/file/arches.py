@@ -123,9 +123,9 @@ class ArchEntry(Section):
     free_end: bool | None = None
     """Whether the last voussoir touches no ground, as in a column or a wall."""
     width: Length | None = None
-    """Of a block [m]."""
+    """Width of a block [m]."""
     height: Length | None = None
-    """Of a block [m]."""
+    """Height of a block [m]."""
     outlines: List[list[Corner]] | None = None
     """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
     ground: Annotated[list[Line], Field(max_length=2)] | None = None

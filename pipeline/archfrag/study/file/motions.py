@@ -1,4 +1,4 @@
-"""What a study file says of its motions: record files, and steps that process them in order."""
+"""Motions of a study file: record files, and steps that process them in order."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal

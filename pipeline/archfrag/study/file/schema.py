@@ -107,7 +107,7 @@ class Intensity(Section):
 
 
 class Method(Section):
-    """How the equations of motion are integrated."""
+    """Method that integrates the equations of motion."""
 
     name: str = "auto"
     """Method; with auto archfrag chooses one."""
@@ -170,7 +170,7 @@ class RiskKeys(Section):
 
 
 class Execution(Section):
-    """Where and in what portions the study runs; never changes a result."""
+    """Workers and portions of the run; they never change a result."""
 
     workers: Annotated[int, Field(ge=1)] | None = None
     """Number of one-thread processes; as many as cores by default."""

@@ -1,4 +1,4 @@
-"""What a design is: it asks for the runs of an arch, and estimates the curve from their verdicts.
+"""A design asks for the runs of an arch, and estimates the curve from their verdicts.
 
 It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
 returns facts for the report. What it asks for follows from the verdicts alone: the same study asks

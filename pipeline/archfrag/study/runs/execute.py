@@ -127,7 +127,7 @@ def chunks(cases: Cases, size: Callable[[], int]) -> Iterator[Cases]:
 
 
 class _Makers:
-    """Makes runs: in this process while that is cheaper than to start workers, then on these."""
+    """Makes runs in this process while that is cheaper than workers, then on workers."""
 
     def __init__(self, plan: Plan, count: int, bar: tqdm) -> None:
         self.used = 0  # processes
@@ -252,7 +252,7 @@ def _follow_parent() -> None:
 
 
 def kernels_needed(plan: Plan) -> list[str]:
-    """Names of the methods whose kernels a study's method uses: `auto` may go by events."""
+    """Return the names of the methods whose kernels a study needs; `auto` may need two."""
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 

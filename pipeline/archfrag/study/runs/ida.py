@@ -28,7 +28,7 @@ class Ida(Design):
 
     kind: Literal["ida"]
     seed: Annotated[int, Field(ge=0, le=10**9)] = 1
-    """What the random choices of the design follow from."""
+    """Seed of the random choices of the design."""
     checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
     """Cells near the borders chosen at random for each arch, to see how often a run contradicts
     the capacity of its record; as many as records searched where not given."""

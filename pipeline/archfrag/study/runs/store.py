@@ -1,4 +1,4 @@
-"""What the runs of a study follow from, the identity of each, and the parts that hold results.
+"""The plan of a study's runs, the identity of each run, and the parts that hold results.
 
 A part holds some runs, one row each with its key. Its name is the hash of its content, so that a
 damaged one is seen; what the rows mean follows from their keys, so that a study that is changed
@@ -78,7 +78,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that decides what the runs of a study are."""
+    """The study, arches and records that decide what its runs are."""
 
     study: Study
     arches: Members
@@ -145,7 +145,7 @@ class Plan:
         return np.array(keys, f"S{KEY}")
 
     def requests(self, batch: int = 0, batches: int = 1) -> dict[int, Requests]:
-        """What the design asks for, by arch, of all of it or of one of several batches."""
+        """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         from archfrag.fragility.quoted import shared_events
