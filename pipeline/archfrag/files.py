@@ -2,6 +2,8 @@
 
 import contextlib
 import hashlib
+import multiprocessing
+import multiprocessing.connection
 import os
 import re
 import secrets
@@ -9,6 +11,7 @@ import shutil
 import socket
 import stat
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -86,6 +89,18 @@ def sha256_of(path: Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+
+
+def end_with_parent() -> None:
+    """End this process of `multiprocessing` when the one that started it is gone."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def make_folder(path: Path) -> Path:

@@ -25,6 +25,7 @@ from obspy import Trace
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
+from archfrag.files import end_with_parent
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -136,7 +137,8 @@ def read_apart(path: str) -> list[Trace]:
 
 
 def _limit() -> None:
-    """Limit this process, and let signals end it."""
+    """Limit this process, let signals end it, and end it with its parent, whose lock it holds."""
+    end_with_parent()
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
     with contextlib.suppress(OSError, ValueError):  # a system that cannot limit it

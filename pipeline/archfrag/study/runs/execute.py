@@ -2,11 +2,8 @@
 
 import contextlib
 import multiprocessing
-import multiprocessing.connection
-import os
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
@@ -23,7 +20,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
-from archfrag.files import make_folder
+from archfrag.files import end_with_parent, make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_standing
@@ -241,14 +238,7 @@ class _Makers:
 def _follow_parent() -> None:
     """Leave Ctrl-C to the process that started this one, and end when it is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    end_with_parent()
 
 
 def kernels_needed(plan: Plan) -> list[str]:
