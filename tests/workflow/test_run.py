@@ -259,8 +259,8 @@ def test_a_stopped_run_takes_its_workers_with_it(tmp_path, number, whom):
     )
 
 
-def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished):
-    path = finished[0]
+def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished, tmp_path):
+    path = shutil.copytree(finished[0].parent, tmp_path / "own") / finished[0].name
     before = sha256_of(path.parent / "out" / "cube.nc")
     copy = path.with_name("copy.yaml")
     copy.write_text(path.read_text().replace("thickness: 1.5", "thickness: 1.4"))
