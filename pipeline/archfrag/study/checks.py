@@ -14,7 +14,7 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
-from archfrag.study.file.members import Members, check_standing
+from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
 from archfrag.study.file.schema import Study, study_schema
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
@@ -57,7 +57,7 @@ def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, 
         with contextlib.suppress(InputError):
             raw = {record.id: record.raw for record in read_manifest(study)["records"]}
     names = [name for name in raw if raw[name]]
-    if not names or CORRECTING & {step.name for step in study.motions.processing}:
+    if not names or CORRECTING & dict(study.motions.steps).keys():
         return ()
     return (
         f"{len(names)} of {counted(len(raw), 'record')} raw, as recorded ("
@@ -138,15 +138,15 @@ def check_study(study: Study) -> dict[str, Any]:
     if not raw:
         raise InputError("motions: the study has no record; give an index or files")
     found = study.members(len(raw))
-    checked = found.checked()
-    check_standing(checked)
+    some = checked(found)
+    check_standing(some)
     levels = len(study.intensity.si)
     sizes = [study.design.size(len(raw) if member.record is None else 1, levels)
              for member in found]  # fmt: skip
-    sizes_of, ids = Counter(found.classes), set(found.ids)
+    sizes_of, ids = Counter(m.arch_class for m in found), {m.id for m in found}
     classes = [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items() if name not in ids]
     cautions = unit_warnings(study, found) + uncorrected(study, raw)
-    if unchecked := len(found) - len(checked):
+    if unchecked := len(found) - len(some):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
