@@ -132,7 +132,9 @@ def _shown(value: Any, quotes: bool = False) -> str:
 
 
 @contextlib.contextmanager
-def at(place: Any, given: Any = None, kind: type[InputError] = InputError) -> Iterator[None]:
+def at(
+    place: Any, given: Any = None, kind: Callable[[str], Exception] = InputError
+) -> Iterator[None]:
     """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
     try:
         yield

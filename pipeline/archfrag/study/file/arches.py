@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeV
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
-from archfrag.errors import InputError
-from archfrag.study.file import PathText, Section, refuse
+from archfrag.study.file import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -128,10 +127,8 @@ class Distribution(Section):
         if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
             values = ", ".join(f"{end:g}" for end in ends)
             raise refuse(f"must increase from start to stop, not {values}")
-        try:
+        with at("is cut too far", kind=refuse):
             self.marginal().quantile(0.5)
-        except InputError as error:
-            raise refuse(f"is cut too far: {error}") from None
         return self
 
     def marginal(self) -> "Marginal":
@@ -202,10 +199,8 @@ class Vary(Section):
         if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
-        try:
+        with at("is not possible", kind=lambda text: refuse(text, "correlation")):
             correlation_factor(list(self.of), self.correlation)
-        except InputError as error:
-            raise refuse(f"is not possible: {error}", "correlation") from None
         return self
 
 

@@ -145,24 +145,18 @@ def apply_step(
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process
 
-    if name == "trim":
-        arias, threshold, times, margin = settings.values()
-        if [arias, threshold, times].count(None) != 2:
-            raise InputError("one of arias, threshold_g and times is needed")
-        if arias is not None:
-            changed = process.trim_by_arias(motion, arias[0], arias[1], margin)
-        elif threshold is not None:
-            changed = process.trim_by_threshold(motion, threshold * STANDARD_GRAVITY, margin)
-        else:
-            changed = process.cut(motion, *times)
-    elif name == "response":
-        changed = process.remove_response(motion, record, inventory, **settings)
-    elif name == "choose":
-        text = f"Components {', '.join(settings['components'])} chosen."
-        return motion._replaced(log=(*motion.log, text))
-    else:
-        changed = getattr(process, name)(motion, **settings)
-    if len(changed.log) == len(motion.log):  # nothing to do
+    if name == "choose":  # done where records are read
+        return motion
+    if name == "response":
+        return process.remove_response(motion, record, inventory, **settings)
+    if name != "trim":
+        changed: Motion = getattr(process, name)(motion, **settings)
         return changed
-    text = ", ".join(f"{key}={value}" for key, value in settings.items() if value is not None)
-    return changed._replaced(log=(*changed.log[:-1], f"{changed.log[-1]} [{name}({text})]"))
+    arias, threshold, times, margin = settings.values()
+    if [arias, threshold, times].count(None) != 2:
+        raise InputError("one of arias, threshold_g and times is needed")
+    if arias is not None:
+        return process.trim_by_arias(motion, arias[0], arias[1], margin)
+    if threshold is not None:
+        return process.trim_by_threshold(motion, threshold * STANDARD_GRAVITY, margin)
+    return process.cut(motion, *times)

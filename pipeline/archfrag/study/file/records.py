@@ -7,7 +7,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +65,7 @@ class PreparedRecord:
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     vertical: bool = False  # whether the motion has its vertical component
-    raw: bool = False  # whether the file states that nothing was corrected
+    raw: bool = False  # whether it is in counts, or its header states that it is uncorrected
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
@@ -254,6 +254,8 @@ def read_sources(study: Study) -> Iterator["Motion"]:
         text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
         raise RecordError(f"{lost[0]}: {text}")
     check_known(select or (), taken)
+    if not taken:
+        raise InputError("motions: the study has no record; give an index or files")
 
 
 def _with_components(
@@ -298,19 +300,24 @@ def _with_components(
     return motion
 
 
-def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
-    """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
+def described(study: Study, motion: "Motion") -> PreparedRecord:
+    """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
     from archfrag.motions.measures import factor_of, measure_all
 
-    own = study.intensity.measure
-    values = measure_all(motion, dict.fromkeys((own, *COMPARED)))
-    return factor_of(motion, own, values[own], 1.0), values
-
-
-def is_raw(motion: "Motion") -> bool:
-    """Whether a record is in counts, or its header states that it is uncorrected."""
-    about = motion.metadata
-    return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
+    own, about = study.intensity.measure, motion.metadata
+    measures = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    samples = hashlib.sha256(float(motion.dt).hex().encode())
+    for part in (motion.acceleration, motion.vertical):
+        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    return PreparedRecord(
+        motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
+        about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
+        factor_of(motion, own, measures[own], 1.0), measures,
+        event=str(about.get("event") or about.get("event_id") or ""),
+        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
+        raw=about.get("level") == "raw" or about.get("unit_in_file") == "counts",
+        samples=samples.hexdigest(),
+    )  # fmt: skip
 
 
 def prepare_motions(study: Study) -> list[PreparedRecord]:
@@ -323,23 +330,11 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     inputs, records = study_inputs(study), list[PreparedRecord]()
     folder = make_folder(study.work / FOLDER)
     for motion in read_sources(study):
-        (factor, measures), about = measured(motion, study), motion.metadata
+        record = described(study, motion)
         save_motions(folder / "new.npz", [motion])
         prepared = sha256_of(folder / "new.npz")
-        os.replace(folder / "new.npz", folder / f"{prepared[:16]}.npz")
-        samples = hashlib.sha256(float(motion.dt).hex().encode())
-        for part in (motion.acceleration, motion.vertical):
-            samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-        records.append(PreparedRecord(
-            motion.id, f"{FOLDER}/{prepared[:16]}.npz", about["file"], about["file_sha256"],
-            prepared, motion.dt, motion.duration, about.get("Mw") or about.get("magnitude"),
-            about.get("distance_km"), factor, measures,
-            event=str(about.get("event") or about.get("event_id") or ""),
-            accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-            raw=is_raw(motion), samples=samples.hexdigest(),
-        ))  # fmt: skip
-    if not records:
-        raise InputError("motions: the study has no record; give an index or files")
+        records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
+        os.replace(folder / "new.npz", study.work / records[-1].file)
     if (select := study.motions.select) is not None:
         records.sort(key=lambda record: select.index(record.id))
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,

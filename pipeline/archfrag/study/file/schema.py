@@ -75,13 +75,11 @@ class Intensity(Section):
         from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 
         low, high = PERIODS
-        try:
+        with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
             if not all(low <= period <= high for period in parse_measure(self.measure).periods):
                 raise InputError(f"must have periods from {low:g} to {high:g} s")
             if not scaling_exponent(self.measure):
                 raise InputError("no motion can be scaled to it")
-        except InputError as error:
-            raise refuse(f"= {self.measure}: {error}", "measure") from None
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if self.unit not in allowed:
             text = f"must be one of {', '.join(allowed)}, the units of {self.measure}"
@@ -129,12 +127,10 @@ class Method(Section):
         names = checks.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
-        try:
+        with at("cannot be used", kind=refuse):
             method = checks.check_method(self.name)
             checks.check_taken(method, dt=self.dt, rtol=self.rtol)
             checks.check_settings(method, self.settings)
-        except InputError as error:
-            raise refuse(str(error)) from error
         return self
 
 
