@@ -115,9 +115,7 @@ def check_start(study: Study) -> None:
 def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
-    Returned are numbers of ``arches``, ``records``, ``levels`` and ``runs``, which are meant
-    exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches, and records put
-    together from ``partners``.
+    Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
     """
     check_start(study)
     records, partners = [], []

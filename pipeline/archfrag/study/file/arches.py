@@ -162,13 +162,6 @@ class JointScatter(Section):
     friction: Distribution | None = None
     """Factor on the arch's friction."""
 
-    @model_validator(mode="after")
-    def _have_no_factors(self) -> Self:
-        for name, distribution in self:
-            if distribution is not None and distribution.relative:
-                raise refuse("cannot be used for joints", f"{name}.relative")
-        return self
-
 
 class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
@@ -196,6 +189,9 @@ class Vary(Section):
 
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
             raise refuse("must have a key of or joints: nothing varies")
+        for name, distribution in self.joints or ():
+            if distribution is not None and distribution.relative:
+                raise refuse("cannot be used for joints", f"joints.{name}.relative")
         if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")

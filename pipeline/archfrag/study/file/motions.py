@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
@@ -111,11 +111,6 @@ class FileSet(Section):
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
     header (its peak is off by a tenth)."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _as_mapping(cls, given: Any) -> Any:
-        return {"path": given} if isinstance(given, str) else given
-
 
 class Motions(Section):
     """The ground motions of the study."""
@@ -124,7 +119,9 @@ class Motions(Section):
     """Index (CSV) of shipped records, relative to the study file."""
     select: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the records to use, in this order; all if not given."""
-    files: list[FileSet] = Field(default_factory=list)
+    files: list[
+        Annotated[FileSet, BeforeValidator(lambda g: {"path": g} if isinstance(g, str) else g)]
+    ] = Field(default_factory=list)
     """Record files or patterns; each a path, or a mapping with path, unit, columns and so on."""
     vertical: bool = False
     """Whether vertical components move the arches too, from the same file or from a matching file
