@@ -1,5 +1,5 @@
 def record_files(wildcards):
-    from archfrag.study.file.sources import find_sources
+    from archfrag.study.file.records import find_sources
 
     return [str(source.path) for source in find_sources(study_of(wildcards.study))]
 

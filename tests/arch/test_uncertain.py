@@ -6,7 +6,7 @@ from scipy import stats
 
 from archfrag.arch.uncertain import Marginal, correlation_factor, sample
 from archfrag.errors import InputError
-from archfrag.study.file.vary import JointScatter
+from archfrag.study.file.arches import JointScatter
 
 # A distribution as a study gives it, and the one of scipy that it is to be.
 MARGINALS = {

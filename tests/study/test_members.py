@@ -25,6 +25,10 @@ def drawn(vary, count=4, **changed):
     return members
 
 
+def entries(members):
+    return [member.entry for member in members]
+
+
 def uniform(start, stop):
     return {"distribution": "uniform", "start": start, "stop": stop}
 
@@ -54,7 +58,7 @@ class TestVary:
 
     def test_joints_in_degrees_go_with_the_angle_of_embrace(self):
         joints = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
-        for arch in drawn({"of": {"embrace": normal(150.0, 0.02)}}, joints=joints).entries:
+        for arch in entries(drawn({"of": {"embrace": normal(150.0, 0.02)}}, joints=joints)):
             own = np.array(arch.joints) / arch.embrace
             np.testing.assert_allclose(own, np.array(joints) / 157.5, rtol=1e-9)
 
@@ -62,8 +66,8 @@ class TestVary:
         vary = {"recess_intrados": uniform(0.0, 0.05), "friction": normal(1.0, 0.1)}
         found = drawn({"joints": vary}, 256)
         assert next(iter(found)).values == {}
-        friction = np.array([arch.friction for arch in found.entries]) / 0.7
-        depth = np.array([arch.recess.intrados for arch in found.entries])
+        friction = np.array([arch.friction for arch in entries(found)]) / 0.7
+        depth = np.array([arch.recess.intrados for arch in entries(found)])
         assert friction.shape == depth.shape == (256, 8)
         assert friction.mean() == pytest.approx(1.0, abs=0.01)
         assert friction.std() == pytest.approx(0.1, rel=0.05)
@@ -71,10 +75,10 @@ class TestVary:
         # Of 56 correlations with a deviation of 1/16 each.
         pairs = np.corrcoef(np.hstack([friction, depth]).T) - np.eye(16)
         assert np.abs(pairs).max() < 0.28
-        assert found.entries[0].recess.extrados == 0.0
+        assert entries(found)[0].recess.extrados == 0.0
         for given, count in ((BLOCK, 1), (COLUMN, 2)):  # a block has one, a column no free end
-            arches = drawn({"joints": {"friction": vary["friction"]}}, **NO_RING | given).entries
-            assert {len(arch.friction) for arch in arches} == {count}
+            own = drawn({"joints": {"friction": vary["friction"]}}, **NO_RING | given)
+            assert {len(arch.friction) for arch in entries(own)} == {count}
 
     @pytest.mark.parametrize(
         ("end", "profile"),
@@ -85,7 +89,7 @@ class TestVary:
         ],
     )  # fmt: skip
     def test_the_springings_stay_where_they_are(self, end, profile):
-        found = drawn({"joints": {"position": uniform(-0.2, 0.2)}}, 16, **profile).entries
+        found = entries(drawn({"joints": {"position": uniform(-0.2, 0.2)}}, 16, **profile))
         joints = np.array([arch.joints for arch in found])
         assert np.all(joints[:, [0, -1]] == [0.0, end])
         assert 0.15 < np.abs(joints / end * 7.0 - np.arange(8)).max() < 0.2
@@ -120,32 +124,32 @@ class TestTables:
     def test_cells_are_keys_and_the_entry_fills_the_others(self, tmp_path):
         entry = fleet(tmp_path)
         found = expand([entry])
-        assert found.ids == ["old", "wide", "late"]
-        assert found.classes == ["fleet"] * 3
-        assert [arch.friction for arch in found.entries] == [0.6, 0.7, np.inf]
-        assert [arch.radius for arch in found.entries] == [10.0, 12.0, 8.0]
-        assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
-        assert found.attributes()["built"] == ["1880", "1901", ""]
+        assert [member.id for member in found] == ["old", "wide", "late"]
+        assert {member.arch_class for member in found} == {"fleet"}
+        assert [arch.friction for arch in entries(found)] == [0.6, 0.7, np.inf]
+        assert [arch.radius for arch in entries(found)] == [10.0, 12.0, 8.0]
+        assert {(arch.embrace, arch.voussoirs) for arch in entries(found)} == {(157.5, 7)}
+        assert [member.attributes["built"] for member in found] == ["1880", "1901", ""]
         fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))  # which is read again
-        assert expand([entry]).entries[0].radius == 10.25
+        assert entries(expand([entry]))[0].radius == 10.25
 
     def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
-        (arch,) = expand([fleet(tmp_path, text)]).entries
+        (arch,) = entries(expand([fleet(tmp_path, text)]))
         assert (arch.voussoirs, arch.friction) == (2, [0.5, 0.6, 0.7])
 
     def test_rows_may_vary_each_on_its_own(self, tmp_path):
         vary = {"samples": 4, "of": {"thickness": normal(1.0, 0.05, relative=True)}}
         found = expand([fleet(tmp_path, vary=vary)])
         assert len(found) == 12
-        assert found.ids[:2] == ["old-0001", "old-0002"]
-        thickness = np.array([arch.thickness for arch in found.entries])
-        np.testing.assert_array_equal(thickness, found.parameters()["thickness"])
+        assert [member.id for member in found][:2] == ["old-0001", "old-0002"]
+        thickness = np.array([arch.thickness for arch in entries(found)])
+        np.testing.assert_array_equal(thickness, [member.values["thickness"] for member in found])
         factors = thickness.reshape(3, 4) / [[1.5], [1.8], [1.25]]
         assert np.abs(factors[0] - factors[1]).min() > 1e-6
         alone = "".join(TABLE.splitlines(True)[i] for i in (1, 3))  # whatever other rows there are
         found = expand([fleet(tmp_path, alone, vary=vary)])
-        assert [arch.thickness for arch in found.entries] == thickness[4:8].tolist()
+        assert [arch.thickness for arch in entries(found)] == thickness[4:8].tolist()
 
     @pytest.mark.parametrize(
         ("old", "new", "message"),

@@ -126,7 +126,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     with cube:
         cube.load()
     prepared, intensity = load_prepared(study), study.intensity
-    entries = {entry.id: entry for entry in study.members(len(prepared)).entries}
+    entries = {member.id: member.entry for member in study.members(len(prepared))}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     arches = {name: entries[name].build() for name in [list(answers)[i] for i in shown(medians)]}
     return ReportInputs(

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
-from archfrag.study.file.members import Members, check_standing
-from archfrag.study.file.records import is_raw, measured, read_manifest, read_sources
+from archfrag.study.file.members import Members, check_standing, checked
+from archfrag.study.file.records import PreparedRecord, described, read_manifest, read_sources
 from archfrag.study.file.schema import Study, study_schema
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
@@ -50,17 +51,16 @@ def write_starter(folder: Path) -> Path:
     return study
 
 
-def uncorrected(study: Study, raw: dict[str, bool] | None = None) -> tuple[str, ...]:
-    """Message on raw records that the study does not correct; `raw` by those prepared if None."""
-    if raw is None:
-        raw = {}
+def uncorrected(study: Study, records: Sequence[PreparedRecord] = ()) -> tuple[str, ...]:
+    """Message on raw records that the study does not correct, of those prepared if not given."""
+    if not records:
         with contextlib.suppress(InputError):
-            raw = {record.id: record.raw for record in read_manifest(study)["records"]}
-    names = [name for name in raw if raw[name]]
-    if not names or CORRECTING & {step.name for step in study.motions.processing}:
+            records = read_manifest(study)["records"]
+    names = [record.id for record in records if record.raw]
+    if not names or CORRECTING & dict(study.motions.steps).keys():
         return ()
     return (
-        f"{len(names)} of {counted(len(raw), 'record')} raw, as recorded ("
+        f"{len(names)} of {counted(len(records), 'record')} raw, as recorded ("
         f"{', '.join(names[:MOST_ASKED])}{', …' * (len(names) > MOST_ASKED)}): their drift counts "
         "as motion; correct them by motions.processing, such as [detrend, {bandpass: {lowest: "
         "0.1, highest: 25}}]",
@@ -72,30 +72,27 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     from archfrag.simulate import onset
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
+    known = study.intensity.measure == "PGA" and not study.motions.vertical
     messages = []
-    for member in list(found)[:MOST_ASKED]:
+    for member in found[:MOST_ASKED]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
-        size = float(np.ptp(arch.chain.centroid, axis=0).max())
-        start, wrong = onset(arch), []
+        size, start = float(np.ptp(arch.chain.centroid, axis=0).max()), onset(arch)
         least = min(start.plus, start.minus)
-        if friction > MOST_FRICTION:
-            wrong.append(f"the coefficient of friction {friction:.3g} is greater than that of any "
-                         "masonry; was an angle meant?")  # fmt: skip
-        if size > LARGEST:
-            wrong.append(f"the arch is {size:.0f} m large; lengths are in m")
-        if study.intensity.measure == "PGA" and not study.motions.vertical:
-            where = f"the onset of motion ({least:.3g} g); is their unit right?"
-            if levels.max() <= least:
-                wrong.append(f"no level is above {where}")
-            if levels.min() > FAR_BEYOND * least:
-                wrong.append(f"all levels are more than {FAR_BEYOND:.0f} times {where}")
-        messages += [f"{member.id}: {text}" for text in wrong]
+        where = f"the onset of motion ({least:.3g} g); is their unit right?"
+        messages += [f"{member.id}: {text}" for wrong, text in (
+            (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
+             "than that of any masonry; was an angle meant?"),
+            (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
+            (known and levels.max() <= least, f"no level is above {where}"),
+            (known and levels.min() > FAR_BEYOND * least,
+             f"all levels are more than {FAR_BEYOND:.0f} times {where}"),
+        ) if wrong]  # fmt: skip
     return tuple(messages)
 
 
 def check_start(study: Study) -> None:
-    """Check a hazard, and that the output folder can be written; nothing is created."""
+    """Check a hazard, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
         from archfrag.study.file.hazard import load_hazard
 
@@ -108,11 +105,6 @@ def check_start(study: Study) -> None:
             raise OSError(code, os.strerror(code))
     except OSError as error:
         raise cannot_write(folder, error) from error
-    refuse_foreign_results(study)
-
-
-def refuse_foreign_results(study: Study) -> None:
-    """Check that the output folder holds no results of another study."""
     refuse_foreign_cube(study)
     owner = read_owner(study).get("id", study.id)
     if owner != study.id:
@@ -123,35 +115,29 @@ def refuse_foreign_results(study: Study) -> None:
 def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
-    Returned are numbers of ``arches``, ``records``, ``levels`` and ``runs``, which are meant
-    exactly, about or at most (``extent``); ``cautions``, ``classes`` of arches, and records put
-    together from ``partners``.
+    Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
     """
     check_start(study)
-    raw, partners = {}, []
+    records, partners = [], []
     for motion in read_sources(study):
-        measured(motion, study)
-        raw[motion.id], about = is_raw(motion), motion.metadata
+        records.append(described(study, motion))
+        about = motion.metadata
         others = [about.get("file_transverse"), about.get("vertical_file")]
-        used = " and ".join(name for name in others if name and name != about["file"])
-        partners += [f"{about['file']} with {used}"] if used else []
-    if not raw:
-        raise InputError("motions: the study has no record; give an index or files")
-    found = study.members(len(raw))
-    checked = found.checked()
-    check_standing(checked)
-    levels = len(study.intensity.si)
-    sizes = [study.design.size(len(raw) if member.record is None else 1, levels)
-             for member in found]  # fmt: skip
-    sizes_of, ids = Counter(found.classes), set(found.ids)
-    classes = [f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items() if name not in ids]
-    cautions = unit_warnings(study, found) + uncorrected(study, raw)
-    if unchecked := len(found) - len(checked):
+        if used := " and ".join(name for name in others if name and name != about["file"]):
+            partners.append(f"{about['file']} with {used}")
+    found, design, levels = study.members(len(records)), study.design, len(study.intensity.si)
+    some = checked(found)
+    check_standing(some)
+    sizes = [design.size(len(records) if m.record is None else 1, levels) for m in found]
+    sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
+    cautions = unit_warnings(study, found) + uncorrected(study, records)
+    if unchecked := len(found) - len(some):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
-        "study": study.id, "arches": len(found), "records": len(raw), "levels": levels,
-        "design": study.design.kind, "runs": sum(size for size, _ in sizes),
-        "extent": sizes[0][1], "classes": tuple(classes), "cautions": cautions,
-        "partners": tuple(partners),
+        "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
+        "design": design.kind, "runs": sum(size for size, _ in sizes), "extent": sizes[0][1],
+        "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
+                         if name not in ids),
+        "cautions": cautions, "partners": tuple(partners),
     }  # fmt: skip

@@ -26,8 +26,6 @@ CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
-KINDS = ("record", "index", "inventory")
-_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -139,7 +137,7 @@ def refuse_foreign_cube(study: "Study") -> None:
 def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     """List the changes from one state of the inputs to another, a line for each file."""
     lines = []
-    for kind in KINDS:
+    for kind in ("record", "index", "inventory"):
         old, new = before.get(kind, {}), now.get(kind, {})
         for path in sorted(path for path in old | new if old.get(path) != new.get(path)):
             what = "is new" if path not in old else "has changed" if path in new else "is gone"
@@ -150,7 +148,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results pass through."""
     found = {"archfrag": archfrag.__version__, "python": platform.python_version()}
-    for name in _PACKAGES:
+    for name in ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4"):
         with contextlib.suppress(PackageNotFoundError):
             found[name] = version(name)
     return found

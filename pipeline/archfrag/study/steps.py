@@ -17,9 +17,8 @@ from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest
+from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import study_inputs
 from archfrag.study.running import only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
 
@@ -53,7 +52,7 @@ def products(study: Study, step: str) -> list[Path]:
     names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
     if step == "report":
         with contextlib.suppress(InputError):  # before the motions there are no figures
-            ids = study.members(len(read_manifest(study)["records"])).ids
+            ids = [member.id for member in study.members(len(read_manifest(study)["records"]))]
             own = [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
             names[step] += own
     return [study.folder / name for name in names[step]]
@@ -194,10 +193,9 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
         found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
     elif step == "cube":
         plan = plan or make_plan(study)
-        arches = plan.arches
         found |= plan.digests | {
-            "attributes of arches": [arches.classes, arches.attributes()],
-            "parameters of arches": [(m.id, m.values) for m in arches],
+            "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
+            "parameters of arches": [(m.id, m.values) for m in plan.arches],
             "title": study.title, "institution": study.institution,
             "levels": [plan.digests["levels"], study.intensity.given],
             "settings": attributes(study, plan),

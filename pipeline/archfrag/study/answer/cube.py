@@ -13,11 +13,10 @@ from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Model, Status
 from archfrag.study import files
-from archfrag.study.file.arches import ArchEntry
+from archfrag.study.file.arches import VARIABLE, ArchEntry
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
-from archfrag.study.file.vary import VARIABLE
 from archfrag.study.files import strict_json
 from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
@@ -116,7 +115,7 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "method": study.method.model_dump(),
         "design": study.design.model_dump(),
     }
-    steps = [{"step": step.name, "settings": step.settings} for step in study.motions.processing]
+    steps = [{"step": name, "settings": given} for name, given in study.motions.steps]
     inputs = read_manifest(study)["inputs"]
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
@@ -206,15 +205,17 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
 
 
 def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
+    import pandas as pd
+
     from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
 
-    built = [entry.build() for entry in arches.entries]
+    built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]
     lengths = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in built]
     values = {
-        "arch": arches.ids,
-        "arch_class": arches.classes,
+        "arch": [member.id for member in arches],
+        "arch_class": [member.arch_class for member in arches],
         "onset_plus": [start.plus for start in starts],
         "onset_minus": [start.minus for start in starts],
         "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],
@@ -222,16 +223,18 @@ def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
     }
     found = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     about = VARIABLES["arch"]
-    for name, numbers in arches.parameters().items():
+    numbers = pd.DataFrame([member.values for member in arches], dtype=float)
+    for name in map(str, numbers):
         found[f"arch_{name}"] = _variable(about._replace(
             name=f"arch_{name}", dtype="f8", units=_ARCH_UNITS.get(name, "1"), fill="nan",
             long_name=f"{name} of the arch",
-        ), numbers)  # fmt: skip
-    for name, texts in arches.attributes().items():
+        ), numbers[name].to_numpy())  # fmt: skip
+    texts = pd.DataFrame([member.attributes for member in arches]).fillna("")
+    for name in map(str, texts):
         # Names in files have letters, digits and _ only; long_name is as in the table.
         plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
         while plain in found:
             plain += "_"
         own = about._replace(name=plain, long_name=f"{name} of the arch")
-        found[plain] = _variable(own, texts)
+        found[plain] = _variable(own, texts[name].tolist())
     return found

@@ -6,7 +6,7 @@ import io
 import os
 import re
 import reprlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import yaml
@@ -129,6 +129,18 @@ def _shown(value: Any, quotes: bool = False) -> str:
     plain = isinstance(value, str) and value.isprintable() and not quotes
     text = value if plain else "empty" if value is None else reprlib.repr(value)
     return text if len(text) <= 80 else f"{text[:80]}…"
+
+
+@contextlib.contextmanager
+def at(
+    place: Any, given: Any = None, kind: Callable[[str], Exception] = InputError
+) -> Iterator[None]:
+    """Name the place of what is wrong, as an error of a `kind`; `given` is what was validated."""
+    try:
+        yield
+    except (InputError, ValidationError) as error:
+        why = first_message(error, given) if isinstance(error, ValidationError) else error
+        raise kind(f"{place}: {why}") from error
 
 
 class _Loader(yaml.SafeLoader):

@@ -1,4 +1,4 @@
-"""Arches as a study file gives them: one block, whose keys follow from its profile."""
+"""Arches of a study file: one block, whose keys follow from its profile, and what varies of it."""
 
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeV
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
-from archfrag.study.file import PathText, Section, refuse
-from archfrag.study.file.vary import Vary
+from archfrag.study.file import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
+    from archfrag.arch.uncertain import Marginal
 
 _SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
 _DRAWN = ("thickness_factor", "tolerance", "dead_load")
@@ -31,6 +31,11 @@ COLUMNS = tuple(dict.fromkeys(
     ("profile", *_COMMON, *(key for name, both in PROFILES.items() if name != "polygons"
                             for key in sum(both, ())))
 ))  # fmt: skip
+# Keys of an arch that may vary, of all profiles.
+VARIABLE = (
+    "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
+    "friction", "dead_load", "thickness_factor",
+)  # fmt: skip
 
 
 def _coefficient(given: Any) -> Any:
@@ -59,6 +64,9 @@ Friction = Annotated[
     BeforeValidator(_coefficient),
     WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
 ]
+Value = Annotated[float, Field(ge=-1e12, le=1e12)]
+Positive = Annotated[float, Field(gt=0.0, le=1e12)]
+Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 Line = Annotated[list[Point], Field(min_length=2, max_length=2)]
 Corner = Annotated[list[float], Field(min_length=2, max_length=3)]
@@ -72,6 +80,124 @@ class Recess(Section):
     """Depth from the intrados along the joint, one for all joints or one for each [m]."""
     extrados: OneOrList[Depth] = 0.0
     """Depth from the extrados along the joint, one for all joints or one for each [m]."""
+
+
+class Distribution(Section):
+    """Distribution of one key, in the unit of the key."""
+
+    kind_key, common = "distribution", ("relative",)
+    kinds: ClassVar = {
+        "normal": (("mean",), ("cov", "sd", "lower", "upper")),
+        "lognormal": (("median", "beta"), ("lower", "upper")),
+        "uniform": (("start", "stop"), ()),
+        "triangular": (("start", "mode", "stop"), ()),
+    }
+
+    distribution: Literal["normal", "lognormal", "uniform", "triangular"]
+    mean: Value | None = None
+    """Mean of a normal distribution before truncation."""
+    cov: Dispersion | None = None
+    """Coefficient of variation of a normal distribution: standard deviation over mean; or sd."""
+    sd: Positive | None = None
+    """Standard deviation of a normal distribution before truncation; or cov."""
+    median: Positive | None = None
+    """Median of a lognormal distribution before truncation."""
+    beta: Dispersion | None = None
+    """Standard deviation of the natural logarithm of a lognormal distribution."""
+    start: Value | None = None
+    """Least value of a uniform or triangular distribution."""
+    mode: Value | None = None
+    """Most likely value of a triangular distribution."""
+    stop: Value | None = None
+    """Largest value of a uniform or triangular distribution."""
+    lower: Value | None = None
+    """Lower bound; the rest of a normal or lognormal distribution is scaled up."""
+    upper: Value | None = None
+    """Upper bound."""
+    relative: bool = False
+    """Whether values are factors on the key of the arch, which may be a list."""
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        if self.distribution == "normal" and (self.cov is None) == (self.sd is None):
+            raise refuse("must have one of cov and sd")
+        if self.cov is not None and self.mean is not None and self.mean <= 0.0:
+            raise refuse(f"must have sd in the place of cov with mean = {self.mean:g}")
+        ends = [value for value in (self.start, self.mode, self.stop) if value is not None]
+        if ends and (ends != sorted(ends) or ends[0] == ends[-1]):
+            values = ", ".join(f"{end:g}" for end in ends)
+            raise refuse(f"must increase from start to stop, not {values}")
+        with at("is cut too far", kind=refuse):
+            self.marginal().quantile(0.5)
+        return self
+
+    def marginal(self) -> "Marginal":
+        """Distribution to draw from."""
+        from scipy import stats
+
+        from archfrag.arch.uncertain import Marginal
+
+        keys: Any = self
+        if self.distribution == "normal":
+            law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
+        elif self.distribution == "lognormal":
+            law = stats.lognorm(keys.beta, 0.0, keys.median)
+        elif self.distribution == "uniform":
+            law = stats.uniform(keys.start, keys.stop - keys.start)
+        else:
+            width = keys.stop - keys.start
+            law = stats.triang((keys.mode - keys.start) / width, keys.start, width)
+        return Marginal(law, **self.model_dump(include={"lower", "upper"}, exclude_none=True))
+
+
+class JointScatter(Section):
+    """Differences between the joints of one arch, sampled independently."""
+
+    recess_intrados: Distribution | None = None
+    """Depth over which a joint transmits nothing at its intrados (lost mortar) [m]."""
+    recess_extrados: Distribution | None = None
+    """Depth over which a joint transmits nothing at its extrados [m]."""
+    position: Distribution | None = None
+    """Shift of the joints between the springings along the ring, in lengths of a voussoir."""
+    friction: Distribution | None = None
+    """Factor on the arch's friction."""
+
+
+class Vary(Section):
+    """Uncertain keys of an arch, and how arches are sampled."""
+
+    samples: Annotated[int, Field(ge=1, le=8192)]
+    """Number of sampled arches: of the study if crossed, of each record if not."""
+    scheme: Literal["sobol", "latin_hypercube"] = "sobol"
+    """sobol keeps its first samples when you add samples; latin_hypercube suits any number."""
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
+    """Seed of the random numbers; the same seed gives the same arches."""
+    crossed: bool = True
+    """Whether each sampled arch meets every record; false: each record meets its own arches."""
+    of: Annotated[
+        dict[str, Distribution], Field(json_schema_extra={"propertyNames": {"enum": VARIABLE}})
+    ] = Field(default_factory=dict)
+    """Distribution of each uncertain key, in the unit of the key."""
+    joints: JointScatter | None = None
+    """Differences between the joints of one arch."""
+    correlation: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """Coefficients of the Gaussian copula between keys: correlations of normal scores."""
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        from archfrag.arch.uncertain import correlation_factor
+
+        if not self.of and (self.joints is None or not self.joints.model_fields_set):
+            raise refuse("must have a key of or joints: nothing varies")
+        for name, distribution in self.joints or ():
+            if distribution is not None and distribution.relative:
+                raise refuse("cannot be used for joints", f"joints.{name}.relative")
+        if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
+            text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
+            raise refuse(f"= {self.samples} {text}", "samples")
+        with at("is not possible", kind=lambda text: refuse(text, "correlation")):
+            correlation_factor(list(self.of), self.correlation)
+        return self
 
 
 class ArchEntry(Section):

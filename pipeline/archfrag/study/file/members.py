@@ -2,21 +2,18 @@
 
 import hashlib
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from archfrag.errors import GeometryError, InputError, StabilityError
+from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
-from archfrag.study.file import first_message, meant, parse_value, read_csv
-from archfrag.study.file.arches import COLUMNS, ArchEntry
-from archfrag.study.file.vary import VARIABLE
+from archfrag.study.file import at, meant, parse_value, read_csv
+from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
@@ -53,39 +50,12 @@ class Member:
         return digest.hexdigest()
 
 
-class Members(tuple[Member, ...]):
-    """All arches of a study, in the order of its entries."""
+Members = tuple[Member, ...]  # in the order of the study's entries
 
-    __slots__ = ()
 
-    @property
-    def entries(self) -> tuple[ArchEntry, ...]:
-        """Arches, each with `build()`, `id` and `parameters`."""
-        return tuple(member.entry for member in self)
-
-    @property
-    def ids(self) -> list[str]:
-        """Names of the arches."""
-        return [member.id for member in self]
-
-    @property
-    def classes(self) -> list[str]:
-        """Class of each arch."""
-        return [member.arch_class for member in self]
-
-    def parameters(self) -> dict[str, NDArray[np.float64]]:
-        """Numbers in which arches of a class differ: name to (n_arch,); nan where fixed."""
-        names = dict.fromkeys(name for member in self for name in member.values)
-        return {n: np.array([member.values.get(n, np.nan) for member in self]) for n in names}
-
-    def attributes(self) -> dict[str, list[str]]:
-        """Attributes from tables: name to one text for each arch; empty where it has none."""
-        names = dict.fromkeys(name for member in self for name in member.attributes)
-        return {name: [member.attributes.get(name, "") for member in self] for name in names}
-
-    def checked(self) -> "Members":
-        """All arches; if there are very many, some of them at equal distances."""
-        return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
+def checked(members: Members) -> Members:
+    """All arches; if there are very many, some of them at equal distances."""
+    return members[:: -(-len(members) // MOST_CHECKED) or 1]
 
 
 def shown(theta: Sequence[float]) -> list[int]:
@@ -100,11 +70,6 @@ def shown(theta: Sequence[float]) -> list[int]:
     return sorted({int(known[0]), int(known[len(known) // 2]), int(known[-1])})
 
 
-def needs_records(entries: Sequence[ArchEntry]) -> bool:
-    """Whether the arches depend on the number of records: some class has `crossed: false`."""
-    return any(entry.vary is not None and not entry.vary.crossed for entry in entries)
-
-
 def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
     """List all arches of the entries of a study file.
 
@@ -115,95 +80,140 @@ def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members
     seen: dict[str, str] = {}
     for i, entry in enumerate(entries):
         where, vary = f"arches[{i}] ({entry.id})", entry.vary
-        try:
-            plain = entry.table is None
-            bases = [Member(entry.read(), entry.id, where)] if plain else [*_rows(entry, where)]
-            each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
-            if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
-                most = f"a study must have at most {MOST_MEMBERS}"
-                raise InputError(f"{where}: makes {count} arches with those before it; {most}")
-            new = [member for base in bases for member in _drawn(base, n_record or 0)]
-        except GeometryError as error:
-            raise InputError(f"{where}: {error}") from None
+        bases = list(_listed(entry, where))
+        each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
+        if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
+            most = f"a study must have at most {MOST_MEMBERS}"
+            raise InputError(f"{where}: makes {count} arches with those before it; {most}")
+        new = [member for base in bases for member in _drawn(base, n_record or 0)]
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
             seen[name] = where
         found += new
-    return Members(found)
+    return tuple(found)
+
+
+def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
+    """The arch of an entry, or those of its table; it fills the cells that a row leaves empty."""
+    if entry.table is None:
+        with at(where):
+            entry = entry.read()
+        yield Member(entry, entry.id, where)
+        return
+    place = f"{where}: {entry.table}"
+    text = read_text(Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table")
+    with at(place):
+        table = read_csv(text)
+        if "id" not in table or table.empty:
+            raise InputError("must have arches and a column id; commas between columns")
+        for name in map(str, table):
+            if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
+                rule = "give an attribute a name less like it"
+                raise InputError(f"column {name} is not a key of an arch; {hint} ({rule})")
+        if (twice := table["id"].duplicated()).any():
+            raise InputError(f"several arches have the id {table['id'][twice].iloc[0]!r}")
+    defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
+    keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
+    for row in table.to_dict("records"):
+        given = {**defaults, "id": row["id"]}
+        for key in filter(row.get, keys):
+            try:  # numbers as spreadsheets write them, such as 7.0 for 7
+                number = float(row[key])
+                given[key] = int(number) if number.is_integer() else number
+            except ValueError:
+                given[key] = parse_value(row[key], f"{place}, column {key}")
+        own = f"{place}, arch {row['id']}"
+        with at(own, given):
+            arch = ArchEntry.model_validate(given)
+        # Of rows that leave a cell empty too: the study's entry gives what they have.
+        values = {key: getattr(arch, key) for key in keys if key in ("voussoirs", *VARIABLE)}
+        numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
+        attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
+        yield Member(arch, entry.id, own, values=numbers, attributes=attributes)
 
 
 def _drawn(base: Member, n_record: int) -> Iterator[Member]:
-    """The samples of an arch, or itself if it does not vary."""
+    """The samples of an arch, or itself if it does not vary.
+
+    Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from joint to
+    joint by plain random numbers, the same for the n-th sample of a seed whatever the number of
+    samples: no design of a few points is even in as many coordinates as there are joints.
+    """
     vary = base.entry.vary
     if vary is None:
         yield base
         return
+    from archfrag.arch.uncertain import sample, to_digits
+
     records = [None] if vary.crossed else range(n_record)
     owners = [record for record in records for _ in range(vary.samples)]
-    # Rows of a table are drawn independently, whatever other rows there are.
-    stream = () if base.id == base.arch_class else (zlib.crc32(base.id.encode()),)
+    seed = [vary.seed]
+    if base.id != base.arch_class:  # rows are drawn independently, whatever other rows there are
+        seed.append(zlib.crc32(base.id.encode()))
     plain = base.entry.model_dump(exclude_none=True, exclude={"vary"})
-    n_joint = 0 if vary.joints is None else base.entry.build().n_joint
-    drawn = vary.draw(plain, n_joint, len(owners), stream)
-    for number, ((given, values), record) in enumerate(zip(drawn, owners), start=1):
-        own = base.values | values
-        told = ", ".join(f"{name} = {value:.6g}" for name, value in own.items()) or "joints"
-        place = f"{base.place}: sample {number} ({told})"
-        entry = _entry(given, place)
+    with at(base.place):
+        n_joint = 0 if vary.joints is None else base.entry.build().n_joint
+    values = sample(
+        {key: distribution.marginal() for key, distribution in vary.of.items()}, len(owners),
+        scheme=vary.scheme, seed=seed, correlation=vary.correlation,
+    )  # fmt: skip
+    for i, record in enumerate(owners):
+        given, own = {**plain, "id": f"{base.id}-{i + 1:04d}"}, dict(base.values)
+        for key, distribution in vary.of.items():
+            value = given[key] = float(values[key][i])
+            if distribution.relative:
+                given[key] = to_digits(np.multiply(plain[key], value)).tolist()
+            many = isinstance(given[key], list)
+            own[f"{key}_factor" if many else key] = value if many else given[key]
+        if "embrace" in vary.of and "joints" in plain:
+            # Joints in degrees keep their parts of an angle of embrace that varies.
+            ratio = given["embrace"] / plain["embrace"]
+            given["joints"] = [*(j * ratio for j in plain["joints"][:-1]), given["embrace"]]
+        if vary.joints is not None:
+            # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
+            generator = np.random.default_rng([*seed, i, 1])
+            given |= _joints_drawn(vary.joints, given, n_joint, generator)
+        told = ", ".join(f"{name} = {number:.6g}" for name, number in own.items()) or "joints"
+        place = f"{base.place}: sample {i + 1} ({told})"
+        with at(place, given):
+            entry = ArchEntry.model_validate(given)
         yield replace(base, entry=entry, place=place, record=record, values=own)
 
 
-def _entry(given: dict[str, Any], place: str) -> ArchEntry:
-    try:
-        return ArchEntry.model_validate(given)
-    except ValidationError as error:
-        raise InputError(f"{place}: {first_message(error, given)}") from None
+def _joints_drawn(
+    joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
+) -> dict[str, Any]:
+    """Draw the keys of an arch whose joints differ from each other."""
+    from archfrag.arch.uncertain import to_digits
 
-
-def _rows(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """The arches of a table; keys of the entry fill the cells that a row leaves empty."""
-    place = f"{where}: {entry.table}"
-    text = read_text(Path(entry.table or ""), LARGEST_TABLE, InputError, f"{where}: the table")
-    try:
-        table = read_csv(text)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-    if "id" not in table or table.empty:
-        raise InputError(f"{place}: must have arches and a column id; commas between columns")
-    for name in map(str, table):
-        if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
-            rule = "give an attribute a name less like it"
-            raise InputError(f"{place}: column {name} is not a key of an arch; {hint} ({rule})")
-    if (twice := table["id"].duplicated()).any():
-        raise InputError(f"{place}: several arches have the id {table['id'][twice].iloc[0]!r}")
-    defaults = entry.model_dump(exclude={"id", "table"}, exclude_unset=True, exclude_none=True)
-    keys = [name for name in map(str, table) if name in COLUMNS and name != "id"]
-    numeric = [key for key in keys if key in ("voussoirs", *VARIABLE)]
-    for row in table.to_dict("records"):
-        own: dict[str, Any] = {}
-        for key in filter(row.get, keys):
-            try:  # numbers as spreadsheets write them, such as 7.0 for 7
-                number = float(row[key])
-                own[key] = int(number) if number.is_integer() else number
-            except ValueError:
-                own[key] = parse_value(row[key], f"{place}, column {key}")
-        place_of_row = f"{place}, arch {row['id']}"
-        arch = _entry({**defaults, **own, "id": row["id"]}, place_of_row)
-        # Of rows that leave a cell empty too: the study's entry gives what they have.
-        values = {key: getattr(arch, key) for key in numeric}
-        numbers = {key: float(v) for key, v in values.items() if isinstance(v, float | int)}
-        attributes = {str(key): text for key, text in row.items() if key not in COLUMNS}
-        yield Member(arch, entry.id, place_of_row, values=numbers, attributes=attributes)
+    keys: dict[str, Any] = {}
+    # All are drawn, so that one key more leaves the others' numbers as they are.
+    for name, distribution in joints:
+        points = np.clip(generator.random(n_joint), 2.0**-32, 1.0 - 2.0**-32)
+        if distribution is None:
+            continue
+        values = to_digits(distribution.marginal().quantile(points))
+        if name == "friction":
+            keys[name] = to_digits(np.asarray(given[name]) * values).tolist()
+        elif name == "position":  # the springings stay where they are
+            end, count = float(given.get("embrace", 1.0)), max(n_joint - 1, 1)
+            step = end / count
+            places = given.get("joints") or [*(step * j for j in range(count)), end]
+            moved = np.asarray(places[1:-1]) + step * values[1:-1]
+            inner = (float(f"{place:.12g}") for place in moved)
+            keys["joints"] = [float(places[0]), *inner, float(places[-1])]
+        else:
+            side = {name.removeprefix("recess_"): values.tolist()}
+            keys["recess"] = keys.get("recess", given.get("recess", {})) | side
+    return keys
 
 
 def check_buildable(given: Members) -> None:
     """Check that all arches can exist; InputError names the first that cannot."""
     for member in given:
-        try:
+        with at(f"{member.place}: cannot exist"):
             member.entry.build()
-        except GeometryError as error:
-            raise InputError(f"{member.place}: cannot exist: {error}") from error
 
 
 def check_standing(given: Members) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
@@ -64,29 +64,14 @@ STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
 }  # fmt: skip
 
 
-class Step(Section):
-    """One step: its name, and its settings."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, given: Any) -> Any:
-        named = {given: {}} if isinstance(given, str) else given
-        if not isinstance(named, dict):
-            return named
-        if len(named) != 1:
-            raise refuse(f"must have one of the keys {', '.join(STEPS)}")
-        return {name: {} if settings is None else settings for name, settings in named.items()}
-
-    @property
-    def name(self) -> str:
-        """Name of the step."""
-        return next(iter(self.model_fields_set))
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Settings, with defaults filled in."""
-        found: dict[str, Any] = getattr(self, self.name).model_dump()
-        return found
+def _mapping(given: Any) -> Any:
+    """A step with its settings, which may be left out, as a mapping."""
+    named = {given: {}} if isinstance(given, str) else given
+    if not isinstance(named, dict):
+        return named
+    if len(named) != 1:
+        raise refuse(f"must have one of the keys {', '.join(STEPS)}")
+    return {name: {} if settings is None else settings for name, settings in named.items()}
 
 
 def _settings(name: str) -> Any:
@@ -99,10 +84,12 @@ def _settings(name: str) -> Any:
     return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
 
 
-_AnyStep: Any = create_model(
-    "Step", __base__=Step, __doc__=Step.__doc__,
-    **{name: (_settings(name), None) for name in STEPS},
-)  # type: ignore[call-overload]  # fmt: skip
+_blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}
+_Step: Any = Annotated[
+    create_model("Step", __base__=Section, __doc__="One step: its name, and its settings.",
+                 **_blocks),
+    BeforeValidator(_mapping),
+]  # fmt: skip
 
 
 class FileSet(Section):
@@ -124,11 +111,6 @@ class FileSet(Section):
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
     header (its peak is off by a tenth)."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _as_mapping(cls, given: Any) -> Any:
-        return {"path": given} if isinstance(given, str) else given
-
 
 class Motions(Section):
     """The ground motions of the study."""
@@ -137,40 +119,41 @@ class Motions(Section):
     """Index (CSV) of shipped records, relative to the study file."""
     select: Annotated[list[str], Field(min_length=1)] | None = None
     """Ids of the records to use, in this order; all if not given."""
-    files: list[FileSet] = Field(default_factory=list)
+    files: list[
+        Annotated[FileSet, BeforeValidator(lambda g: {"path": g} if isinstance(g, str) else g)]
+    ] = Field(default_factory=list)
     """Record files or patterns; each a path, or a mapping with path, unit, columns and so on."""
     vertical: bool = False
     """Whether vertical components move the arches too, from the same file or from a matching file
     next to it, scaled as the horizontal one. Every record must then have one."""
-    processing: Annotated[list[_AnyStep], Field(max_length=50)] = Field(default_factory=list)
+    processing: Annotated[list[_Step], Field(max_length=50)] = Field(default_factory=list)
     """Steps applied to each record before it is measured and scaled, in this order."""
 
+    @property
+    def steps(self) -> list[tuple[str, dict[str, Any]]]:
+        """Name and settings of each step of processing, with defaults filled in."""
+        return [(name, getattr(step, name).model_dump())
+                for step in self.processing for name in step.model_fields_set]  # fmt: skip
 
-def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
+
+def apply_step(
+    name: str, settings: dict[str, Any], motion: "Motion", record: Path, inventory: str | None
+) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
     from archfrag.motions import process
 
-    name, settings = step.name, step.settings
-    if name == "trim":
-        limits = {key: settings[key] for key in ("arias", "threshold_g", "times")}
-        kinds = [key for key, value in limits.items() if value is not None]
-        if len(kinds) != 1:
-            raise InputError("one of arias, threshold_g and times is needed")
-        value, margin = limits[kinds[0]], settings["margin"]
-        if kinds == ["arias"]:
-            changed = process.trim_by_arias(motion, value[0], value[1], margin)
-        elif kinds == ["threshold_g"]:
-            changed = process.trim_by_threshold(motion, value * STANDARD_GRAVITY, margin)
-        else:
-            changed = process.cut(motion, *value)
-    elif name == "response":
-        changed = process.remove_response(motion, record, inventory, **settings)
-    elif name == "choose":
-        text = f"Components {', '.join(settings['components'])} chosen."
-        return motion._replaced(log=(*motion.log, text))
-    else:
-        changed = getattr(process, name)(motion, **settings)
-    if len(changed.log) == len(motion.log):  # nothing to do
+    if name == "choose":  # done where records are read
+        return motion
+    if name == "response":
+        return process.remove_response(motion, record, inventory, **settings)
+    if name != "trim":
+        changed: Motion = getattr(process, name)(motion, **settings)
         return changed
-    text = ", ".join(f"{key}={value}" for key, value in settings.items() if value is not None)
-    return changed._replaced(log=(*changed.log[:-1], f"{changed.log[-1]} [{name}({text})]"))
+    arias, threshold, times, margin = settings.values()
+    if [arias, threshold, times].count(None) != 2:
+        raise InputError("one of arias, threshold_g and times is needed")
+    if arias is not None:
+        return process.trim_by_arias(motion, arias[0], arias[1], margin)
+    if threshold is not None:
+        return process.trim_by_threshold(motion, threshold * STANDARD_GRAVITY, margin)
+    return process.cut(motion, *times)

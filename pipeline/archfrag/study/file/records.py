@@ -1,18 +1,27 @@
-"""The motions of a study: measured, and stored once for all workers."""
+"""The records of a study: found by index or pattern, read, processed, measured and stored."""
 
+import fnmatch
+import glob
 import hashlib
 import os
-from dataclasses import asdict, dataclass, field
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, RecordError
 from archfrag.files import make_folder, sha256_of
+from archfrag.motions import index
+from archfrag.motions.calibrate import check_file
+from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
+from archfrag.study.file import at, meant
+from archfrag.study.file.motions import apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import read_sources, study_inputs
-from archfrag.study.files import canonical_json, read_json, sha256_if_there, write_text
+from archfrag.study.files import Inputs, canonical_json, read_json, sha256_if_there, write_text
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -24,6 +33,18 @@ COMPARED = (
     "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
 )  # fmt: skip
 _AGAIN = "run `archfrag motions` on the study file"
+
+
+@dataclass
+class Source:
+    """A record file, and how to read it."""
+
+    path: Path
+    options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
+    entry: index.IndexEntry | None = None  # row of the study's index
+    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    # Files of the components that the study asks for, unless they are in the record's own.
+    others: dict[str, Path] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -44,23 +65,259 @@ class PreparedRecord:
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     vertical: bool = False  # whether the motion has its vertical component
-    raw: bool = False  # whether the file states that nothing was corrected
+    raw: bool = False  # whether it is in counts, or its header states that it is uncorrected
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
-def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
-    """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
+def find_sources(study: Study) -> list[Source]:
+    """Find the record files of a study.
+
+    InputError or RecordError for a file or id that is missing, or is there with two settings.
+    """
+    asked = study.motions
+    rows = [] if asked.index is None else index.load_index(asked.index)
+    select = None if asked.files else asked.select  # of files the ids are known when read
+    check_known(select or (), [row.id for row in rows])
+    given: dict[Path, Source] = {}
+    for number, entry in enumerate(asked.files):
+        options = entry.model_dump(exclude={"path"})
+        with at(f"motions.files[{number}]"):
+            if entry.columns is not None:
+                from archfrag.motions.formats.columns import parse_columns
+
+                options["columns"] = parse_columns(entry.columns)
+            for path in _matching(entry.path):
+                # Two patterns may match the same file.
+                if given.setdefault(path, source := Source(path, options)) != source:
+                    other = "another unit, inventory, columns or accept"
+                    raise InputError(f"an entry before it matches {path} with {other}")
+    every = [Source(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+             for row in rows if select is None or row.id in select]  # fmt: skip
+    every += given.values()
+    for source in every:
+        check_file(source.path)
+        if inventory := source.options.get("inventory"):
+            check_file(Path(inventory))
+    # Without those that hold only the vertical component of another one's record.
+    verticals = vertical_files(sorted({source.path for source in every}))
+    sites = {_site(source.entry) for source in every if not _is_vertical(source.entry)} - {None}
+    found = [source for source in every if source.path not in verticals
+             and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
+    _name([source for source in found if source.entry is None])
+    _add_others(found, study, rows)
+    return found
+
+
+def study_inputs(study: Study) -> Inputs:
+    """All files that the motions of a study follow from.
+
+    Paths are relative to the folder of the results, so that a study may be moved with them.
+    """
+    sources, given = find_sources(study), study.motions.index
+    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
+    places = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / index.INDEX_NAME for each in places for place in (each, each.parent)]
+    if given is not None:
+        indices.insert(0, Path(given, index.INDEX_NAME if os.path.isdir(given) else ""))
+    names = {name for path in records for name in (path.stem, path.name)}
+    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
+    for place in places:
+        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
+        every = sorted(place.glob("*.xml"))
+        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
+    inputs: Inputs = {}
+    for kind, paths in (("record", records), ("index", indices), ("inventory", inventories)):
+        digests = {os.path.relpath(path, study.folder): sha256_if_there(path) for path in paths}
+        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
+    return inputs
+
+
+def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
+    """Check that all selected records exist; `InputError` names the first that does not."""
+    names = list(known)
+    for name in selected:
+        if name not in names:
+            hint = meant(name, names) or f"the study has {', '.join(names)}"
+            raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
+
+
+def _matching(text: str) -> list[Path]:
+    """The file of a path, or those of a pattern: in folders as written, with names in any case."""
+    pattern = Path(text)
+    if not glob.has_magic(text) or pattern.is_file():
+        return [pattern]
+    place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
+    folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
+    every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
+    paths = sorted(p for p in every if name.match(p.name) and not index.goes_with_records(p))
+    if not paths:
+        raise InputError(f"no file matches {text}")
+    return paths
+
+
+def _name(sources: Sequence[Source]) -> None:
+    """Give sources whose ids would be equal the names of their folders too, but common ones."""
+    stems, alike = Counter(source.path.stem for source in sources), dict[str, list[Source]]()
+    for source in sources:
+        if stems[source.path.stem] > 1 and index.find_entry(source.path) is None:
+            from archfrag.motions.read import record_name  # imports obspy
+
+            alike.setdefault(record_name(source.path), []).append(source)
+    for name, own in alike.items():
+        parents = [source.path.parent for source in own]
+        common = os.path.commonpath(parents)
+        for source, parent in zip(own, parents) if own[1:] else ():
+            last = source.path.name if parents.count(parent) > 1 else name
+            source.name = "+".join((*parent.relative_to(common).parts, last))
+
+
+def _components(study: Study) -> dict[str, bool]:
+    """Whether motions need a vertical, and both horizontal components at once."""
+    pairs = any(name == "rotate" for name, _ in study.motions.steps)
+    pairs = pairs or study.intensity.measure.strip().startswith("RotD")
+    return {"vertical": study.motions.vertical, "transverse": pairs}
+
+
+def _add_others(sources: Sequence[Source], study: Study, rows: Sequence[index.IndexEntry]) -> None:
+    """Find the files of the other components that are asked for.
+
+    A row of the index with the same event and station comes before a file of nearly the same name.
+    """
+    asked = [kind for kind, needed in _components(study).items() if needed]
+    places = {source.path.parent for source in sources} if asked else ()
+    by_name = {place: partners(folder_names(place)) for place in places}
+    for source in sources if asked else ():
+        site = _site(source.entry)
+        alike = [row for row in rows if site and _site(row) == site and row is not source.entry]
+        for kind in asked:
+            vertical = kind == "vertical"
+            paths = [row.path for row in alike if _is_vertical(row) == vertical]
+            named = by_name[source.path.parent][vertical].get(source.path.name)
+            if len(paths) != 1 and named:
+                paths = [source.path.with_name(named)]
+            if len(paths) == 1:
+                source.others[kind] = paths[0]
+
+
+def _is_vertical(row: index.IndexEntry | None) -> bool:
+    return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
+
+
+def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
+    """Event and station of a row of an index, if both are known."""
+    found = (row.metadata.get("event"), row.metadata.get("station")) if row else (None, None)
+    return found if all(found) else None
+
+
+def read_sources(study: Study) -> Iterator["Motion"]:
+    """Read the motions of a study one after the other, processed as it asks."""
+    from archfrag.motions.read import load_motion, read_motions
+
+    select, steps = study.motions.select, study.motions.steps
+    chosen = dict(steps).get("choose", {}).get("components", ())
+    taken: dict[str, Path] = {}
+    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
+    used, turned = set[Any](), set[Any]()
+    for source in find_sources(study):
+        path, entry, options = source.path, source.entry, source.options
+        every = [load_motion(entry)] if entry else read_motions(path, name=source.name, **options)
+        facts = {"file": path.name, "file_sha256": sha256_of(path)}
+        for motion in every:
+            about, code = motion.metadata, str(motion.metadata.get("component", ""))
+            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
+            record = shared if any(shared) else path
+            if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
+                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+                continue
+            used.add(record)
+            if (path, code) in turned:  # the other component of a motion that was rotated
+                continue
+            motion = _with_components(study, motion, every, source)
+            if "rotate" in dict(steps):
+                same = motion.metadata.get("file_transverse", "") == path.name
+                file = path if same else source.others.get("transverse")
+                turned.add((file, motion.metadata.get("component_transverse", "")))
+            for number, (name, settings) in enumerate(steps):
+                with at(f"{path}: motions.processing[{number}] ({name})", kind=RecordError):
+                    motion = apply_step(name, settings, motion, path, options.get("inventory"))
+                if name == "rotate":
+                    one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
+                    common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
+                    motion = motion._replaced(id=common or f"{one}+{other}")
+            if motion.id in taken:
+                whose = f"already belongs to {taken[motion.id]}; each record needs its own"
+                raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
+            taken[motion.id] = path
+            if select is None or motion.id in select:
+                yield motion._replaced(metadata={**motion.metadata, **facts})
+    if lost := [name for record, name in left_out.items() if record not in used]:
+        text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
+        raise RecordError(f"{lost[0]}: {text}")
+    check_known(select or (), taken)
+    if not taken:
+        raise InputError("motions: the study has no record; give an index or files")
+
+
+def _with_components(
+    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
+) -> "Motion":
+    """Give a motion the components that the study asks for, and no others."""
+    from archfrag.motions import partners
+    from archfrag.motions.read import read_motions, read_vertical
+
+    own, asked = motion, _components(study)
+    if own.vertical is not None and not asked["vertical"]:
+        labels = {**own.metadata, "vertical_component": ""}
+        log = (*own.log, "Vertical component left out.")
+        motion = own._replaced(vertical=None, metadata=labels, log=log)
+    for kind, needed in asked.items():
+        if not needed or (kind == "vertical" and own.vertical is not None):
+            continue
+        file = source.others.get(kind)
+        other = None if kind == "vertical" else partners.other_horizontal(own, every)
+        if other is None and file is not None:
+            if kind == "vertical":
+                other = read_vertical(file, **source.options)
+            else:
+                found = read_motions(file, **source.options)
+                other = found[0] if len(found) == 1 else None
+        if other is None:
+            component = "vertical" if kind == "vertical" else "other horizontal"
+            raise RecordError(
+                f"{source.path}: record {own.id} has no {component} component, which the study "
+                "needs. It must be in this file, in one whose name differs in the direction only "
+                "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
+                "and station"
+            )
+        if source.entry is not None:  # an index states what the headers may spell differently
+            labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
+            other = other._replaced(metadata=labels)
+        if kind == "vertical":
+            motion = partners.with_vertical(motion, other)
+        else:
+            motion = partners.with_transverse(motion, other)
+            motion = motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
+    return motion
+
+
+def described(study: Study, motion: "Motion") -> PreparedRecord:
+    """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
     from archfrag.motions.measures import factor_of, measure_all
 
-    own = study.intensity.measure
-    values = measure_all(motion, dict.fromkeys((own, *COMPARED)))
-    return factor_of(motion, own, values[own], 1.0), values
-
-
-def is_raw(motion: "Motion") -> bool:
-    """Whether a record is in counts, or its header states that it is uncorrected."""
-    about = motion.metadata
-    return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
+    own, about = study.intensity.measure, motion.metadata
+    measures = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    samples = hashlib.sha256(float(motion.dt).hex().encode())
+    for part in (motion.acceleration, motion.vertical):
+        samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    return PreparedRecord(
+        motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
+        about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
+        factor_of(motion, own, measures[own], 1.0), measures,
+        event=str(about.get("event") or about.get("event_id") or ""),
+        accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
+        raw=about.get("level") == "raw" or about.get("unit_in_file") == "counts",
+        samples=samples.hexdigest(),
+    )  # fmt: skip
 
 
 def prepare_motions(study: Study) -> list[PreparedRecord]:
@@ -73,23 +330,11 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     inputs, records = study_inputs(study), list[PreparedRecord]()
     folder = make_folder(study.work / FOLDER)
     for motion in read_sources(study):
-        (factor, measures), about = measured(motion, study), motion.metadata
+        record = described(study, motion)
         save_motions(folder / "new.npz", [motion])
         prepared = sha256_of(folder / "new.npz")
-        os.replace(folder / "new.npz", folder / f"{prepared[:16]}.npz")
-        samples = hashlib.sha256(float(motion.dt).hex().encode())
-        for part in (motion.acceleration, motion.vertical):
-            samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-        records.append(PreparedRecord(
-            motion.id, f"{FOLDER}/{prepared[:16]}.npz", about["file"], about["file_sha256"],
-            prepared, motion.dt, motion.duration, about.get("Mw") or about.get("magnitude"),
-            about.get("distance_km"), factor, measures,
-            event=str(about.get("event") or about.get("event_id") or ""),
-            accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-            raw=is_raw(motion), samples=samples.hexdigest(),
-        ))  # fmt: skip
-    if not records:
-        raise InputError("motions: the study has no record; give an index or files")
+        records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
+        os.replace(folder / "new.npz", study.work / records[-1].file)
     if (select := study.motions.select) is not None:
         records.sort(key=lambda record: select.index(record.id))
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,

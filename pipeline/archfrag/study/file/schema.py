@@ -7,14 +7,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import WORK, read_text
-from archfrag.study.file import PathText, Section, first_message, parse_value, refuse
+from archfrag.study.file import PathText, Section, at, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
-from archfrag.study.file.members import Members, check_buildable, expand, needs_records
+from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
 
@@ -75,13 +75,11 @@ class Intensity(Section):
         from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 
         low, high = PERIODS
-        try:
+        with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
             if not all(low <= period <= high for period in parse_measure(self.measure).periods):
                 raise InputError(f"must have periods from {low:g} to {high:g} s")
             if not scaling_exponent(self.measure):
                 raise InputError("no motion can be scaled to it")
-        except InputError as error:
-            raise refuse(f"= {self.measure}: {error}", "measure") from None
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if self.unit not in allowed:
             text = f"must be one of {', '.join(allowed)}, the units of {self.measure}"
@@ -129,12 +127,10 @@ class Method(Section):
         names = checks.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
-        try:
+        with at("cannot be used", kind=refuse):
             method = checks.check_method(self.name)
             checks.check_taken(method, dt=self.dt, rtol=self.rtol)
             checks.check_settings(method, self.settings)
-        except InputError as error:
-            raise refuse(str(error)) from error
         return self
 
 
@@ -219,8 +215,9 @@ class Study(Section):
 
     def members(self, n_record: int | None = None) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        key = n_record if needs_records(self.arches) else None
-        of, found = self._expanded.get(key, (None, Members()))
+        varied = [entry.vary for entry in self.arches if entry.vary is not None]
+        key = n_record if any(not vary.crossed for vary in varied) else None
+        of, found = self._expanded.get(key, (None, ()))
         if of is not self.arches:  # not yet, or of the study that this one is a copy of
             found = expand(self.arches, key)
             self._expanded[key] = self.arches, found
@@ -241,13 +238,10 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     for text in overrides:
         _override(given, text)
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
-    try:
+    with at(path, given):
         study = Study.model_validate(given, context={"folder": folder})
         # Arches that each record has of its own are known once the records are.
-        check_buildable(study.members(n_record=1).checked())
-    except (ValidationError, InputError) as error:
-        why = error if isinstance(error, InputError) else first_message(error, given)
-        raise InputError(f"{path}: {why}") from error
+        check_buildable(checked(study.members(n_record=1)))
     return study
 
 

@@ -106,7 +106,7 @@ def run_batch(
     rows = table[places(table, known.keys(cases))]
     names = np.array([member.name.lower() for member in Verdict], object)
     return log, pd.DataFrame({
-        "arch": np.array(known.arches.ids, object)[cases["arch"]],
+        "arch": np.array([member.id for member in known.arches], object)[cases["arch"]],
         "record": np.array([record.id for record in known.records], object)[cases["record"]],
         "level": cases["level"], "verdict": names[rows["verdict"]],
         "steps": rows["steps"], "wall_time": rows["wall_time"],
@@ -251,5 +251,5 @@ def kernels_needed(plan: Plan) -> list[str]:
         return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
-    by_events = {goes_by_events(entry.build().n_voussoir, rtol) for entry in plan.arches.entries}
+    by_events = {goes_by_events(arch.entry.build().n_voussoir, rtol) for arch in plan.arches}
     return [(AUTO, "event_driven")[by] for by in sorted(by_events)]

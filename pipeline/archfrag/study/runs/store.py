@@ -24,7 +24,7 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.kernel_cache import kernel_hash
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
-from archfrag.study.file.members import Members, check_buildable, needs_records
+from archfrag.study.file.members import Members, check_buildable
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_code
@@ -178,7 +178,7 @@ def make_plan(study: Study) -> Plan:
     """Plan of a study whose motions are prepared."""
     records = load_prepared(study)
     arches = study.members(len(records))
-    if needs_records(study.arches):
+    if any(member.record is not None for member in arches):
         check_buildable(arches)  # of which the study's file shows those of one record
     return Plan(study, arches, tuple(records))
 
