@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.contributions import deaggregate, level_edges
+from archfrag.fragility.contributions import level_edges
 from archfrag.fragility.counts import count_verdicts, find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
@@ -97,7 +97,6 @@ def test_data_that_give_no_curve(call, key):
         (lambda: collapse_rate(HAZARD, CURVE).probability_in(0.0), "years holds 0"),
         (lambda: parameter_draws(FLAT, 1), "not finite"),
         (lambda: level_edges([0.2, 0.1]), "levels has 0.1 after 0.2"),
-        (lambda: deaggregate([[1, 0]], [[-1, 0]], "abc"), "category holds -1"),
     ],
 )
 def test_bad_input(call, key):

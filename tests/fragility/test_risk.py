@@ -99,18 +99,6 @@ class TestContributions:
         found = contributions([9e-4, 1e-4], np.ones((10, 2), bool), kind, ("low", "high"))
         np.testing.assert_allclose(found.fraction, [0.9, 0.1])
         np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4])
-        np.testing.assert_allclose([found.lower, found.upper], [[0.9, 0.1]] * 2)
-
-    def test_band_is_that_of_resampled_records(self):
-        """At one level it is the band of a binomial fraction of records."""
-        kind = (np.arange(400) >= 100).astype(int)[:, None]
-        half = 1.645 * np.sqrt(0.25 * 0.75 / 400)
-        given = [1e-4], np.ones((400, 1), bool), kind, ("rare", "common")
-        # Four records of each earthquake: a hundred earthquakes, and a band twice as wide.
-        for event, reach in ((None, half), ((np.arange(400) // 4).astype(str), 2 * half)):
-            found = contributions(*given, event=event)
-            ends = [found.lower[0], found.upper[0]]
-            assert ends == pytest.approx([0.25 - reach, 0.25 + reach], abs=0.006 * reach / half)
 
 
 class TestDeaggregation:

@@ -3,14 +3,16 @@
 docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
@@ -18,24 +20,58 @@ from archfrag.fragility.probit import Lines, binomial_lines
 
 
 @dataclass(frozen=True)
-class QuotedBand:
-    """The curve of a study, how well it is known, and on what assumptions."""
+class Answer:
+    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
 
-    curve: Fragility  #: medians of theta and beta, kind "posterior"
-    theta: tuple[float, float]  #: interval, in the unit of the levels
-    beta: tuple[float, float]  #: interval
-    lower: FloatArray  #: of the band of the probability of collapse, shape of the intensities
-    upper: FloatArray
-    method: str  #: name of the method, for a caption
-    assumptions: str
-    n_independent: float  #: effective number of records or runs
-    n_contradictions: int = 0  #: runs that contradict the bracket of their record
+    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
+    likelihood: Fragility | str = ""  # by maximum likelihood, for comparison
+    theta: tuple[float, float] = (np.nan, np.nan)  # interval
+    beta: tuple[float, float] = (np.nan, np.nan)  # interval
+    im: list[float] = field(default_factory=list)  # of the band [SI]
+    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
+    upper: list[float] = field(default_factory=list)
+    confidence: float = 0.9
+    method: str = ""  # of the band
+    assumptions: str = ""  # of the band
+    n_independent: float = 0.0  # effective number of records or runs
+    n_non_monotone: int = 0  # runs against the capacity of their record
+    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
+
+    def probability(self, im: float) -> tuple[float, float, float]:
+        """Probability of collapse at an intensity, and its band; InputError without a curve."""
+        if isinstance(self.curve, str):
+            raise InputError(self.curve)
+        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
+        return float(self.curve.probability(im)), low, high
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
+        return vars(self) | own
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
+        """Inverse of `to_dict`."""
+        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
+        for name in ("theta", "beta"):
+            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
+        return cls(**{**plain, **own})
+
+
+def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
+    """A curve, or why there is none, as plain values."""
+    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
+
+
+def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
+    """Inverse of `curve_to_dict`."""
+    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
 def quoted_band(
     found: Brackets, im: ArrayLike, *,
     confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
-) -> QuotedBand:  # fmt: skip
+) -> Answer:  # fmt: skip
     """Curve of records that were run at several levels, with its band and intervals.
 
     Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
@@ -55,28 +91,27 @@ def quoted_band(
             f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
             "natural logarithms, which beta includes"
         )
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence),
-        "posterior of capacities, right Haar prior",
-        f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
-    )  # fmt: skip
+    text = "posterior of capacities, right Haar prior", f"Capacity is lognormal, and {what}."
+    return _answer(known, im, confidence, *text, number, int(found.contradictions.sum()))
 
 
 def quoted_runs(
     level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
-) -> QuotedBand:
+) -> Answer:
     """Curve of decided runs, (n_run,), that each have a motion of their own; as `quoted_band`."""
     if not np.size(level):
         raise FitError(NOTHING)
     known = fit_posterior(level, collapsed, 1)
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence),
-        "posterior of independent runs, Jeffreys prior",
-        "Capacity is lognormal, and runs are independent, each with a motion of its own.",
-        float(np.size(level)),
-    )  # fmt: skip
+    text = "Capacity is lognormal, and runs are independent, each with a motion of its own."
+    method = "posterior of independent runs, Jeffreys prior"
+    return _answer(known, im, confidence, method, text, float(np.size(level)))
+
+
+def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> Answer:
+    """Curve, intervals and band of a posterior, with the fields of an answer that follow."""
+    theta, beta = known.theta_interval(confidence), known.beta_interval(confidence)
+    band = [np.asarray(each).tolist() for each in (im, *known.band(im, confidence))]
+    return Answer(known.fragility, "", theta, beta, *band, confidence, *words)
 
 
 def capacity_posterior(

@@ -6,11 +6,12 @@ import numpy as np
 
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
+from archfrag.study.answer.curves import arch_classes
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class

@@ -16,11 +16,12 @@ from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.quoted import Answer
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
-from archfrag.study.answer.curves import Answer, arch_classes, quoted, runs_of_cube
+from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.hazard import load_hazard

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from archfrag.fragility.contributions import Contributions, deaggregate
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
+from archfrag.fragility.quoted import Answer
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground
@@ -16,7 +17,6 @@ from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figu
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults, Scale
 from archfrag.simulation.response import MODEL_WORDS, MechanismChange
-from archfrag.study.answer.curves import Answer
 
 VERDICTS = {
     Verdict.STANDING: Entry("standing", "#cfe0ee"),

@@ -9,13 +9,14 @@ from markupsafe import Markup
 from archfrag.fragility.contributions import Contributions
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
-from archfrag.study.answer.curves import Answer, arch_classes
+from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
-from archfrag.fragility.quoted import shared_events
+from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
 
 if TYPE_CHECKING:
@@ -54,55 +54,6 @@ class Runs:
     def brackets(self) -> Brackets:
         """Between which levels the capacity of each record lies [SI]."""
         return find_brackets(self.verdict, self.level)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
-
-    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
-    likelihood: Fragility | str  # by maximum likelihood, for comparison
-    theta: tuple[float, float] = (np.nan, np.nan)  # interval
-    beta: tuple[float, float] = (np.nan, np.nan)  # interval
-    im: list[float] = field(default_factory=list)  # of the band [SI]
-    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
-    upper: list[float] = field(default_factory=list)
-    confidence: float = 0.9
-    method: str = ""  # of the band
-    assumptions: str = ""  # of the band
-    n_independent: float = 0.0  # effective number of records or runs
-    n_non_monotone: int = 0  # runs against the capacity of their record
-    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
-
-    def probability(self, im: float) -> tuple[float, float, float]:
-        """Probability of collapse at an intensity, and its band; InputError without a curve."""
-        if isinstance(self.curve, str):
-            raise InputError(self.curve)
-        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
-        return float(self.curve.probability(im)), low, high
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
-        return vars(self) | own
-
-    @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
-        """Inverse of `to_dict`."""
-        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
-        for name in ("theta", "beta"):
-            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
-        return cls(**{**plain, **own})
-
-
-def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
-    """A curve, or why there is none, as plain values."""
-    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
-
-
-def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
-    """Inverse of `curve_to_dict`."""
-    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
 def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
@@ -145,19 +96,14 @@ def answer(runs: Runs, confidence: float) -> Answer:
     except FitError as error:
         likelihood = runs.worded(error)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
+    options = {"confidence": confidence, "groups": runs.group, "unit": runs.unit}
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        quoted = runs.design.estimate(
-            runs.brackets, im, confidence=confidence, groups=runs.group, unit=runs.unit
-        )
+        found = runs.design.estimate(runs.brackets, im, **options)
     except FitError as error:
         return Answer(runs.worded(error), likelihood, confidence=confidence)
-    return Answer(
-        quoted.curve, likelihood, quoted.theta, quoted.beta,
-        im.tolist(), quoted.lower.tolist(), quoted.upper.tolist(), confidence,
-        quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_contradictions,
-    )  # fmt: skip
+    return replace(found, likelihood=likelihood)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:

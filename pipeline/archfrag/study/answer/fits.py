@@ -12,8 +12,8 @@ from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
-from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.schema import Study

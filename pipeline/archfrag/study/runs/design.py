@@ -17,7 +17,7 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section
 
 if TYPE_CHECKING:
-    from archfrag.fragility.quoted import QuotedBand
+    from archfrag.fragility.quoted import Answer
 
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
@@ -83,7 +83,7 @@ class Design(Section):
         """Runs of an arch, and whether that is meant exactly, about or at most."""
         raise NotImplementedError
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "QuotedBand":
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band; options and errors are those of `quoted_band`."""
         from archfrag.fragility.quoted import quoted_band
 
