@@ -5,7 +5,7 @@ deaggregation of the hazard: records are run at levels that their earthquakes di
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,6 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising
 
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
 NOT_KNOWN = "not known"
-_NONE = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -28,8 +27,9 @@ class Contributions:
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year], or `counts`
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    lower: FloatArray = _NONE  #: (n_category,), of the interval of `fraction`, of collapses only
-    upper: FloatArray = _NONE
+    #: (n_category,), of the interval of `fraction`, of collapses only
+    lower: FloatArray = field(default_factory=lambda: np.empty(0))
+    upper: FloatArray = field(default_factory=lambda: np.empty(0))
     n_effective: float = np.nan  #: independent collapses that the interval supposes
 
     @property

@@ -110,8 +110,8 @@ def quoted_runs(
 def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> Answer:
     """Curve, intervals and band of a posterior, with the fields of an answer that follow."""
     theta, beta = known.theta_interval(confidence), known.beta_interval(confidence)
-    band = [np.asarray(each).tolist() for each in (im, *known.band(im, confidence))]
-    return Answer(known.fragility, "", theta, beta, *band, confidence, *words)
+    at, lower, upper = (np.asarray(x).tolist() for x in (im, *known.band(im, confidence)))
+    return Answer(known.fragility, "", theta, beta, at, lower, upper, confidence, *words)
 
 
 def capacity_posterior(
