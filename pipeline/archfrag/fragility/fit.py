@@ -13,7 +13,7 @@ from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import checked_stripes, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, positive, shaped, tails
+from archfrag.fragility.curve import FloatArray, Fragility, positive, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 
 _LARGEST_LOG = 600.0
@@ -114,20 +114,10 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
     Maximum likelihood of interval-censored data. `lower` may be 0 (collapse at the lowest level
-    tried), `upper` inf (none up to the highest); equal values are a capacity known exactly.
+    tried) or else `upper` inf (none up to the highest); equal values are a capacity known exactly.
     FitError if the likelihood has no maximum with beta > 0.
     """
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
-        shapes = f"lower has shape {lower.shape}, upper {upper.shape}"
-        raise InputError(f"{shapes}; one number per record is needed")
-    good = (lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0)
-    good &= (lower > 0.0) | (upper < np.inf)
-    for low, high in zip(lower[~good], upper[~good]):
-        raise InputError(
-            f"the bracket from {low:g} to {high:g} cannot be; 0 <= lower <= upper are needed, "
-            "lower finite, upper > 0, and not from 0 to inf"
-        )
     last, first = lower.max(), upper.min()
     if last <= first:
         why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
@@ -184,10 +174,8 @@ def fit_cloud(
     ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
-    codes = shaped(collapsed, (values.size,), "collapsed")
-    if not np.isin(codes, (0, 1)).all():
-        raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
-    _require_overlap(values, codes.astype(float), np.ones(values.size))
+    codes = np.asarray(collapsed, dtype=float)
+    _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
     times = draws_of_records(event, values.size, seed, resamples)
     weight = np.vstack([np.ones(values.size), times])

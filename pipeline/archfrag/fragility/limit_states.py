@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive, shaped
+from archfrag.errors import FitError
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.posterior import fit_posterior
 from archfrag.fragility.probit import interval_terms, least
@@ -39,18 +39,14 @@ def fit_limit_states(
     curve, and why it has none; and how the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
-    if codes.ndim != 3 or codes.size == 0:
-        raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
-    shape, n_state = codes.shape[:2], codes.shape[2]
-    intensity = np.broadcast_to(shaped(intensity, shape[2 - intensity.ndim :], "im"), shape)
-    labels = shaped(list(names), (n_state,), "names").tolist()
+    intensity, n_state = np.broadcast_to(intensity, codes.shape[:2]), codes.shape[2]
     flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
-    states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
+    states = [_single(levels, column, *each) for each in zip(flat.T, names)]
     known = [(i, fit) for i, (fit, _) in enumerate(states) if fit is not None]
     z = [np.log(levels[[0, -1]] / fit.theta) / fit.beta for _, fit in known]
     crossing = [
-        f"{labels[i]} and {labels[j]}"
+        f"{names[i]} and {names[j]}"
         for ((i, _), milder), ((j, _), worse) in pairwise(zip(known, z))
         if np.any(worse > milder + 1e-9)
     ]

@@ -14,7 +14,7 @@ from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
+from archfrag.fragility.curve import FloatArray, Fragility, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 from archfrag.fragility.probit import Lines, binomial_lines
 
@@ -121,8 +121,7 @@ def capacity_posterior(
     known = found.known()
     number = float(known.lower.size)
     if groups is not None:
-        labels = shaped(groups, found.lower.shape, "groups")
-        number = independent_records(known, labels[found.decided > 0])
+        number = independent_records(known, np.asarray(groups)[found.decided > 0])
     return fit_capacity_posterior(known, number), number
 
 

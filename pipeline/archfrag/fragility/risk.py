@@ -32,11 +32,8 @@ class HazardCurve:
 
     def __post_init__(self) -> None:
         im, rate = np.asarray(self.im, dtype=float), np.asarray(self.rate, dtype=float)
-        if im.shape != rate.shape or im.ndim != 1:
-            raise InputError(
-                f"the hazard curve's im has shape {im.shape}, its rate {rate.shape}; two lists of "
-                "at least two points are needed"
-            )
+        if im.shape != rate.shape:
+            raise InputError(f"the hazard curve has {im.size} intensities and {rate.size} rates")
         known = ~((rate == 0.0) | (rate == np.inf))
         if known.sum() < 2:
             raise InputError(
