@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.contributions import contributions, deaggregate
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import capacity_posterior
-from archfrag.fragility.risk import HazardCurve, collapse_rate, parameter_draws, rate_by_level
+from archfrag.fragility.risk import (
+    HazardCurve,
+    collapse_rate,
+    contributions,
+    deaggregate,
+    parameter_draws,
+    rate_by_level,
+)
 
 IM = np.geomspace(0.05, 2.0, 9)
 BENT = HazardCurve(IM, np.exp(-7.0 - 2.0 * np.log(IM) - 0.3 * np.log(IM) ** 2))

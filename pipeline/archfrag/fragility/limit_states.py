@@ -22,21 +22,19 @@ State = tuple[Fragility | None, FitError | None]
 def fit_limit_states(
     exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]
 ) -> tuple[list[State], str]:
-    """Fit a lognormal curve to each of several ordered limit states.
+    """Fit a lognormal curve to each of several limit states, from the least severe to the most.
 
     A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
-    by one cross within the range of the levels, those with a fit of their own are replaced by an
-    ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once; states that no run separates have one theta in it. Runs count as
-    independent, as in `fit_stripes`. A state whose exceedances are separated in intensity from
-    its other runs has no likeliest curve; it is given the medians of `fit_posterior`. One that
-    all runs exceed, or none, has no curve.
+    by one cross within the range of the levels, an ordered probit model with one beta and a theta
+    each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states at once; states that no
+    run separates have one theta in it. Runs count as independent, as in `fit_stripes`. A state
+    whose exceedances are separated in intensity from its other runs is given the medians of
+    `fit_posterior`. One that all runs exceed, or none, has no curve.
 
     `exceeded`, (n_record, n_level, n_state), holds 1 exceeded, 0 not, any other number not
-    decided; states go from the least severe to the most. `im`, (n_level,) or (n_record, n_level),
-    is the intensity of each run, > 0. Returns the curve of each state, of kind "stripes" if
-    fitted by itself, "ordered" if together with the others, "posterior" if it has no likeliest
-    curve, and why it has none; and how the curves were ordered.
+    decided; `im`, (n_level,) or (n_record, n_level), intensities > 0. Returns the curve of each
+    state, of kind "stripes", "ordered" or "posterior", and why it has no likeliest one; and how
+    the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     intensity, n_state = np.broadcast_to(intensity, codes.shape[:2]), codes.shape[2]

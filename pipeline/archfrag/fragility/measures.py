@@ -47,16 +47,15 @@ def compare_measures(
     `found` holds brackets in the measure `own`, by which the study was scaled; `values` those of
     the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each (2
     for Arias intensity); `magnitude`, `distance` and `event` are of the records, nan where not
-    known; (n_record,) each. Returned are
+    known; (n_record,) each.
 
-    ``rows``, one for each measure, numbers nan where they are not known: ``measure``; ``theta`` in
-    its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent; slopes of ln capacity and
-    their p; ``sufficient``, no p below 0.05, or None; ``n_records`` used, ``n_bracketed`` of them;
-    ``none``, why there is no curve. ``own``. ``best``, of the sufficient measures (if there is
-    none, of those not tested; else of all) the one of least efficiency. ``p_value``, the
-    probability that a measure no better than `own` seems so much better by chance
-    (`scatter_by_chance`), times the number of measures that the best was chosen from (Bonferroni).
-    ``ratio`` of the efficiencies of both. ``n_test``, tests of sufficiency made. ``message``.
+    Returned are ``rows``, one for each measure, nan where not known (``efficiency`` is beta /
+    exponent, ``sufficient`` None without a test, ``none`` why there is no curve); ``best``, of the
+    sufficient measures (if there is none, of those not tested; else of all) the one of least
+    efficiency; ``ratio`` of its efficiency to that of `own`; ``p_value``, the probability that a
+    measure no better than `own` seems so much better by chance (`scatter_by_chance`), times the
+    number of measures that the best was chosen from (Bonferroni); ``n_test``, tests of sufficiency
+    made; ``message``.
     """
     names, n_record = list(values), len(found.verdict)
     if found.verdict.shape[1] == 1:

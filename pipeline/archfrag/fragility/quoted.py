@@ -180,17 +180,15 @@ def isotonic_curve(
     found: Brackets, event: ArrayLike | None = None, *,
     seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Likeliest curve that never falls with intensity, and its band.
+    """Likeliest curve that never falls with intensity, and its band, (n_level,) by name.
 
     Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
     likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
     Math. Stat. 26). The band is from the bootstrap of records, or of earthquakes `event`,
     (n_record,), with all their records. It has no width where all runs of a level agree, and is
     somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records,
-    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %.
-
-    Returns ``im``; ``probability`` of collapse there, ``lower`` and ``upper`` end of its band,
-    (n_level,) each. FitError if no run is decided, or all are at one level.
+    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError if no run is
+    decided, or all are at one level.
     """
     levels, collapses, n = found.at_levels(filled=True)
     if levels.size < 2:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Contributions, deaggregate
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.quoted import Answer
+from archfrag.fragility.risk import Contributions, deaggregate
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground

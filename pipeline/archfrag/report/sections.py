@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from archfrag.fragility.contributions import Contributions
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
+from archfrag.fragility.risk import Contributions
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table

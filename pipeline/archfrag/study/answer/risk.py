@@ -9,15 +9,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.files import counted
-from archfrag.fragility.contributions import (
-    Contributions,
-    contributions,
-    level_edges,
-    value_bins,
-)
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
+from archfrag.fragility.risk import (
+    CollapseRate,
+    Contributions,
+    collapse_rate,
+    contributions,
+    level_edges,
+    parameter_draws,
+    rate_by_level,
+    value_bins,
+)
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.hazard import Hazard

@@ -38,17 +38,10 @@ class Grid:
     # (n_record, n_measure): logarithms of other intensity measures of the records where the
     # study's own is 1.
     measures: FloatArray
-    # (n_record,): labels of the records' earthquakes, where several have one in common.
-    groups: NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size
         self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
-
-    @property
-    def runs(self) -> int:
-        """Number of runs made at the study's levels."""
-        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
 
     def run(
         self, rows: NDArray[np.int64], places: NDArray[np.int64]

@@ -66,10 +66,9 @@ class Ida(Design):
         row, place = free[chosen], places[chosen]
         collapsed, survived = yield from grid.run(row, place)
         against = int(np.where(place <= low[row], collapsed, survived).sum())
-        checked = int((collapsed | survived).sum())
-        return {
-            "runs": grid.runs, "records": n_record, "checked": checked, "contradictions": against
-        }  # fmt: skip
+        checked, runs = collapsed | survived, np.count_nonzero(grid.seen != Verdict.NOT_SIMULATED)
+        return {"runs": runs, "records": n_record, "checked": int(checked.sum()),
+                "contradictions": against}  # fmt: skip
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
