@@ -144,7 +144,7 @@ def split_curves(
     if logs.size < 2:
         raise FitError("one arch has no modelling dispersion; sample several")
     sampling = np.mean(np.square(standard_error)) * (1.0 - shared)
-    return _roots(np.mean(np.square(beta)), logs.var(ddof=1) - sampling)
+    return _roots(float(np.mean(np.square(beta))), logs.var(ddof=1) - sampling)
 
 
 def _roots(within: float, between: float) -> tuple[float, float]:

@@ -66,9 +66,11 @@ class Ida(Design):
         row, place = free[chosen], places[chosen]
         collapsed, survived = yield from grid.run(row, place)
         against = int(np.where(place <= low[row], collapsed, survived).sum())
-        checked, runs = collapsed | survived, np.count_nonzero(grid.seen != Verdict.NOT_SIMULATED)
-        return {"runs": runs, "records": n_record, "checked": int(checked.sum()),
-                "contradictions": against}  # fmt: skip
+        checked = int((collapsed | survived).sum())
+        runs = int((grid.seen != Verdict.NOT_SIMULATED).sum())
+        return {
+            "runs": runs, "records": n_record, "checked": checked, "contradictions": against
+        }  # fmt: skip
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
