@@ -27,32 +27,16 @@ class Verdict(IntEnum):
     NOT_SIMULATED = 4  # a cell for which the design of the study asked for no run
 
 
-@dataclass(frozen=True)
-class VerdictCounts:
-    """Runs of each verdict at each level, all arrays of shape (n_level,)."""
+def count_verdicts(verdict: ArrayLike) -> dict[str, IntArray]:
+    """Count the runs of each verdict at each level of `verdict`, (..., n_level), by name.
 
-    standing: IntArray
-    collapsed: IntArray
-    unfinished: IntArray
-    solver_failures: IntArray
-
-    @property
-    def n(self) -> IntArray:
-        """Runs that decide: standing and collapsed only, (n_level,)."""
-        return self.standing + self.collapsed
-
-    @property
-    def runs(self) -> IntArray:
-        """All runs that were made, whatever their verdict, (n_level,)."""
-        return self.n + self.unfinished + self.solver_failures
-
-
-def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
-    """Count the verdicts at each level of `verdict`, (..., n_level), codes of `Verdict`."""
-    codes = np.asarray(verdict)
-    codes = codes.reshape(-1, codes.shape[-1])
-    made = list(Verdict)[: Verdict.NOT_SIMULATED]
-    return VerdictCounts(*(np.count_nonzero(codes == v, axis=0).astype(np.int64) for v in made))
+    ``n`` are those that decide, standing and collapsed, ``runs`` all that were made.
+    """
+    codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
+    names = {"standing": 0, "collapsed": 1, "unfinished": 2, "solver_failures": 3}
+    found = {name: (codes == code).sum(axis=0) for name, code in names.items()}
+    n = found["standing"] + found["collapsed"]
+    return found | {"n": n, "runs": n + found["unfinished"] + found["solver_failures"]}
 
 
 def checked_stripes(

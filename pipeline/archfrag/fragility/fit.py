@@ -45,13 +45,13 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     im, collapses, n = checked_stripes(im, collapses, n)
     im, collapses, n = (part[n > 0] for part in (im, collapses, n))
     _require_overlap(im, collapses, n)
-    line = binomial_lines(np.log(im), collapses, n)
+    (a,), (b,), (loss,), (information,) = binomial_lines(np.log(im), collapses, n)
     # A line that is nearly level has its median beyond all numbers.
-    if not line.slope[0] > np.abs(line.intercept[0]) / _LARGEST_LOG:
+    if not b > np.abs(a) / _LARGEST_LOG:
         raise FitError(_LEVEL, im.min(), im.max())
     coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
-    likelihood = float(coefficients.sum() - line.loss[0])
-    known = _parameters(line.intercept[0], line.slope[0], line.information[0])
+    likelihood = float(coefficients.sum() - loss)
+    known = _parameters(a, b, information)
     return Fragility(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
 
 
@@ -179,13 +179,13 @@ def fit_cloud(
     # Each run once, then as drawn.
     times = draws_of_records(event, values.size, seed, resamples)
     weight = np.vstack([np.ones(values.size), times])
-    lines = binomial_lines(np.log(values), weight * codes, weight, "logistic")
-    kept = ~np.isnan(lines.slope)
+    a, b, *_ = binomial_lines(np.log(values), weight * codes, weight, "logistic")
+    kept = ~np.isnan(b)
     if not kept[0]:
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:
         raise FitError("no resample of the cloud determines a curve; add records")
-    a, b = lines.intercept[kept], lines.slope[kept]
+    a, b = a[kept], b[kept]
     points = np.stack([np.exp(-a / b), logit(ndtr(1.0)) / b])
     ends = np.quantile(points[:, 1:], tails(confidence), axis=1, method="inverted_cdf")
     theta, beta = points[:, 0].tolist()

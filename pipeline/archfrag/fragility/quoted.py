@@ -16,7 +16,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
 from archfrag.fragility.curve import FloatArray, Fragility, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
-from archfrag.fragility.probit import Lines, binomial_lines
+from archfrag.fragility.probit import binomial_lines
 
 
 @dataclass(frozen=True)
@@ -226,17 +226,17 @@ def check_lognormal(
     """
     levels, collapses, made = found.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
-    line = binomial_lines(x, total, n)
-    if np.isnan(line.slope[0]):
+    (a,), (b,), loss, _ = binomial_lines(x, total, n)
+    if np.isnan(b):
         raise FitError("these runs have no lognormal curve, so there is nothing to test")
-    deviance = _deviances(line, total[None], n)[0]
+    deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
-    z, rho = line.intercept[0] + line.slope[0] * x, np.nan
+    z, rho = a + b * x, np.nan
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if found.contradictions.any():
             scatter = fit_capacity_posterior(found.known()).scatter
-            rho = max(0.0, 1.0 - (scatter * line.slope[0]) ** 2)
+            rho = max(0.0, 1.0 - (scatter * b) ** 2)
         (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]
@@ -245,14 +245,14 @@ def check_lognormal(
             row[:] = np.bincount(level, z[level] >= capacity, x.size)
     else:
         drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(float)
-    fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
-    values = _deviances(fits, drawn, n)[~np.isnan(fits.slope)]
+    _, slopes, losses, _ = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
+    values = _deviances(losses, drawn, n)[~np.isnan(slopes)]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
     return float(p_value), float(rho)
 
 
-def _deviances(lines: Lines, collapses: FloatArray, n: FloatArray) -> FloatArray:
+def _deviances(loss: FloatArray, collapses: FloatArray, n: FloatArray) -> FloatArray:
     """Twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
     p = np.array([_pooled(k, n) for k in collapses])
     likelihood = xlogy(collapses, p) + xlogy(n - collapses, 1.0 - p)
-    return 2.0 * (likelihood.sum(axis=1) + lines.loss)
+    return 2.0 * (likelihood.sum(axis=1) + loss)

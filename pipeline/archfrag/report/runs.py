@@ -137,7 +137,7 @@ def fractions(
     Of all runs where every record was run at every level, else of the collapses.
     """
     every = bool(results.simulated.all())
-    divisor = np.maximum(results.counts.n if every else results.counts.collapsed, 1)
+    divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]
