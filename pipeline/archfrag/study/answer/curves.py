@@ -224,40 +224,40 @@ def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str
 
     limits = [float(each.cube["static_limit"]) for each in members]
     rad = f", {limits[0]:.3g} rad" if len(members) == 1 else ""
-    meanings = {
-        "motion": "a joint opens or slides",
-        "impact": "a joint closes by an impact",
-        "residual": f"a displacement of {keys['residual']:g} of a joint's length is left",
-        "rotation": f"rotation by {keys['rotation']:g} of the static limit{rad}",
-        "contact lost": "a joint opens at both corners, regained or not",
-        "collapse": "a loss of contact that cannot be regained",
-    }
+    residual, rotation = keys["residual"], keys["rotation"]
+    # By name what a state means, and which runs of an arch exceed it.
+    known: dict[str, tuple[str, Callable[[Any], Any]]] = {
+        "motion": ("a joint opens or slides",
+                   lambda part: part["openings"] + part["slides"] + part["impacts"] > 0),
+        "impact": ("a joint closes by an impact", lambda part: part["impacts"] > 0),
+        "residual": (f"a displacement of {residual:g} of a joint's length is left",
+                     lambda p: p["residual_displacement"] >= residual * p["joint_length"]),
+        "rotation": (f"rotation by {rotation:g} of the static limit{rad}",
+                     lambda part: part["peak_rotation"] >= rotation * part["static_limit"]),
+        "contact lost": ("a joint opens at both corners, regained or not",
+                         lambda part: np.isfinite(part["lost_contact_time"])),
+        "collapse": ("a loss of contact that cannot be regained",
+                     lambda part: part["verdict"] == Verdict.COLLAPSED),
+    }  # fmt: skip
     if not np.isfinite(limits).all():
-        del meanings["rotation"]
-    exceeded = np.concatenate([_exceeded(each, keys, list(meanings)) for each in members])
+        del known["rotation"]
+    meanings, conditions = zip(*known.values())
+    exceeded = np.concatenate([_exceeded(each, conditions) for each in members])
     level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for r in members])
-    found, message = fit_limit_states(exceeded, level, list(meanings))
+    found, message = fit_limit_states(exceeded, level, list(known))
     onset = min(_onset(each.cube) for each in members)
     states = []
-    for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
+    for name, meaning, (fit, none) in zip(known, meanings, found):
         reason = members[0].worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or reason)
         states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
     return {"message": message, "states": states}
 
 
-def _exceeded(runs: Runs, keys: Mapping[str, float], names: Sequence[str]) -> NDArray[np.int64]:
+def _exceeded(runs: Runs, conditions: Sequence[Callable[[Any], Any]]) -> NDArray[np.int64]:
     """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
     part = runs.cube.isel(record=runs.rows).transpose("record", "level", ...)
-    states: dict[str, Any] = {
-        "motion": part["openings"] + part["slides"] + part["impacts"] > 0,
-        "impact": part["impacts"] > 0,
-        "residual": part["residual_displacement"] >= keys["residual"] * part["joint_length"],
-        "rotation": part["peak_rotation"] >= keys["rotation"] * part["static_limit"],
-        "contact lost": np.isfinite(part["lost_contact_time"]),
-        "collapse": part["verdict"] == Verdict.COLLAPSED,
-    }
-    codes = [np.where(states[name], Verdict.COLLAPSED, Verdict.STANDING) for name in names]
+    codes = [np.where(holds(part), Verdict.COLLAPSED, Verdict.STANDING) for holds in conditions]
     codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
     if runs.design.adaptive:  # where the runs of a record imply others
         codes = [find_brackets(code, runs.level).filled for code in codes]

@@ -93,7 +93,6 @@ class ArchRisk:
 class StudyRisk:
     """Rates of collapse of arches and classes; one without a curve has its message."""
 
-    study: str
     hazard: Hazard
     years: float
     arches: dict[str, ArchRisk | str]  # classes as well
@@ -117,7 +116,7 @@ def risk_of(
         for name, fit in fits.items()
     }  # fmt: skip
     counts = {name: each.size for name, each in places.items() if each.size > 1}
-    return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches, counts)
+    return StudyRisk(hazard, years, arches, counts)
 
 
 def _arch_risk(
@@ -224,7 +223,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
         for name, curve in hazard.curves.items()
     }
     facts: dict[str, Any] = finite({
-        "study": risk.study, "measure": hazard.measure, "unit": study.intensity.unit,
+        "study": study.id, "measure": hazard.measure, "unit": study.intensity.unit,
         "years": risk.years,
         "hazard": {"source": hazard.source, "notes": list(hazard.messages), "curves": curves},
         "assumptions": list(ASSUMPTIONS), "arches": arches, "classes": risk.classes,

@@ -220,10 +220,8 @@ def joined(parts: Iterable[Table | None]) -> Table:
 
 def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
     """Row of each key in a table in their order, -1 where there is no result, (n,)."""
-    if not len(table):
-        return np.full(len(keys), -1)
-    known = np.ascontiguousarray(table["key"])
-    at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    known = np.append(table["key"], b"")  # which is no key
+    at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
