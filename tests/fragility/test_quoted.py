@@ -36,11 +36,10 @@ FEW = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
 
 def test_each_verdict_at_each_level():
     counts = count_verdicts([[0, 1, 4], [0, 2, 4], [1, 3, 1]])
-    assert counts.standing.tolist() == [2, 0, 0]
-    assert counts.collapsed.tolist() == [1, 1, 1]
-    assert counts.unfinished.tolist() == counts.solver_failures.tolist() == [0, 1, 0]
-    assert counts.n.tolist() == [3, 1, 1]
-    assert counts.runs.tolist() == [3, 3, 1]
+    assert {name: each.tolist() for name, each in counts.items()} == {
+        "standing": [2, 0, 0], "collapsed": [1, 1, 1], "unfinished": [0, 1, 0],
+        "solver_failures": [0, 1, 0], "n": [3, 1, 1], "runs": [3, 3, 1],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

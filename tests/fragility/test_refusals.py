@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.contributions import deaggregate, level_edges
-from archfrag.fragility.counts import count_verdicts, find_brackets
+from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
-from archfrag.fragility.limit_states import fit_limit_states
 from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, quoted_band, quoted_runs
-from archfrag.fragility.risk import HazardCurve, collapse_rate, parameter_draws
+from archfrag.fragility.risk import HazardCurve, collapse_rate, level_edges, parameter_draws
 
 INF, NAN = np.inf, np.nan
 CURVE = Fragility(0.5, 0.4, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
@@ -71,23 +69,15 @@ def test_data_that_give_no_curve(call, key):
 @pytest.mark.parametrize(
     ("call", "key"),
     [
-        (lambda: count_verdicts([[0.0, NAN]]), r"of 0 \(standing\)"),
         (lambda: find_brackets([[0, 1]], [0.1, 0.0]), "levels holds 0"),
-        (lambda: find_brackets([0, 1], [0.1, 0.2]), "n_record"),
         (lambda: fit_stripes([-0.1, 0.2], [0, 1], 5), "im holds -0.1"),
         (lambda: fit_stripes([0.1, 0.2], [0, 6], 5), "collapses is 6 at im = 0.2"),
         (lambda: fit_stripes([0.1, 0.2], [0, 1], [5, INF]), "n holds inf"),
         (lambda: fit_stripes([], [], 5), r"im has shape \(0,\)"),
         (lambda: fit_ida([]), r"shape \(0,\)"),
         (lambda: fit_ida([0.5, 0.6], -1.0), "truncate_at holds -1"),
-        (lambda: fit_cloud([0.1, 0.2], [0, 2]), "0 and 1"),
-        (lambda: fit_brackets([0.3, 0.5], [0.2, 0.6]), "from 0.3 to 0.2 cannot be"),
         (lambda: CURVE.band(0.5, 90.0), "confidence is 90"),
         (lambda: Fragility.from_dict({"theta": 1.0}), "'beta'"),
-        (lambda: split_curves([1, 2], [0.4] * 2, [0.1] * 2, shared=1.0), "shared is 1"),
-        (lambda: fit_limit_states(STATES[0], LEVELS, "ab"), "n_state"),
-        (lambda: measures(own="PGD"), "own is 'PGD'"),
-        (lambda: measures(exponent={"PGA": 0.0}), "exponent holds 0"),
         (lambda: HazardCurve([0.2, 0.1], [2e-3, 1e-3]), "has 0.1 after 0.2"),
         (lambda: HazardCurve([0.1, 0.2], [1e-3, 1e-3]), "is 0.001 at all its points"),
         (lambda: HazardCurve([0.1], [1e-3]), "has 1 of 1 points"),
@@ -97,7 +87,6 @@ def test_data_that_give_no_curve(call, key):
         (lambda: collapse_rate(HAZARD, CURVE).probability_in(0.0), "years holds 0"),
         (lambda: parameter_draws(FLAT, 1), "not finite"),
         (lambda: level_edges([0.2, 0.1]), "levels has 0.1 after 0.2"),
-        (lambda: deaggregate([[1, 0]], [[-1, 0]], "abc"), "category holds -1"),
     ],
 )
 def test_bad_input(call, key):

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.contributions import contributions, deaggregate
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import capacity_posterior
-from archfrag.fragility.risk import HazardCurve, collapse_rate, parameter_draws, rate_by_level
+from archfrag.fragility.risk import (
+    HazardCurve,
+    collapse_rate,
+    contributions,
+    deaggregate,
+    parameter_draws,
+    rate_by_level,
+)
 
 IM = np.geomspace(0.05, 2.0, 9)
 BENT = HazardCurve(IM, np.exp(-7.0 - 2.0 * np.log(IM) - 0.3 * np.log(IM) ** 2))
@@ -99,18 +105,6 @@ class TestContributions:
         found = contributions([9e-4, 1e-4], np.ones((10, 2), bool), kind, ("low", "high"))
         np.testing.assert_allclose(found.fraction, [0.9, 0.1])
         np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4])
-        np.testing.assert_allclose([found.lower, found.upper], [[0.9, 0.1]] * 2)
-
-    def test_band_is_that_of_resampled_records(self):
-        """At one level it is the band of a binomial fraction of records."""
-        kind = (np.arange(400) >= 100).astype(int)[:, None]
-        half = 1.645 * np.sqrt(0.25 * 0.75 / 400)
-        given = [1e-4], np.ones((400, 1), bool), kind, ("rare", "common")
-        # Four records of each earthquake: a hundred earthquakes, and a band twice as wide.
-        for event, reach in ((None, half), ((np.arange(400) // 4).astype(str), 2 * half)):
-            found = contributions(*given, event=event)
-            ends = [found.lower[0], found.upper[0]]
-            assert ends == pytest.approx([0.25 - reach, 0.25 + reach], abs=0.006 * reach / half)
 
 
 class TestDeaggregation:

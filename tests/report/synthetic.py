@@ -6,11 +6,12 @@ import xarray as xr
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.inputs import ReportInputs, Scale
 from archfrag.simulate import onset
-from archfrag.study.answer.curves import Answer, answer, runs_of_cube
+from archfrag.study.answer.curves import answer, runs_of_cube
 
 GRAVITY = 9.80665
 SCALE = Scale("PGA", "g", 1.0 / GRAVITY)

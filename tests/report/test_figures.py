@@ -171,7 +171,7 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
                 for left, right, _, high in rectangles(sheet, panel, colour):
                     level = round(0.5 * (left + right))
                     top[level] = max(top[level], high)
-            np.testing.assert_allclose(top, data.counts.collapsed / data.counts.n, atol=1e-3)
+            np.testing.assert_allclose(top, data.counts["collapsed"] / data.counts["n"], atol=1e-3)
 
 
 def test_run_that_is_shown():

@@ -12,10 +12,11 @@ import xarray as xr
 from archfrag.errors import FitError, InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
 from archfrag.study.answer.cube import build_cube, write_cube
-from archfrag.study.answer.curves import Answer, Runs, dispersion_split
+from archfrag.study.answer.curves import Runs, dispersion_split
 from archfrag.study.answer.fits import (
     arch_cautions,
     cautions_of_cube,

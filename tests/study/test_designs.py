@@ -23,11 +23,11 @@ LEVELS = np.linspace(0.05, 0.75, 15)
 FINE = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 
 
-def driven(design, table, measures=None, groups=None, levels=LEVELS):
+def driven(design, table, measures=None, levels=LEVELS):
     """What a design returns, all cells that it asked for, none twice, and their verdicts."""
     n, n_level = table.shape
     measures = np.empty((n, 0)) if measures is None else measures
-    grid = Grid(0, np.arange(n), levels[:n_level], np.ones(n), 1.0, measures, groups)
+    grid = Grid(0, np.arange(n), levels[:n_level], np.ones(n), 1.0, measures)
     cases, notes = ask(
         {0: design.requests(grid)},
         lambda cases: table[cases["record"], cases["place"]].astype(np.int8),

@@ -15,7 +15,8 @@ from archfrag.export import tables
 from archfrag.export.formats import FORMATS, CurveSet, named_measure
 from archfrag.files import make_folder, sha256_of, write_csv
 from archfrag.fragility.curve import Fragility
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict, quoted
+from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished

@@ -14,7 +14,7 @@ from archfrag.errors import from_extra
 from archfrag.export.formats import CurveSet
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.study.answer.curves import Answer
+from archfrag.fragility.quoted import Answer
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211

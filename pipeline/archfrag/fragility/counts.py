@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, shaped, tails
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, tails
 
 MOST_LEVELS = 500  # of runs by intensity
 NOTHING = "no run collapsed or stood, so there is nothing to fit"
@@ -27,36 +27,16 @@ class Verdict(IntEnum):
     NOT_SIMULATED = 4  # a cell for which the design of the study asked for no run
 
 
-@dataclass(frozen=True)
-class VerdictCounts:
-    """Runs of each verdict at each level, all arrays of shape (n_level,)."""
+def count_verdicts(verdict: ArrayLike) -> dict[str, IntArray]:
+    """Count the runs of each verdict at each level of `verdict`, (..., n_level), by name.
 
-    standing: IntArray
-    collapsed: IntArray
-    unfinished: IntArray
-    solver_failures: IntArray
-
-    @property
-    def n(self) -> IntArray:
-        """Runs that decide: standing and collapsed only, (n_level,)."""
-        return self.standing + self.collapsed
-
-    @property
-    def runs(self) -> IntArray:
-        """All runs that were made, whatever their verdict, (n_level,)."""
-        return self.n + self.unfinished + self.solver_failures
-
-
-def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
-    """Count the verdicts at each level of `verdict`, (..., n_level), codes of `Verdict`."""
-    codes = np.asarray(verdict)
-    foreign = codes[~np.isin(codes, [int(v) for v in Verdict])]
-    if foreign.size:
-        allowed = ", ".join(f"{v.value} ({v.name.lower()})" for v in Verdict)
-        raise InputError(f"verdict holds {foreign.flat[0]!s}, which is not one of {allowed}")
-    codes = codes.reshape(-1, codes.shape[-1])
-    made = list(Verdict)[: Verdict.NOT_SIMULATED]
-    return VerdictCounts(*(np.count_nonzero(codes == v, axis=0).astype(np.int64) for v in made))
+    ``n`` are those that decide, standing and collapsed, ``runs`` all that were made.
+    """
+    codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
+    names = {"standing": 0, "collapsed": 1, "unfinished": 2, "solver_failures": 3}
+    found = {name: (codes == code).sum(axis=0) for name, code in names.items()}
+    n = found["standing"] + found["collapsed"]
+    return found | {"n": n, "runs": n + found["unfinished"] + found["solver_failures"]}
 
 
 def checked_stripes(
@@ -68,7 +48,8 @@ def checked_stripes(
         raise InputError(f"im has shape {levels.shape}; a list of one intensity per level")
     m = np.full(levels.shape, m) if m.ndim == 0 else m
     for name, values in (("collapses", k), ("n", m)):
-        shaped(values, levels.shape, name)
+        if values.shape != levels.shape:
+            raise InputError(f"{name} has shape {values.shape}; {levels.shape} is needed")
         bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
@@ -109,8 +90,6 @@ def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int, resamples: int
 ) -> IntArray:
     """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
-    if resamples < 100:
-        raise InputError(f"resamples is {resamples}; quantiles need at least 100")
     group = event_groups(event, n_record)
     n = int(group.max()) + 1
     generator = np.random.default_rng(seed)
@@ -121,7 +100,7 @@ def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
     """A number for each record, the same for those of one event; its own where `event` is None."""
     if event is None:
         return np.arange(n_record)
-    return np.unique(shaped(event, (n_record,), "event"), return_inverse=True)[1]
+    return np.unique(np.asarray(event), return_inverse=True)[1]
 
 
 @dataclass(frozen=True)
@@ -208,11 +187,7 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     in any order.
     """
     codes, level = np.asarray(verdict), positive(levels, "levels")
-    if codes.ndim != 2 or codes.size == 0:
-        raise InputError(f"verdict has shape {codes.shape}; (n_record, n_level) is needed")
-    count_verdicts(codes)
-    if level.shape != codes.shape:
-        level = np.broadcast_to(shaped(level, codes.shape[1:], "levels"), codes.shape)
+    level = np.broadcast_to(level, codes.shape)
     order = np.argsort(level, axis=1, kind="stable")
     codes, level = (np.take_along_axis(each, order, 1) for each in (codes, level))
     collapsed, survived = codes == Verdict.COLLAPSED, codes == Verdict.STANDING

@@ -116,7 +116,7 @@ def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     and McCulloch 1992, *Variance Components*, chapters 3 and 4). Records with an unknown capacity
     (nan) are left out. FitError if fewer than two arches, or two records of each, remain.
     """
-    logs = np.log(positive(capacity, "capacities", unknown=True))
+    logs = np.log(capacity)
     logs = logs[:, ~np.isnan(logs).any(axis=0)]
     a, r = logs.shape
     if a < 2 or r < 2:
@@ -140,15 +140,11 @@ def split_curves(
     beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
     the errors of ln theta between arches, 0 where each has records of its own.
     """
-    logs = np.log(positive(theta, "theta"))
-    betas = shaped(positive(beta, "beta"), logs.shape, "beta")
-    errors = shaped(positive(standard_error, "standard_error"), logs.shape, "standard_error")
-    if not 0.0 <= shared < 1.0:
-        raise InputError(f"shared is {shared:g}; a correlation from 0 to below 1 is needed")
+    logs = np.log(theta)
     if logs.size < 2:
         raise FitError("one arch has no modelling dispersion; sample several")
-    sampling = np.mean(errors**2) * (1.0 - shared)
-    return _roots(np.mean(betas**2), logs.var(ddof=1) - sampling)
+    sampling = np.mean(np.square(standard_error)) * (1.0 - shared)
+    return _roots(float(np.mean(np.square(beta))), logs.var(ddof=1) - sampling)
 
 
 def _roots(within: float, between: float) -> tuple[float, float]:
@@ -165,29 +161,18 @@ def log_intensity(im: ArrayLike) -> FloatArray:
         return np.log(im)
 
 
-def positive(values: ArrayLike, name: str, unknown: bool = False) -> FloatArray:
-    """Values as floats, > 0 and finite, nan only where `unknown` is allowed; else InputError."""
+def positive(values: ArrayLike, name: str) -> FloatArray:
+    """Values as floats; InputError unless all are > 0 and finite."""
     given = np.asarray(values, dtype=float)
-    bad = given[~((given > 0.0) & np.isfinite(given) | (unknown & np.isnan(given)))]
+    bad = given[~((given > 0.0) & np.isfinite(given))]
     if bad.size:
-        allowed = "positive finite numbers" + (", or nan where not known" if unknown else "")
-        raise InputError(f"{name} holds {bad[0]:g}; only {allowed} are allowed")
-    return given
-
-
-def shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[Any]:
-    """Values as an array of the shape that others imply; else InputError."""
-    given = np.asarray(values)
-    if given.shape != shape:
-        raise InputError(f"{name} has shape {given.shape}; {shape} is needed")
+        raise InputError(f"{name} holds {bad[0]:g}; only positive finite numbers are allowed")
     return given
 
 
 def rising(values: ArrayLike, name: str) -> FloatArray:
-    """A list of positive finite numbers that increase; else InputError."""
+    """A list of positive finite numbers; InputError unless they increase."""
     given = positive(values, name)
-    if given.ndim != 1:
-        raise InputError(f"{name} has shape {given.shape}; a list is needed")
     for i in np.flatnonzero(np.diff(given) <= 0.0)[:1]:
         raise InputError(f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase")
     return given

@@ -13,7 +13,7 @@ from scipy.special import gammaln, logit, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import checked_stripes, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, positive, shaped, tails
+from archfrag.fragility.curve import FloatArray, Fragility, positive, tails
 from archfrag.fragility.probit import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 
 _LARGEST_LOG = 600.0
@@ -45,13 +45,13 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     im, collapses, n = checked_stripes(im, collapses, n)
     im, collapses, n = (part[n > 0] for part in (im, collapses, n))
     _require_overlap(im, collapses, n)
-    line = binomial_lines(np.log(im), collapses, n)
+    (a,), (b,), (loss,), (information,) = binomial_lines(np.log(im), collapses, n)
     # A line that is nearly level has its median beyond all numbers.
-    if not line.slope[0] > np.abs(line.intercept[0]) / _LARGEST_LOG:
+    if not b > np.abs(a) / _LARGEST_LOG:
         raise FitError(_LEVEL, im.min(), im.max())
     coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
-    likelihood = float(coefficients.sum() - line.loss[0])
-    known = _parameters(line.intercept[0], line.slope[0], line.information[0])
+    likelihood = float(coefficients.sum() - loss)
+    known = _parameters(a, b, information)
     return Fragility(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
 
 
@@ -114,20 +114,10 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
     Maximum likelihood of interval-censored data. `lower` may be 0 (collapse at the lowest level
-    tried), `upper` inf (none up to the highest); equal values are a capacity known exactly.
+    tried) or else `upper` inf (none up to the highest); equal values are a capacity known exactly.
     FitError if the likelihood has no maximum with beta > 0.
     """
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
-    if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
-        shapes = f"lower has shape {lower.shape}, upper {upper.shape}"
-        raise InputError(f"{shapes}; one number per record is needed")
-    good = (lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0)
-    good &= (lower > 0.0) | (upper < np.inf)
-    for low, high in zip(lower[~good], upper[~good]):
-        raise InputError(
-            f"the bracket from {low:g} to {high:g} cannot be; 0 <= lower <= upper are needed, "
-            "lower finite, upper > 0, and not from 0 to inf"
-        )
     last, first = lower.max(), upper.min()
     if last <= first:
         why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
@@ -184,20 +174,18 @@ def fit_cloud(
     ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
-    codes = shaped(collapsed, (values.size,), "collapsed")
-    if not np.isin(codes, (0, 1)).all():
-        raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
-    _require_overlap(values, codes.astype(float), np.ones(values.size))
+    codes = np.asarray(collapsed, dtype=float)
+    _require_overlap(values, codes, np.ones(values.size))
     # Each run once, then as drawn.
     times = draws_of_records(event, values.size, seed, resamples)
     weight = np.vstack([np.ones(values.size), times])
-    lines = binomial_lines(np.log(values), weight * codes, weight, "logistic")
-    kept = ~np.isnan(lines.slope)
+    a, b, *_ = binomial_lines(np.log(values), weight * codes, weight, "logistic")
+    kept = ~np.isnan(b)
     if not kept[0]:
         raise FitError(_LEVEL, values.min(), values.max())
     if kept.sum() < 2:
         raise FitError("no resample of the cloud determines a curve; add records")
-    a, b = lines.intercept[kept], lines.slope[kept]
+    a, b = a[kept], b[kept]
     points = np.stack([np.exp(-a / b), logit(ndtr(1.0)) / b])
     ends = np.quantile(points[:, 1:], tails(confidence), axis=1, method="inverted_cdf")
     theta, beta = points[:, 0].tolist()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive, shaped
+from archfrag.errors import FitError
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.posterior import fit_posterior
 from archfrag.fragility.probit import interval_terms, least
@@ -22,35 +22,29 @@ State = tuple[Fragility | None, FitError | None]
 def fit_limit_states(
     exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]
 ) -> tuple[list[State], str]:
-    """Fit a lognormal curve to each of several ordered limit states.
+    """Fit a lognormal curve to each of several limit states, from the least severe to the most.
 
     A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
-    by one cross within the range of the levels, those with a fit of their own are replaced by an
-    ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once; states that no run separates have one theta in it. Runs count as
-    independent, as in `fit_stripes`. A state whose exceedances are separated in intensity from
-    its other runs has no likeliest curve; it is given the medians of `fit_posterior`. One that
-    all runs exceed, or none, has no curve.
+    by one cross within the range of the levels, an ordered probit model with one beta and a theta
+    each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states at once; states that no
+    run separates have one theta in it. Runs count as independent, as in `fit_stripes`. A state
+    whose exceedances are separated in intensity from its other runs is given the medians of
+    `fit_posterior`. One that all runs exceed, or none, has no curve.
 
     `exceeded`, (n_record, n_level, n_state), holds 1 exceeded, 0 not, any other number not
-    decided; states go from the least severe to the most. `im`, (n_level,) or (n_record, n_level),
-    is the intensity of each run, > 0. Returns the curve of each state, of kind "stripes" if
-    fitted by itself, "ordered" if together with the others, "posterior" if it has no likeliest
-    curve, and why it has none; and how the curves were ordered.
+    decided; `im`, (n_level,) or (n_record, n_level), intensities > 0. Returns the curve of each
+    state, of kind "stripes", "ordered" or "posterior", and why it has no likeliest one; and how
+    the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
-    if codes.ndim != 3 or codes.size == 0:
-        raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
-    shape, n_state = codes.shape[:2], codes.shape[2]
-    intensity = np.broadcast_to(shaped(intensity, shape[2 - intensity.ndim :], "im"), shape)
-    labels = shaped(list(names), (n_state,), "names").tolist()
+    intensity, n_state = np.broadcast_to(intensity, codes.shape[:2]), codes.shape[2]
     flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
-    states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
+    states = [_single(levels, column, *each) for each in zip(flat.T, names)]
     known = [(i, fit) for i, (fit, _) in enumerate(states) if fit is not None]
     z = [np.log(levels[[0, -1]] / fit.theta) / fit.beta for _, fit in known]
     crossing = [
-        f"{labels[i]} and {labels[j]}"
+        f"{names[i]} and {names[j]}"
         for ((i, _), milder), ((j, _), worse) in pairwise(zip(known, z))
         if np.any(worse > milder + 1e-9)
     ]

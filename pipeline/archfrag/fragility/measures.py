@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, event_groups
-from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped
+from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.probit import inverse_mills, normal_lines
 
 SIGNIFICANCE = 0.05
@@ -47,25 +47,22 @@ def compare_measures(
     `found` holds brackets in the measure `own`, by which the study was scaled; `values` those of
     the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each (2
     for Arias intensity); `magnitude`, `distance` and `event` are of the records, nan where not
-    known; (n_record,) each. Returned are
+    known; (n_record,) each.
 
-    ``rows``, one for each measure, numbers nan where they are not known: ``measure``; ``theta`` in
-    its unit; ``beta`` of ln capacity; ``efficiency``, beta / exponent; slopes of ln capacity and
-    their p; ``sufficient``, no p below 0.05, or None; ``n_records`` used, ``n_bracketed`` of them;
-    ``none``, why there is no curve. ``own``. ``best``, of the sufficient measures (if there is
-    none, of those not tested; else of all) the one of least efficiency. ``p_value``, the
-    probability that a measure no better than `own` seems so much better by chance
-    (`scatter_by_chance`), times the number of measures that the best was chosen from (Bonferroni).
-    ``ratio`` of the efficiencies of both. ``n_test``, tests of sufficiency made. ``message``.
+    Returned are ``rows``, one for each measure, nan where not known (``efficiency`` is beta /
+    exponent, ``sufficient`` None without a test, ``none`` why there is no curve); ``best``, of the
+    sufficient measures (if there is none, of those not tested; else of all) the one of least
+    efficiency; ``ratio`` of its efficiency to that of `own`; ``p_value``, the probability that a
+    measure no better than `own` seems so much better by chance (`scatter_by_chance`), times the
+    number of measures that the best was chosen from (Bonferroni); ``n_test``, tests of sufficiency
+    made; ``message``.
     """
     names, n_record = list(values), len(found.verdict)
-    if own not in names:
-        raise InputError(f"own is {own!r}, which is not one of {', '.join(names)}")
     if found.verdict.shape[1] == 1:
         raise FitError("measures are compared by capacities, which single runs do not show")
     mine, known, keep = names.index(own), found.known(), found.decided > 0
-    logs = [np.log(shaped(positive(v, k), (n_record,), k)[keep]) for k, v in values.items()]
-    log_value, power = np.array(logs), positive([exponent[k] for k in names], "exponent")[:, None]
+    log_value = np.log([np.asarray(each)[keep] for each in values.values()])
+    power = np.array([[exponent[name]] for name in names], dtype=float)
     group = np.unique(event_groups(event, n_record)[keep], return_inverse=True)[1]
     covariates: _Covariates = {}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -75,7 +72,7 @@ def compare_measures(
         ):
             if given is None:
                 continue
-            value = scale(np.asarray(shaped(given, (n_record,), name), dtype=float)[keep])
+            value = scale(np.asarray(given, dtype=float)[keep])
             used = np.isfinite(value)
             place = np.unique(owner[used], return_inverse=True)[1]
             if place.max(initial=-1) + 1 >= _LEAST and np.ptp(value[used]) > 0.0:

@@ -4,7 +4,6 @@ All these losses are convex, so there is one least value or none, and Newton's m
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import erfcx, expit, log_ndtr
@@ -16,15 +15,6 @@ Terms = tuple[FloatArray, FloatArray, FloatArray]
 LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 _STEPS, _HALVINGS, _CLOSE = 200, 60, 1e-11
 _EXACT = 1e-5  # width, in deviations of all values, of the bounds about one known exactly
-
-
-class Lines(NamedTuple):
-    """Lines intercept + slope x on the scale of the link; nan without a maximum with slope > 0."""
-
-    intercept: FloatArray  #: (n_fit,)
-    slope: FloatArray  #: (n_fit,)
-    loss: FloatArray  #: (n_fit,), negative log-likelihood without binomial coefficients
-    information: FloatArray  #: (n_fit, 2, 2), observed, in (intercept, slope)
 
 
 def least(
@@ -80,9 +70,13 @@ def interval_terms(p: FloatArray, low: FloatArray, high: FloatArray, weight: Flo
 
 def binomial_lines(
     x: FloatArray, collapses: FloatArray, n: FloatArray, link: str = "probit"
-) -> Lines:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Likeliest lines of counts 0 <= collapses <= n, (n_fit, n_point), which may be fractions,
     at x, (n_point,) or (n_fit, n_point). `link` is "probit" or "logistic".
+
+    Returns intercept and slope on the scale of the link, negative log-likelihood without binomial
+    coefficients, (n_fit,) each, and observed information, (n_fit, 2, 2); nan without a maximum
+    with slope > 0.
     """
     k, n = np.atleast_2d(collapses), np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
@@ -91,7 +85,7 @@ def binomial_lines(
     rises = np.where(k > 0, x, -np.inf).max(axis=1) > np.where(n > k, x, np.inf).min(axis=1)
     todo = np.flatnonzero(overlap & rises)
     intercept, steepness, least_loss = np.full((3, len(k)), np.nan)
-    lines = Lines(intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan))
+    lines = intercept, steepness, least_loss, np.full((len(k), 2, 2), np.nan)
     x, k, n = x[todo], k[todo], n[todo]
     total = n.sum(axis=1)
     centre = (n * x).sum(axis=1) / total

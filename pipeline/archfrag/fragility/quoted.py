@@ -3,39 +3,75 @@
 docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 from scipy.special import ndtr, xlogy
 
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, draws_of_records
-from archfrag.fragility.curve import FloatArray, Fragility, shaped, tails
+from archfrag.fragility.curve import FloatArray, Fragility, tails
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
-from archfrag.fragility.probit import Lines, binomial_lines
+from archfrag.fragility.probit import binomial_lines
 
 
 @dataclass(frozen=True)
-class QuotedBand:
-    """The curve of a study, how well it is known, and on what assumptions."""
+class Answer:
+    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
 
-    curve: Fragility  #: medians of theta and beta, kind "posterior"
-    theta: tuple[float, float]  #: interval, in the unit of the levels
-    beta: tuple[float, float]  #: interval
-    lower: FloatArray  #: of the band of the probability of collapse, shape of the intensities
-    upper: FloatArray
-    method: str  #: name of the method, for a caption
-    assumptions: str
-    n_independent: float  #: effective number of records or runs
-    n_contradictions: int = 0  #: runs that contradict the bracket of their record
+    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
+    likelihood: Fragility | str = ""  # by maximum likelihood, for comparison
+    theta: tuple[float, float] = (np.nan, np.nan)  # interval
+    beta: tuple[float, float] = (np.nan, np.nan)  # interval
+    im: list[float] = field(default_factory=list)  # of the band [SI]
+    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
+    upper: list[float] = field(default_factory=list)
+    confidence: float = 0.9
+    method: str = ""  # of the band
+    assumptions: str = ""  # of the band
+    n_independent: float = 0.0  # effective number of records or runs
+    n_non_monotone: int = 0  # runs against the capacity of their record
+    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
+
+    def probability(self, im: float) -> tuple[float, float, float]:
+        """Probability of collapse at an intensity, and its band; InputError without a curve."""
+        if isinstance(self.curve, str):
+            raise InputError(self.curve)
+        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
+        return float(self.curve.probability(im)), low, high
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
+        return vars(self) | own
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
+        """Inverse of `to_dict`."""
+        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
+        for name in ("theta", "beta"):
+            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
+        return cls(**{**plain, **own})
+
+
+def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
+    """A curve, or why there is none, as plain values."""
+    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
+
+
+def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
+    """Inverse of `curve_to_dict`."""
+    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
 def quoted_band(
     found: Brackets, im: ArrayLike, *,
     confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
-) -> QuotedBand:  # fmt: skip
+) -> Answer:  # fmt: skip
     """Curve of records that were run at several levels, with its band and intervals.
 
     Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
@@ -55,28 +91,27 @@ def quoted_band(
             f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
             "natural logarithms, which beta includes"
         )
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence),
-        "posterior of capacities, right Haar prior",
-        f"Capacity is lognormal, and {what}.", number, int(found.contradictions.sum()),
-    )  # fmt: skip
+    text = "posterior of capacities, right Haar prior", f"Capacity is lognormal, and {what}."
+    return _answer(known, im, confidence, *text, number, int(found.contradictions.sum()))
 
 
 def quoted_runs(
     level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
-) -> QuotedBand:
+) -> Answer:
     """Curve of decided runs, (n_run,), that each have a motion of their own; as `quoted_band`."""
     if not np.size(level):
         raise FitError(NOTHING)
     known = fit_posterior(level, collapsed, 1)
-    return QuotedBand(
-        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
-        *known.band(im, confidence),
-        "posterior of independent runs, Jeffreys prior",
-        "Capacity is lognormal, and runs are independent, each with a motion of its own.",
-        float(np.size(level)),
-    )  # fmt: skip
+    text = "Capacity is lognormal, and runs are independent, each with a motion of its own."
+    method = "posterior of independent runs, Jeffreys prior"
+    return _answer(known, im, confidence, method, text, float(np.size(level)))
+
+
+def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> Answer:
+    """Curve, intervals and band of a posterior, with the fields of an answer that follow."""
+    theta, beta = known.theta_interval(confidence), known.beta_interval(confidence)
+    at, lower, upper = (np.asarray(x).tolist() for x in (im, *known.band(im, confidence)))
+    return Answer(known.fragility, "", theta, beta, at, lower, upper, confidence, *words)
 
 
 def capacity_posterior(
@@ -86,8 +121,7 @@ def capacity_posterior(
     known = found.known()
     number = float(known.lower.size)
     if groups is not None:
-        labels = shaped(groups, found.lower.shape, "groups")
-        number = independent_records(known, labels[found.decided > 0])
+        number = independent_records(known, np.asarray(groups)[found.decided > 0])
     return fit_capacity_posterior(known, number), number
 
 
@@ -146,17 +180,15 @@ def isotonic_curve(
     found: Brackets, event: ArrayLike | None = None, *,
     seed: int = 1, resamples: int = 1000, confidence: float = 0.9,
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Likeliest curve that never falls with intensity, and its band.
+    """Likeliest curve that never falls with intensity, and its band, (n_level,) by name.
 
     Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
     likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
     Math. Stat. 26). The band is from the bootstrap of records, or of earthquakes `event`,
     (n_record,), with all their records. It has no width where all runs of a level agree, and is
     somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records,
-    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %.
-
-    Returns ``im``; ``probability`` of collapse there, ``lower`` and ``upper`` end of its band,
-    (n_level,) each. FitError if no run is decided, or all are at one level.
+    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError if no run is
+    decided, or all are at one level.
     """
     levels, collapses, n = found.at_levels(filled=True)
     if levels.size < 2:
@@ -194,17 +226,17 @@ def check_lognormal(
     """
     levels, collapses, made = found.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)
-    line = binomial_lines(x, total, n)
-    if np.isnan(line.slope[0]):
+    (a,), (b,), loss, _ = binomial_lines(x, total, n)
+    if np.isnan(b):
         raise FitError("these runs have no lognormal curve, so there is nothing to test")
-    deviance = _deviances(line, total[None], n)[0]
+    deviance = _deviances(loss, total[None], n)[0]
     generator = np.random.default_rng(seed)
-    z, rho = line.intercept[0] + line.slope[0] * x, np.nan
+    z, rho = a + b * x, np.nan
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if found.contradictions.any():
             scatter = fit_capacity_posterior(found.known()).scatter
-            rho = max(0.0, 1.0 - (scatter * line.slope[0]) ** 2)
+            rho = max(0.0, 1.0 - (scatter * b) ** 2)
         (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]
@@ -213,14 +245,14 @@ def check_lognormal(
             row[:] = np.bincount(level, z[level] >= capacity, x.size)
     else:
         drawn = generator.binomial(n.astype(int), ndtr(z), (resamples, x.size)).astype(float)
-    fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
-    values = _deviances(fits, drawn, n)[~np.isnan(fits.slope)]
+    _, slopes, losses, _ = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
+    values = _deviances(losses, drawn, n)[~np.isnan(slopes)]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
     return float(p_value), float(rho)
 
 
-def _deviances(lines: Lines, collapses: FloatArray, n: FloatArray) -> FloatArray:
+def _deviances(loss: FloatArray, collapses: FloatArray, n: FloatArray) -> FloatArray:
     """Twice the log-likelihood by which the isotonic curves are better, (n_fit,)."""
     p = np.array([_pooled(k, n) for k in collapses])
     likelihood = xlogy(collapses, p) + xlogy(n - collapses, 1.0 - p)
-    return 2.0 * (likelihood.sum(axis=1) + lines.loss)
+    return 2.0 * (likelihood.sum(axis=1) + loss)

@@ -6,11 +6,12 @@ import numpy as np
 
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
-from archfrag.study.answer.curves import Answer, arch_classes, curve_of_dict
+from archfrag.study.answer.curves import arch_classes
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
@@ -50,8 +51,9 @@ def draw_curve(
 
 def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
     known = results.known
-    used = known.n > 0
-    panel.dots(results.levels[used], known.collapsed[used] / known.n[used], colour, mark)
+    used = known["n"] > 0
+    fraction = known["collapsed"][used] / known["n"][used]
+    panel.dots(results.levels[used], fraction, colour, mark)
 
 
 def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
@@ -136,9 +138,9 @@ def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
         steps = np.concatenate([[0.0], np.repeat(seen, 2), [results.levels.max()]])
         panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
         return
-    used = results.counts.n > 0
-    counts, level = (results.counts.collapsed[used], results.counts.n[used]), results.levels[used]
-    low, high = clopper_pearson(*counts, confidence)
+    used = results.counts["n"] > 0
+    collapsed, n = (results.counts[name][used] for name in ("collapsed", "n"))
+    level, (low, high) = results.levels[used], clopper_pearson(collapsed, n, confidence)
     bars = np.column_stack([low, high, np.full(low.size, np.nan)])
     panel.line(np.repeat(level, 3), bars.ravel(), look.INK, 0.9)
     draw_fractions(panel, results, look.INK)

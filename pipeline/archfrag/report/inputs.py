@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
-from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.quoted import Answer
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
-from archfrag.study.answer.curves import Answer, arch_classes, quoted, runs_of_cube
+from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
 from archfrag.study.file.hazard import load_hazard
@@ -100,9 +101,10 @@ class ArchResults:
     own_levels: FloatArray | None  #: (n_record,), where each run has one of its own
     tables: Mapping[str, NDArray]  #: variables of the cube in SI units, by name
     simulated: NDArray[np.bool_]  #: which runs there are
-    counts: VerdictCounts  #: of runs at each level
+    counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
     design: Design
-    known: VerdictCounts  #: of records, with what their capacities imply if they were searched
+    #: Of records, with what their capacities imply if they were searched.
+    known: Mapping[str, IntArray]
     #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
     #: collapsed, its lowest level where it collapsed there.
     capacities: FloatArray
@@ -272,7 +274,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
     names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
-    counts = {name: int(getattr(found, name).sum()) for name in names}
+    counts = {name: int(found[name].sum()) for name in names}
     counts["not_simulated"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.STANDING) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

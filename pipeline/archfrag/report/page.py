@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, attempt
 from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
@@ -24,7 +25,7 @@ from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, ta
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, cautions_of, class_parts
-from archfrag.study.answer.curves import Answer, arch_classes, quoted
+from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES

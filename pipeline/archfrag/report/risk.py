@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from archfrag.fragility.contributions import NOT_KNOWN
+from archfrag.fragility.risk import NOT_KNOWN
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
@@ -39,7 +39,7 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.cautions(arch.cautions)
         yield hazard_and_fragility(arch, hazard, scale)
         yield contributions(arch, scale)
-        yield _contribution_table(arch, percent)
+        yield _contribution_table(arch)
     assumed = (f"{each[0].upper()}{each[1:]}." for each in ASSUMPTIONS)
     yield html.paragraph(" ".join(assumed), "note")
 
@@ -68,14 +68,13 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
     return html.table("Rates of collapse", heads, rows, "compact")
 
 
-def _contribution_table(arch: ArchRisk, percent: str) -> Markup:
+def _contribution_table(arch: ArchRisk) -> Markup:
     rows = [
-        (by, name, f"{parts.fraction[i]:.2f}", html.interval((parts.lower[i], parts.upper[i])),
-         parts.counts[i].sum())
+        (by, name, f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
         for by, parts in arch.splits.items()
         for i, name in enumerate(parts.categories) if parts.shown[i] and name != NOT_KNOWN
     ]  # fmt: skip
-    heads = ["by", "category", "fraction of the rate", percent, "collapses"]
+    heads = ["by", "category", "fraction of the rate", "collapses"]
     label = f"Contributions to the rate of collapse of {arch.arch}"
     return html.table(label, heads, rows, "compact", 2)
 

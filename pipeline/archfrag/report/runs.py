@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import Contributions, deaggregate
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
+from archfrag.fragility.quoted import Answer
+from archfrag.fragility.risk import Contributions, deaggregate
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground
@@ -16,7 +17,6 @@ from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figu
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults, Scale
 from archfrag.simulation.response import MODEL_WORDS, MechanismChange
-from archfrag.study.answer.curves import Answer
 
 VERDICTS = {
     Verdict.STANDING: Entry("standing", "#cfe0ee"),
@@ -137,7 +137,7 @@ def fractions(
     Of all runs where every record was run at every level, else of the collapses.
     """
     every = bool(results.simulated.all())
-    divisor = np.maximum(results.counts.n if every else results.counts.collapsed, 1)
+    divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
     left, _, right, _ = sheet.grid(len(keys), 2, 150.0, BELOW)[0]

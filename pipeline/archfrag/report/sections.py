@@ -6,20 +6,22 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from archfrag.fragility.contributions import Contributions
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
+from archfrag.fragility.risk import Contributions
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
-from archfrag.study.answer.curves import Answer, arch_classes
+from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
 Rows = Iterator[tuple[str, object]]
+_COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
@@ -99,8 +101,7 @@ def card(
     fit, lost = answer.curve, lost_text(answer, scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
-        names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
-        counts = {n.replace("_", " "): getattr(results.counts, n).sum() for n in names}
+        counts = {n.replace("_", " "): results.counts[n].sum() for n in _COUNTS}
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -126,15 +127,14 @@ def card(
 
 def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     counts, known, fit = results.counts, results.known, answer.curve
-    ends = zip(*clopper_pearson(known.collapsed, known.n, answer.confidence))
+    ends = zip(*clopper_pearson(known["collapsed"], known["n"], answer.confidence))
     chance = np.full(results.levels.size, np.nan)
     if isinstance(fit, Fragility):
         chance = fit.probability(results.levels / results.scale.factor)
-    fraction = known.collapsed / np.where(known.n > 0, known.n, np.nan)
+    fraction = known["collapsed"] / np.where(known["n"] > 0, known["n"], np.nan)
     columns = {
         results.scale.label: map(digits, results.levels),
-        "runs": counts.runs, "collapsed": counts.collapsed, "standing": counts.standing,
-        "unfinished": counts.unfinished, "solver failures": counts.solver_failures,
+        **{name.replace("_", " "): counts[name] for name in _COUNTS},
         "records with capacity below" if results.design.adaptive else "fraction":
             [measured(each, ".3f") for each in fraction],
         f"Clopper–Pearson {percent}":
@@ -208,7 +208,7 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
 
 
 def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: str) -> Parts:
-    collapsed = results.counts.collapsed
+    collapsed = results.counts["collapsed"]
     if not collapsed.any():
         yield paragraph("No run collapsed.")
         return
@@ -231,7 +231,7 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
     models = inputs.cube["model"].values.astype(str)
     time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())
-    yield "simulated time", f"{total:,.0f} s in {results.counts.runs.sum():,} runs"
+    yield "simulated time", f"{total:,.0f} s in {results.counts['runs'].sum():,} runs"
     for model, words in MODEL_WORDS.items():
         if seconds := time[model.name.lower()]:
             yield f"of this, {words}", f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"

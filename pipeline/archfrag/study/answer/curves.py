@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
-from archfrag.fragility.quoted import shared_events
+from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
 
 if TYPE_CHECKING:
@@ -54,55 +54,6 @@ class Runs:
     def brackets(self) -> Brackets:
         """Between which levels the capacity of each record lies [SI]."""
         return find_brackets(self.verdict, self.level)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
-
-    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
-    likelihood: Fragility | str  # by maximum likelihood, for comparison
-    theta: tuple[float, float] = (np.nan, np.nan)  # interval
-    beta: tuple[float, float] = (np.nan, np.nan)  # interval
-    im: list[float] = field(default_factory=list)  # of the band [SI]
-    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
-    upper: list[float] = field(default_factory=list)
-    confidence: float = 0.9
-    method: str = ""  # of the band
-    assumptions: str = ""  # of the band
-    n_independent: float = 0.0  # effective number of records or runs
-    n_non_monotone: int = 0  # runs against the capacity of their record
-    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
-
-    def probability(self, im: float) -> tuple[float, float, float]:
-        """Probability of collapse at an intensity, and its band; InputError without a curve."""
-        if isinstance(self.curve, str):
-            raise InputError(self.curve)
-        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
-        return float(self.curve.probability(im)), low, high
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        own = {name: curve_to_dict(getattr(self, name)) for name in ("curve", "likelihood")}
-        return vars(self) | own
-
-    @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
-        """Inverse of `to_dict`."""
-        own: dict[str, Any] = {n: curve_of_dict(plain[n]) for n in ("curve", "likelihood")}
-        for name in ("theta", "beta"):
-            own[name] = tuple(np.nan if end is None else float(end) for end in plain[name])
-        return cls(**{**plain, **own})
-
-
-def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
-    """A curve, or why there is none, as plain values."""
-    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
-
-
-def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
-    """Inverse of `curve_to_dict`."""
-    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
 def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
@@ -145,19 +96,14 @@ def answer(runs: Runs, confidence: float) -> Answer:
     except FitError as error:
         likelihood = runs.worded(error)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
+    options = {"confidence": confidence, "groups": runs.group, "unit": runs.unit}
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
-        quoted = runs.design.estimate(
-            runs.brackets, im, confidence=confidence, groups=runs.group, unit=runs.unit
-        )
+        found = runs.design.estimate(runs.brackets, im, **options)
     except FitError as error:
         return Answer(runs.worded(error), likelihood, confidence=confidence)
-    return Answer(
-        quoted.curve, likelihood, quoted.theta, quoted.beta,
-        im.tolist(), quoted.lower.tolist(), quoted.upper.tolist(), confidence,
-        quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_contradictions,
-    )  # fmt: skip
+    return replace(found, likelihood=likelihood)
 
 
 def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
@@ -278,40 +224,40 @@ def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str
 
     limits = [float(each.cube["static_limit"]) for each in members]
     rad = f", {limits[0]:.3g} rad" if len(members) == 1 else ""
-    meanings = {
-        "motion": "a joint opens or slides",
-        "impact": "a joint closes by an impact",
-        "residual": f"a displacement of {keys['residual']:g} of a joint's length is left",
-        "rotation": f"rotation by {keys['rotation']:g} of the static limit{rad}",
-        "contact lost": "a joint opens at both corners, regained or not",
-        "collapse": "a loss of contact that cannot be regained",
-    }
+    residual, rotation = keys["residual"], keys["rotation"]
+    # By name what a state means, and which runs of an arch exceed it.
+    known: dict[str, tuple[str, Callable[[Any], Any]]] = {
+        "motion": ("a joint opens or slides",
+                   lambda part: part["openings"] + part["slides"] + part["impacts"] > 0),
+        "impact": ("a joint closes by an impact", lambda part: part["impacts"] > 0),
+        "residual": (f"a displacement of {residual:g} of a joint's length is left",
+                     lambda p: p["residual_displacement"] >= residual * p["joint_length"]),
+        "rotation": (f"rotation by {rotation:g} of the static limit{rad}",
+                     lambda part: part["peak_rotation"] >= rotation * part["static_limit"]),
+        "contact lost": ("a joint opens at both corners, regained or not",
+                         lambda part: np.isfinite(part["lost_contact_time"])),
+        "collapse": ("a loss of contact that cannot be regained",
+                     lambda part: part["verdict"] == Verdict.COLLAPSED),
+    }  # fmt: skip
     if not np.isfinite(limits).all():
-        del meanings["rotation"]
-    exceeded = np.concatenate([_exceeded(each, keys, list(meanings)) for each in members])
+        del known["rotation"]
+    meanings, conditions = zip(*known.values())
+    exceeded = np.concatenate([_exceeded(each, conditions) for each in members])
     level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for r in members])
-    found, message = fit_limit_states(exceeded, level, list(meanings))
+    found, message = fit_limit_states(exceeded, level, list(known))
     onset = min(_onset(each.cube) for each in members)
     states = []
-    for (name, meaning), (fit, none) in zip(meanings.items(), found, strict=True):
+    for name, meaning, (fit, none) in zip(known, meanings, found):
         reason = members[0].worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or reason)
         states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
     return {"message": message, "states": states}
 
 
-def _exceeded(runs: Runs, keys: Mapping[str, float], names: Sequence[str]) -> NDArray[np.int64]:
+def _exceeded(runs: Runs, conditions: Sequence[Callable[[Any], Any]]) -> NDArray[np.int64]:
     """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
     part = runs.cube.isel(record=runs.rows).transpose("record", "level", ...)
-    states: dict[str, Any] = {
-        "motion": part["openings"] + part["slides"] + part["impacts"] > 0,
-        "impact": part["impacts"] > 0,
-        "residual": part["residual_displacement"] >= keys["residual"] * part["joint_length"],
-        "rotation": part["peak_rotation"] >= keys["rotation"] * part["static_limit"],
-        "contact lost": np.isfinite(part["lost_contact_time"]),
-        "collapse": part["verdict"] == Verdict.COLLAPSED,
-    }
-    codes = [np.where(states[name], Verdict.COLLAPSED, Verdict.STANDING) for name in names]
+    codes = [np.where(holds(part), Verdict.COLLAPSED, Verdict.STANDING) for holds in conditions]
     codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
     if runs.design.adaptive:  # where the runs of a record imply others
         codes = [find_brackets(code, runs.level).filled for code in codes]

@@ -12,8 +12,8 @@ from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
-from archfrag.study.answer.curves import Answer
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.schema import Study
@@ -191,13 +191,13 @@ def arch_cautions(
     `levels` are those of all records, if they have them in common [SI].
     """
     counts, ran = count_verdicts(verdict), (verdict != Verdict.NOT_SIMULATED).any(axis=1).sum()
-    lost = counts.unfinished + counts.solver_failures
-    fraction = lost / np.maximum(counts.runs, 1)
+    lost = counts["runs"] - counts["n"]
+    fraction = lost / np.maximum(counts["runs"], 1)
     if many := np.count_nonzero(fraction > MOST_UNDECIDED):
         worst = int(fraction.argmax())
         yield (
             f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} "
-            f"of {len(named)} levels (most: {lost[worst]} of {counts.runs[worst]} at "
+            f"of {len(named)} levels (most: {lost[worst]} of {counts['runs'][worst]} at "
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
         )

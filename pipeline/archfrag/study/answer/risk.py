@@ -8,17 +8,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.fragility.contributions import (
-    Contributions,
-    contributions,
-    implied_collapses,
-    level_edges,
-    value_bins,
-)
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.quoted import shared_events
-from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
+from archfrag.fragility.risk import (
+    CollapseRate,
+    Contributions,
+    collapse_rate,
+    contributions,
+    level_edges,
+    parameter_draws,
+    rate_by_level,
+    value_bins,
+)
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.file.hazard import Hazard
@@ -91,7 +93,6 @@ class ArchRisk:
 class StudyRisk:
     """Rates of collapse of arches and classes; one without a curve has its message."""
 
-    study: str
     hazard: Hazard
     years: float
     arches: dict[str, ArchRisk | str]  # classes as well
@@ -115,7 +116,7 @@ def risk_of(
         for name, fit in fits.items()
     }  # fmt: skip
     counts = {name: each.size for name, each in places.items() if each.size > 1}
-    return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches, counts)
+    return StudyRisk(hazard, years, arches, counts)
 
 
 def _arch_risk(
@@ -135,8 +136,6 @@ def _arch_risk(
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
-    names = part["event"].values.astype(str)
-    events = shared_events(np.where(names == "", part["record"].values, names)[record])
     # Mechanisms are joint and mode; the rare ones together.
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
@@ -149,12 +148,7 @@ def _arch_risk(
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
         of_record, of_bins = value_bins(part[key].values[record], bins, unit)
         splits[key] = np.broadcast_to(of_record[:, None], collapsed.shape), of_bins
-    parts = {
-        key: contributions(
-            level_rate, collapsed, *split, event=events, seed=SEED, confidence=confidence
-        )
-        for key, split in splits.items()
-    }
+    parts = {key: contributions(level_rate, collapsed, *each) for key, each in splits.items()}
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts)
@@ -170,9 +164,12 @@ def _on_levels(
     """
     collapsed, simulated = verdict == Verdict.COLLAPSED, verdict != Verdict.NOT_SIMULATED
     if at.ndim == 1:
-        if not simulated.all():
-            collapsed, code = implied_collapses(collapsed, simulated, code)
-        return at, collapsed, code, at[[0, -1]]
+        # What a bisection left out is as the nearest lower level of the record that was simulated.
+        source = np.where(simulated, np.arange(at.size), -1)
+        source = np.maximum.accumulate(source, axis=1)
+        row = np.arange(len(code))[:, None]
+        filled = (source >= 0) & collapsed[row, source]
+        return at, filled, np.where(filled, code[row, source], code), at[[0, -1]]
     row, place = np.nonzero(simulated & (at > 0.0))
     ends = np.array([at[row, place].min(), at[row, place].max()])
     count = _SCATTERED_BINS if ends[1] > ends[0] else 1
@@ -216,7 +213,6 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
                 {
                     "category": label, "collapses": int(found.counts[i].sum()),
                     "fraction": float(found.fraction[i]),
-                    "band": [float(found.lower[i]), float(found.upper[i])],
                     "rate_by_level": found.rate[i].tolist(),
                 }
                 for i, label in enumerate(found.categories) if found.shown[i]
@@ -227,7 +223,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
         for name, curve in hazard.curves.items()
     }
     facts: dict[str, Any] = finite({
-        "study": risk.study, "measure": hazard.measure, "unit": study.intensity.unit,
+        "study": study.id, "measure": hazard.measure, "unit": study.intensity.unit,
         "years": risk.years,
         "hazard": {"source": hazard.source, "notes": list(hazard.messages), "curves": curves},
         "assumptions": list(ASSUMPTIONS), "arches": arches, "classes": risk.classes,
@@ -249,30 +245,25 @@ def risk_text(facts: dict[str, Any]) -> str:
         bound, period = arch["rate_is_lower_bound"], arch["return_period"]
         least, most = ("at least ", "at most ") if bound else ("", "")
         returns = "never" if period is None else f"return period {most}{period:.4g} years"
-        chance = f"probability in {facts['years']:g} years {least}{arch['probability']:.3g}"
         lines += [
             f"{title}: median {arch['theta']:.4g} {facts['unit']} of {facts['measure']}, "
             f"dispersion {arch['beta']:.3g}",
             f"  rate of collapse of these medians {least}{arch['rate']:.3g} a year, {returns}",
-            f"  {chance}",
+            f"  probability in {facts['years']:g} years {least}{arch['probability']:.3g}",
         ]
-        percent = f"{100 * arch['confidence']:.0f} %"
         if not bound:
-            rates, chances = (
-                "{:.3g} to {:.3g}".format(*arch[key]) for key in ("rate_band", "probability_band")
-            )
+            ends = (*arch["rate_band"], *arch["probability_band"])
             lines += [
-                f"  {percent} intervals: rate {rates} a year, probability {chances}",
-                "  mean rate over theta and beta as uncertain as they are "
-                f"{arch['rate_mean']:.3g} a year",
+                "  {:.0f} % intervals: rate {:.3g} to {:.3g} a year, probability {:.3g} to "
+                "{:.3g}".format(100 * arch["confidence"], *ends),
+                f"  mean rate over uncertain theta and beta {arch['rate_mean']:.3g} a year",
             ]
         others = list(arch["rate_by_hazard_curve"].items())[1:]
         lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
-        for part in arch["by_mechanism"]:
-            seen = ", 1 collapse"
-            if part["collapses"] > 1:  # else there is no band
-                likely = "{:.3f} to {:.3f}".format(*part["band"])
-                seen = f" ({percent}: {likely}), {part['collapses']} collapses"
-            lines.append(f"  by {part['category']}: {part['fraction']:.3f} of the rate{seen}")
+        lines += [
+            f"  by {part['category']}: {part['fraction']:.3f} of the rate, "
+            f"{counted(part['collapses'], 'collapse')}"
+            for part in arch["by_mechanism"]
+        ]
         lines += [f"  caution: {caution}" for caution in arch["cautions"]]
     return "\n".join([*lines, "", *(f"assumed: {each}" for each in facts["assumptions"])])

@@ -10,7 +10,7 @@ from archfrag.fragility.counts import Brackets
 from archfrag.study.runs.design import Design, Grid, Requests
 
 if TYPE_CHECKING:
-    from archfrag.fragility.quoted import QuotedBand
+    from archfrag.fragility.quoted import Answer
 
 
 class Cloud(Design):
@@ -32,7 +32,7 @@ class Cloud(Design):
         """Runs of an arch."""
         return n_record, "exactly"
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "QuotedBand":
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band from single runs, each with a motion of its own."""
         from archfrag.fragility.quoted import quoted_runs
 

@@ -17,7 +17,7 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section
 
 if TYPE_CHECKING:
-    from archfrag.fragility.quoted import QuotedBand
+    from archfrag.fragility.quoted import Answer
 
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
@@ -38,17 +38,10 @@ class Grid:
     # (n_record, n_measure): logarithms of other intensity measures of the records where the
     # study's own is 1.
     measures: FloatArray
-    # (n_record,): labels of the records' earthquakes, where several have one in common.
-    groups: NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size
         self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
-
-    @property
-    def runs(self) -> int:
-        """Number of runs made at the study's levels."""
-        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
 
     def run(
         self, rows: NDArray[np.int64], places: NDArray[np.int64]
@@ -83,7 +76,7 @@ class Design(Section):
         """Runs of an arch, and whether that is meant exactly, about or at most."""
         raise NotImplementedError
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "QuotedBand":
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band; options and errors are those of `quoted_band`."""
         from archfrag.fragility.quoted import quoted_band
 

@@ -67,8 +67,9 @@ class Ida(Design):
         collapsed, survived = yield from grid.run(row, place)
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
+        runs = int((grid.seen != Verdict.NOT_SIMULATED).sum())
         return {
-            "runs": grid.runs, "records": n_record, "checked": checked, "contradictions": against
+            "runs": runs, "records": n_record, "checked": checked, "contradictions": against
         }  # fmt: skip
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:

@@ -148,11 +148,9 @@ class Plan:
         """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-        from archfrag.fragility.quoted import shared_events
         from archfrag.motions.measures import scaling_exponent
 
         design, own = self.study.design, self.study.intensity.measure
-        events = np.array([record.event for record in self.records])
         # ln of the records' other measures where the study's own is 1, (n_record, n_measure).
         names = [name for name in self.records[0].measures if name != own]
         values = np.array([[r.measures[name] for name in names] for r in self.records])
@@ -167,10 +165,9 @@ class Plan:
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
-                requests[arch] = design.requests(Grid(
-                    arch, records, self.levels, self.unscaled[records], self.power,
-                    measures[records], shared_events(events[records]),
-                ))  # fmt: skip
+                factors, own_measures = self.unscaled[records], measures[records]
+                grid = Grid(arch, records, self.levels, factors, self.power, own_measures)
+                requests[arch] = design.requests(grid)
         return requests
 
 
@@ -223,10 +220,8 @@ def joined(parts: Iterable[Table | None]) -> Table:
 
 def places(table: Table, keys: NDArray[np.bytes_]) -> NDArray[np.int64]:
     """Row of each key in a table in their order, -1 where there is no result, (n,)."""
-    if not len(table):
-        return np.full(len(keys), -1)
-    known = np.ascontiguousarray(table["key"])
-    at = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    known = np.append(table["key"], b"")  # which is no key
+    at = np.searchsorted(known[:-1], keys)
     return np.where(known[at] == keys, at, -1)
 
 
