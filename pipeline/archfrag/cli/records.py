@@ -237,13 +237,13 @@ def fetch(
     Example:
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
-    from archfrag.motions.fetch import Request, fetch_records
+    from archfrag.motions.fetch import fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
     new: list[str] = []
     kept: list[str] = []
     failures = []
-    for kind, text in fetch_records(Request(events, channels=kinds, **options), out):
+    for kind, text in fetch_records(out, events, channels=kinds, **options):
         if kind in ("new", "kept"):
             (new if kind == "new" else kept).append(text)
         else:
