@@ -134,7 +134,7 @@ def test_round_trip_is_exact(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        (lambda path: None, "no such file"),
+        (lambda path: None, "No such file"),
         (lambda path: path.write_text("something else"), "not a file of motions"),
         (lambda path: np.savez(path, x=np.zeros(3)), "not a file of motions"),
     ],

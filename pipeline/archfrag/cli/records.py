@@ -73,21 +73,21 @@ def inspect(
     from archfrag.motions.index import goes_with_records
     from archfrag.motions.read import inspect_record
 
-    found, unreadable = [], []
+    found = []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
             found.append(finite(inspect_record(file, **reading_of(file, reading))))
         except RecordError as error:
-            unreadable.append(error)
             found.append({"file": str(file), "error": str(error)})
     shown = [inspection_text(facts) for facts in found if "error" not in facts]
     if shown or as_json:
         show(found, "\n".join(shown), as_json)
-    for each in unreadable:
-        warn(f"error: {each}")
-    if unreadable:
+    for facts in found:
+        if "error" in facts:
+            warn(f"error: {facts['error']}")
+    if len(shown) < len(found):
         context.exit(RecordError.exit_code)
 
 
@@ -240,17 +240,16 @@ def fetch(
     from archfrag.motions.fetch import fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
-    new: list[str] = []
-    kept: list[str] = []
-    failures = []
+    found: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
     for kind, text in fetch_records(out, events, channels=kinds, **options):
-        if kind in ("new", "kept"):
-            (new if kind == "new" else kept).append(text)
+        if kind in found:
+            found[kind].append(text)
         else:
-            failures.append({"kind": kind, "message": text})
+            found["failures"].append({"kind": kind, "message": text})
             warn(text)
-    facts = {"folder": str(out), "new": new, "kept": kept, "failures": failures}
-    show(facts, f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}", as_json)
+    new, kept, failures = found.values()
+    text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
+    show({"folder": str(out), **found}, text, as_json)
     if passing := sum(failure["kind"] == "service" for failure in failures):
         count = counted(passing, "request")
         raise ServiceError(f"{count} failed; try again later: the same command continues")

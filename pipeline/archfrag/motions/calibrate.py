@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from archfrag.errors import RecordError
+from archfrag.errors import RecordError, reason_of
 from archfrag.files import opened, read_bytes
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import channel_code, is_vertical
@@ -191,8 +191,6 @@ def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[f
 def find_inventory(path: Path, trace: Trace, given: Given) -> Inventory | None:
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     from obspy import read_inventory
-
-    from archfrag.motions.formats import reason_of
 
     if not (given is None or isinstance(given, (str, Path))):
         return given

@@ -44,7 +44,7 @@ def fetch_records(
                            for name in (events_from, stations_from))  # fmt: skip
     except ValueError as error:
         raise InputError(str(error)) from None
-    root, rows = make_folder(Path(folder)), dict[str, Any](index_table(folder))
+    root, rows = make_folder(Path(folder)), dict[str, dict[str, Any]](index_table(folder))
     for event in events:
         place, failed = make_folder(root / re.sub(r"[^A-Za-z0-9_-]+", "-", event)[:60]), 0
         sweep(place)
@@ -55,7 +55,7 @@ def fetch_records(
             continue
         for site in sites:
             same = {key: site[key] for key in ("event", "station", "window_s")}
-            row = next((row for row in rows.values() if same.items() <= row.items()), {})
+            row = next((each for each in rows.values() if same.items() <= each.items()), {})
             file = root / row.get("file", "")
             there = file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
             if there and sha256_of(file) == row["sha256"]:

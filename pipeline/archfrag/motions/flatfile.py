@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import read_text, unquoted
 from archfrag.motions.measures import measure_all
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
@@ -78,8 +78,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
     try:
         return pd.read_csv(io.StringIO(text), skipinitialspace=True, **form)
     except ValueError as error:
-        reason = [*str(error).splitlines(), type(error).__name__][0]
-        raise InputError(f"{path}: {what} cannot be read as CSV ({reason})") from None
+        raise InputError(f"{path}: {what} cannot be read as CSV ({reason_of(error)})") from None
 
 
 def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:

@@ -245,7 +245,6 @@ def _candidates(
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     """A number for each row, the same where all these columns agree; one alone if any is empty."""
-    known = table.reindex(columns=columns).astype("string").fillna("")
-    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
-    same = known.groupby(columns, sort=False).ngroup()
-    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
+    known = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
+    same, alone = known.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
+    return np.unique(np.where(known.isna().any(axis=1), alone, same), return_inverse=True)[1]

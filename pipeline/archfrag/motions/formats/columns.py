@@ -56,7 +56,7 @@ class Columns:
             (self.skip < 0, f"skip of at least 0, not {self.skip}"),
         ):  # fmt: skip
             if wrong:
-                raise InputError(f"columns must have {needed}")
+                raise InputError(f"columns {str(self)!r} must have {needed}")
 
     def __str__(self) -> str:
         """As `parse_columns` reads it."""
@@ -79,10 +79,7 @@ def parse_columns(text: str) -> Columns:
         except ValueError:
             wrong = f"{word!r} is not known or occurs twice"
             raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None
-    try:
-        return Columns(**given)
-    except InputError as error:
-        raise InputError(f"columns {text!r}{str(error).removeprefix('columns')}") from None
+    return Columns(**given)
 
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:

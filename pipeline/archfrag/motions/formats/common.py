@@ -81,10 +81,11 @@ class Text:
         values: list[float] = []
         for place, line in enumerate(lines, first):
             rows = (_converted([line], each) for each in dict.fromkeys((None, width)))
-            row = next((row for row in rows if row is not None), None)
-            if row is None:
-                row = [value for word in line.split() for value in split(word, self.place(place))]
-            values.extend(row)
+            if (row := next((row for row in rows if row is not None), None)) is not None:
+                values.extend(row)
+            else:
+                for word in line.split():
+                    values += split(word, self.place(place))
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
