@@ -6,9 +6,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from archfrag.errors import InputError
 from archfrag.files import write_csv
-from archfrag.motions.flatfile import measure_records, read_flatfile
 from archfrag.motions.measures import measure, parse_measure, scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion, load_motions, save_motions
+from archfrag.motions.selection import measure_records, read_flatfile
 
 from .helpers import refused, wave
 

@@ -9,7 +9,7 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import select_records
+from archfrag.motions.selection import read_target, select_records
 from archfrag.motions.target import (
     MODELS,
     conditional_spectrum,
@@ -37,7 +37,7 @@ def test_csv_of_a_conditional_spectrum_is_that_spectrum(tmp_path):
     rows = zip(made.periods[::-1], made.median[::-1], made.sd[::-1])
     path = tmp_path / "target.csv"
     path.write_text("period_s,Sa_g,sd\n" + "".join(f"{t},{m},{s}\n" for t, m, s in rows))
-    found = targets.read_target(path)
+    found = read_target(path)
     assert found.conditioning == 1.0
     assert found.ln_mean == pytest.approx(made.ln_mean)
     assert found.covariance == pytest.approx(made.covariance, abs=1e-9)
@@ -146,7 +146,7 @@ def predicted(change, model="CY14", periods=(1.0,)):
 def in_csv(text):
     def read(_, folder):
         (folder / "target.csv").write_text(text)
-        return targets.read_target(folder / "target.csv")
+        return read_target(folder / "target.csv")
 
     return read
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from obspy import Stream, Trace, UTCDateTime
 
-from archfrag.motions.flatfile import read_flatfile
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
+from archfrag.motions.selection import read_flatfile
 from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave

@@ -116,7 +116,7 @@ def measure(
     table = work.measure_files(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
     if figure is not None:
-        write_text(figure, work.measured_spectra(work.table_spectra(table)))
+        write_text(figure, work.measured_spectra(table))
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
@@ -154,11 +154,10 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
     from archfrag.cli import record_work as work
-    from archfrag.motions.flatfile import read_flatfile
-    from archfrag.motions.selection import select_records
+    from archfrag.motions.selection import read_flatfile, select_records, spectrum_columns
 
     table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
-    target = work.target_of(options, sorted(work.table_spectra(table)))
+    target = work.target_of(options, sorted(spectrum_columns(table)))
     selection = select_records(table, target, **{name: options[name] for name in own})
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
