@@ -14,18 +14,12 @@ import pandas as pd
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import opened
+from archfrag.motions import selection
 from archfrag.motions import target as targets
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
-from archfrag.motions.selection import (
-    PERIODS,
-    Selection,
-    measure_records,
-    read_target,
-    spectrum_columns,
-)
 from archfrag.motions.synthetic import make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
@@ -68,7 +62,7 @@ def measure_files(
     except ValueError:
         needed = f"numbers from {low:g} to {high:g} s with commas between are needed"
         raise InputError(f"--periods {text}: {needed}") from None
-    periods = sorted({round(period, 3) for period in (*PERIODS, *more)})
+    periods = sorted({*selection.PERIODS, *more})
     verticals, tables = vertical_files(sorted(files)), []
     for file in [path for path in dict.fromkeys(files) if path not in verticals]:
         options, name = reading_of(file, reading), os.path.relpath(file, out.parent)
@@ -76,7 +70,7 @@ def measure_files(
                    for motion in read_motions(file, **options)]  # fmt: skip
         known = {"unit": options["unit"], "accept": " ".join(options["accept"]),
                  "columns": str(options["columns"] or "")}  # fmt: skip
-        table = measure_records(motions, periods)
+        table = selection.measure_records(motions, periods)
         tables.append(table.assign(**{key: value for key, value in known.items() if value}))
     return pd.concat(tables, ignore_index=True)
 
@@ -88,7 +82,7 @@ def target_of(options: dict[str, Any], measured: Sequence[float]) -> targets.Tar
     if options["target"] is not None:
         if given:
             raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
-        return read_target(options["target"])
+        return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in given]
     if missing or ("sa" in given) == ("epsilon" in given):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
@@ -122,7 +116,7 @@ def make_chosen(out: Path, requested: dict[str, Any]) -> list[Path]:
 
 def measured_spectra(table: pd.DataFrame) -> str:
     """Figure of the response spectra of a flatfile."""
-    columns = spectrum_columns(table)
+    columns = selection.spectrum_columns(table)
     periods = sorted(columns)
     rows = table[[columns[period] for period in periods]].to_numpy(float).T
     chart, axes = _chart()
@@ -133,7 +127,7 @@ def measured_spectra(table: pd.DataFrame) -> str:
     return _svg(chart, axes)
 
 
-def selected_spectra(found: Selection) -> str:
+def selected_spectra(found: selection.Selection) -> str:
     """Figure of selected, scaled records and their target: medians, 2.5 and 97.5 %."""
     target, (chart, axes) = found.target, _chart()
     axes.plot(target.periods, np.exp(found.ln_sa).T, color="grey", linewidth=0.5)

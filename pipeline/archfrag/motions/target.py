@@ -155,9 +155,8 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    rows = [
-        np.asarray(row, dtype=np.float64) for row in (median, given * 0.0 if sd is None else sd)
-    ]
+    given_sd = given * 0.0 if sd is None else sd
+    rows = [np.asarray(row, dtype=np.float64) for row in (median, given_sd)]
     for name, row, low in zip(("median Sa", "sd"), rows, (rows[0] <= 0.0, rows[1] < 0.0)):
         if row.shape != given.shape or not np.isfinite(row).all() or low.any():
             allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"

@@ -85,18 +85,16 @@ def parse_columns(text: str) -> Columns:
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     text, name = Text(path), str(path)
-    rows = [(text.place(place), row) for place, line in enumerate(text.lines)
-            if place >= columns.skip and (row := line.translate(_BETWEEN).strip())
-            and not row.startswith(("#", "%"))]  # fmt: skip
-    comma = next((place for place, line in enumerate(text.lines[columns.skip :])
-                  if "," in line and not line.lstrip().startswith(("#", "%"))), None)  # fmt: skip
-    if comma is not None and not any("." in row for _, row in rows):
+    lines = [(text.place(place), line) for place, line in enumerate(text.lines)
+             if place >= columns.skip and not line.lstrip().startswith(("#", "%"))]  # fmt: skip
+    comma = next((where for where, line in lines if "," in line), None)
+    if comma is not None and not any("." in line for _, line in lines):
         commas = "numbers with commas and none with a decimal point"
-        raise RecordError(f"{text.place(columns.skip + comma)}: {commas}; write decimal points")
+        raise RecordError(f"{comma}: {commas}; write decimal points")
+    rows = [(where, words) for where, line in lines if (words := line.translate(_BETWEEN).split())]
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
     table = []
-    for where, row in rows:
-        words = row.split()
+    for where, words in rows:
         if chosen and len(words) <= max(chosen):
             few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
             raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
