@@ -89,6 +89,7 @@ def flatfile(tmp_path_factory):
         ("measure {at2} --out {tmp}/no/f.csv", 4, "no/f.csv"),
         ("measure {at2} --out {tmp}/f.csv --periods 0.5,x", 2, "--periods 0.5,x: "),
         ("measure {at2} --out {tmp}/f.csv --periods nan", 2, "--periods nan: "),
+        ("measure {at2} --out {tmp}/f.csv --periods 0.1234", 2, "of at most three decimals"),
         ("select {flat} --target t.csv --sa 0.2", 2, "--target and --sa: a target is a file or"),
         ("select {flat} --distance 9 --vs30 760 --period 1", 2, "--magnitude is needed"),
         (f"select {{flat}} {' '.join(SCENARIO)}", 2, "a scenario; one of --sa and --epsilon"),

@@ -57,10 +57,10 @@ def measure_files(
     low, high = PERIOD_ENDS
     try:
         more = [float(part) for part in text.split(",")] if text else []
-        if not all(low <= period <= high for period in more):
+        if not all(low <= period <= high and round(period, 3) == period for period in more):
             raise ValueError
     except ValueError:
-        needed = f"numbers from {low:g} to {high:g} s with commas between are needed"
+        needed = f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
         raise InputError(f"--periods {text}: {needed}") from None
     periods = sorted({*selection.PERIODS, *more})
     verticals, tables = vertical_files(sorted(files)), []
