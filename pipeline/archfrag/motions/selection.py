@@ -134,21 +134,10 @@ class Selection:
     candidates: int  # records that could have been selected
 
     @property
-    def median(self) -> Array:
-        """exp of the mean of ln Sa of the records, (n_period,) [g]."""
-        return np.exp(self.ln_sa.mean(axis=0))
-
-    @property
     def sd(self) -> Array:
         """Standard deviation of ln Sa of the records (n - 1), (n_period,); nan of one record."""
         several = len(self.ln_sa) > 1
         return self.ln_sa.std(axis=0, ddof=1) if several else np.nan * self.ln_sa[0]
-
-    @property
-    def errors(self) -> tuple[Array, Array]:
-        """Median and sd over those of the target, less 1; nan if the target's sd is 0."""
-        sd = np.where(self.target.sd > 0.0, self.target.sd, np.nan)
-        return self.median / self.target.median - 1.0, self.sd / sd - 1.0
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -162,9 +151,13 @@ class Selection:
         return tuple(found)
 
     def facts(self) -> dict[str, Any]:
-        """Return records, factors, target and differences from it as plain values."""
-        mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
-        target = self.target
+        """Return records, factors, target and differences from it as plain values.
+
+        Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
+        """
+        target, median = self.target, np.exp(self.ln_sa.mean(axis=0))
+        ratios = median / target.median, self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
+        mean, sd = ([None if np.isnan(e) else float(e) for e in each - 1.0] for each in ratios)
         return {
             "records": self.table["record"].astype(str).tolist(),
             "scale": self.table["scale"].tolist(), "seed": self.seed,
