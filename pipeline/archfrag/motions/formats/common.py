@@ -106,7 +106,10 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
     """A test of a file or open binary buffer: plain text in whose first 4096 bytes all match."""
 
     def begins(source: Source) -> bool:
-        content = _read_bytes(source, 4096)
+        try:
+            content = _read_bytes(source, 4096)
+        except (OSError, ValueError):  # obspy goes on to other formats
+            return False
         text = "\n".join(_lines(content))
         return b"\0" not in content and all(re.search(pattern, text) for pattern in patterns)
 
