@@ -77,6 +77,11 @@ class ServiceError(ArchfragError):
     exit_code = 7
 
 
+def reason_of(error: Exception) -> str:
+    """First line of somebody else's error."""
+    return [*str(error).strip().splitlines(), type(error).__name__][0]
+
+
 def from_extra(module: str, extra: str) -> Any:
     """Import a package that comes with an extra of archfrag, or say how to install it."""
     try:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.motions.fetch import Request, fetch_records
+from archfrag.motions.fetch import fetch_records
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion
 
@@ -23,9 +23,10 @@ def centre(monkeypatch):
 
 def fetch(centre, folder, **options):
     """Ids of new and of kept records, and kinds and messages of failures."""
-    defaults = {"events_from": centre.address, "after": 20.0, "before": 5.0, "timeout": 20.0}
-    request = Request((EVENT,), centre.address, **{**defaults, **options})
-    found = list(fetch_records(request, folder))
+    defaults = {"events_from": centre.address, "after": 20.0, "before": 5.0, "timeout": 20.0,
+                "radius": 100.0, "channels": ("HN", "EN", "BN"), "most": 100}  # fmt: skip
+    options = {**defaults, **options}
+    found = list(fetch_records(folder, (EVENT,), centre.address, **options))
     new, kept = ([id for kind, id in found if kind == kind_of] for kind_of in ("new", "kept"))
     return new, kept, [each for each in found if each[0] not in ("new", "kept")]
 

@@ -6,9 +6,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from archfrag.errors import InputError
 from archfrag.files import write_csv
-from archfrag.motions.flatfile import measure_records, read_flatfile
 from archfrag.motions.measures import measure, parse_measure, scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion, load_motions, save_motions
+from archfrag.motions.selection import measure_records, read_flatfile
 
 from .helpers import refused, wave
 
@@ -134,7 +134,7 @@ def test_round_trip_is_exact(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
-        (lambda path: None, "no such file"),
+        (lambda path: None, "No such file"),
         (lambda path: path.write_text("something else"), "not a file of motions"),
         (lambda path: np.savez(path, x=np.zeros(3)), "not a file of motions"),
     ],

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from obspy import Stream, Trace, UTCDateTime
 
-from archfrag.motions.flatfile import read_flatfile
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
+from archfrag.motions.selection import read_flatfile
 from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
@@ -89,6 +89,7 @@ def flatfile(tmp_path_factory):
         ("measure {at2} --out {tmp}/no/f.csv", 4, "no/f.csv"),
         ("measure {at2} --out {tmp}/f.csv --periods 0.5,x", 2, "--periods 0.5,x: "),
         ("measure {at2} --out {tmp}/f.csv --periods nan", 2, "--periods nan: "),
+        ("measure {at2} --out {tmp}/f.csv --periods 0.1234", 2, "of at most three decimals"),
         ("select {flat} --target t.csv --sa 0.2", 2, "--target and --sa: a target is a file or"),
         ("select {flat} --distance 9 --vs30 760 --period 1", 2, "--magnitude is needed"),
         (f"select {{flat}} {' '.join(SCENARIO)}", 2, "a scenario; one of --sa and --epsilon"),

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import opened
+from archfrag.motions import selection
 from archfrag.motions import target as targets
-from archfrag.motions.flatfile import PERIODS, measure_records
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_motions
-from archfrag.motions.selection import Selection
 from archfrag.motions.synthetic import make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
@@ -59,12 +57,12 @@ def measure_files(
     low, high = PERIOD_ENDS
     try:
         more = [float(part) for part in text.split(",")] if text else []
-        if not all(low <= period <= high for period in more):
+        if not all(low <= period <= high and round(period, 3) == period for period in more):
             raise ValueError
     except ValueError:
-        needed = f"numbers from {low:g} to {high:g} s with commas between are needed"
+        needed = f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
         raise InputError(f"--periods {text}: {needed}") from None
-    periods = sorted({round(period, 3) for period in (*PERIODS, *more)})
+    periods = sorted({*selection.PERIODS, *more})
     verticals, tables = vertical_files(sorted(files)), []
     for file in [path for path in dict.fromkeys(files) if path not in verticals]:
         options, name = reading_of(file, reading), os.path.relpath(file, out.parent)
@@ -72,15 +70,9 @@ def measure_files(
                    for motion in read_motions(file, **options)]  # fmt: skip
         known = {"unit": options["unit"], "accept": " ".join(options["accept"]),
                  "columns": str(options["columns"] or "")}  # fmt: skip
-        table = measure_records(motions, periods)
+        table = selection.measure_records(motions, periods)
         tables.append(table.assign(**{key: value for key, value in known.items() if value}))
     return pd.concat(tables, ignore_index=True)
-
-
-def table_spectra(table: pd.DataFrame) -> dict[float, NDArray[np.float64]]:
-    """Sa [g] of the rows of a flatfile, by period [s]."""
-    columns = table.columns.to_series().str.extract(r"^T(\d+(?:\.\d+)?)S$")[0].dropna()
-    return {float(period): table[name].to_numpy(float) for name, period in columns.items()}
 
 
 def target_of(options: dict[str, Any], measured: Sequence[float]) -> targets.Target:
@@ -90,7 +82,7 @@ def target_of(options: dict[str, Any], measured: Sequence[float]) -> targets.Tar
     if options["target"] is not None:
         if given:
             raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
-        return targets.read_target(options["target"])
+        return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in given]
     if missing or ("sa" in given) == ("epsilon" in given):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
@@ -122,10 +114,11 @@ def make_chosen(out: Path, requested: dict[str, Any]) -> list[Path]:
     return make_suite(out, plan_motions(**{"records_per_event": 1, **given}))
 
 
-def measured_spectra(found: Mapping[float, NDArray[np.float64]]) -> str:
-    """Figure of the response spectra of a flatfile, period [s] to Sa [g] (n_record,)."""
-    periods = sorted(found)
-    rows = np.stack([found[period] for period in periods])
+def measured_spectra(table: pd.DataFrame) -> str:
+    """Figure of the response spectra of a flatfile."""
+    columns = selection.spectrum_columns(table)
+    periods = sorted(columns)
+    rows = table[[columns[period] for period in periods]].to_numpy(float).T
     chart, axes = _chart()
     axes.plot(periods, rows, color="grey", linewidth=0.5)
     low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=1)
@@ -134,7 +127,7 @@ def measured_spectra(found: Mapping[float, NDArray[np.float64]]) -> str:
     return _svg(chart, axes)
 
 
-def selected_spectra(found: Selection) -> str:
+def selected_spectra(found: selection.Selection) -> str:
     """Figure of selected, scaled records and their target: medians, 2.5 and 97.5 %."""
     target, (chart, axes) = found.target, _chart()
     axes.plot(target.periods, np.exp(found.ln_sa).T, color="grey", linewidth=0.5)

@@ -73,21 +73,21 @@ def inspect(
     from archfrag.motions.index import goes_with_records
     from archfrag.motions.read import inspect_record
 
-    found, unreadable = [], []
+    found = []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
             found.append(finite(inspect_record(file, **reading_of(file, reading))))
         except RecordError as error:
-            unreadable.append(error)
             found.append({"file": str(file), "error": str(error)})
     shown = [inspection_text(facts) for facts in found if "error" not in facts]
     if shown or as_json:
         show(found, "\n".join(shown), as_json)
-    for each in unreadable:
-        warn(f"error: {each}")
-    if unreadable:
+    for facts in found:
+        if "error" in facts:
+            warn(f"error: {facts['error']}")
+    if len(shown) < len(found):
         context.exit(RecordError.exit_code)
 
 
@@ -116,7 +116,7 @@ def measure(
     table = work.measure_files(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
     if figure is not None:
-        write_text(figure, work.measured_spectra(work.table_spectra(table)))
+        write_text(figure, work.measured_spectra(table))
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
@@ -154,11 +154,10 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
     from archfrag.cli import record_work as work
-    from archfrag.motions.flatfile import read_flatfile
-    from archfrag.motions.selection import select_records
+    from archfrag.motions.selection import read_flatfile, select_records, spectrum_columns
 
     table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
-    target = work.target_of(options, sorted(work.table_spectra(table)))
+    target = work.target_of(options, sorted(spectrum_columns(table)))
     selection = select_records(table, target, **{name: options[name] for name in own})
     selection.write(out, folder=flatfile.parent)
     if figure is not None:
@@ -237,20 +236,19 @@ def fetch(
     Example:
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
-    from archfrag.motions.fetch import Request, fetch_records
+    from archfrag.motions.fetch import fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
-    new: list[str] = []
-    kept: list[str] = []
-    failures = []
-    for kind, text in fetch_records(Request(events, channels=kinds, **options), out):
-        if kind in ("new", "kept"):
-            (new if kind == "new" else kept).append(text)
+    found: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
+    for kind, text in fetch_records(out, events, channels=kinds, **options):
+        if kind in found:
+            found[kind].append(text)
         else:
-            failures.append({"kind": kind, "message": text})
+            found["failures"].append({"kind": kind, "message": text})
             warn(text)
-    facts = {"folder": str(out), "new": new, "kept": kept, "failures": failures}
-    show(facts, f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}", as_json)
+    new, kept, failures = found.values()
+    text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
+    show({"folder": str(out), **found}, text, as_json)
     if passing := sum(failure["kind"] == "service" for failure in failures):
         count = counted(passing, "request")
         raise ServiceError(f"{count} failed; try again later: the same command continues")

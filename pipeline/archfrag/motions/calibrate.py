@@ -5,18 +5,16 @@ import io
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from archfrag.errors import RecordError
+from archfrag.errors import RecordError, reason_of
 from archfrag.files import opened, read_bytes
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
-from archfrag.motions.partners import channel_code, is_vertical
+from archfrag.motions.partners import Trace, channel_code, is_vertical
 
-Trace: TypeAlias = Any  # obspy's, whose import takes time
-Inventory: TypeAlias = Any
-Given: TypeAlias = str | Path | Inventory | None  # StationXML
+Inventory = Any  # obspy's, whose import takes time
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
@@ -79,7 +77,7 @@ def accept_or_refuse(
 
 def to_si(
     trace: Trace, warnings: tuple[Warned, ...], path: Path, asked: str | None, listed: str,
-    given: Given,
+    given: Any,
 ) -> None:  # fmt: skip
     """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not.
 
@@ -188,11 +186,9 @@ def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[f
     return None
 
 
-def find_inventory(path: Path, trace: Trace, given: Given) -> Inventory | None:
+def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     from obspy import read_inventory
-
-    from archfrag.motions.formats import reason_of
 
     if not (given is None or isinstance(given, (str, Path))):
         return given

@@ -75,22 +75,18 @@ def convert_record(
 
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
     """Channels with codes of their own if SEED can hold them, or else new ones."""
-    codes: list[tuple[str, ...]] = []
-    for channel in group:
-        stats = channel.stats
-        names = (_plain(stats.network)[:2] or "XX", _plain(stats.station)[:5])
-        codes.append((*names, str(stats.location).strip(), channel_code(channel)))
+    codes = [(_plain(channel.stats.network)[:2] or "XX", _plain(channel.stats.station)[:5],
+              str(channel.stats.location).strip(), channel_code(channel))
+             for channel in group]  # fmt: skip
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes)
     if not held or len(set(codes)) < len(codes):
-        instruments = list(dict.fromkeys(map(instrument, group)))
-        horizontals = dict.fromkeys(instruments, 0)
-        for number, channel in enumerate(group):
-            its = instrument(channel)
+        horizontals = dict.fromkeys(map(instrument, group), 0)
+        for number, (channel, its) in enumerate(zip(group, map(instrument, group))):
             horizontals[its] += not is_vertical(channel)
-            place = f"{instruments.index(its):02d}" if len(instruments) > 1 else ""
+            place = f"{list(horizontals).index(its):02d}" if len(horizontals) > 1 else ""
             kind = "HNZ" if is_vertical(channel) else f"HN{horizontals[its]}"
             codes[number] = (*codes[number][:2], place, kind)
-        if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
+        if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(horizontals) > 99:
             raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
     keys = ("network", "station", "location", "channel")
     return [

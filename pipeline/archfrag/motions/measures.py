@@ -59,11 +59,6 @@ def integral(samples: Samples, dt: float) -> Samples:
     return np.cumsum(values, out=values)
 
 
-def velocity(motion: Motion) -> Samples:
-    """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
-    return integral(motion.acceleration, 1.0) * motion.dt
-
-
 def arias_times(
     acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
 ) -> list[float]:

@@ -157,8 +157,6 @@ def load_motions(path: str | Path) -> list[Motion]:
                        **json.loads(entry))
                 for number, entry in enumerate(header["motions"])
             ]  # fmt: skip
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file of motions") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         what = "not a file of motions written by archfrag, or damaged"
         raise InputError(f"{path}: {what} ({error})") from None

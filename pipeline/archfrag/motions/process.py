@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.motions.measures import Samples, arias_times, integral
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.partners import AZIMUTHS, quadrant
@@ -224,7 +224,6 @@ def remove_response(
     from obspy import Trace, UTCDateTime
 
     from archfrag.motions.calibrate import find_inventory
-    from archfrag.motions.formats import reason_of
 
     known, changed = None, dict[str, Samples]()
     names = ("trace", "vertical_trace", "trace_transverse")

@@ -97,7 +97,7 @@ def _read_one(
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
     component, chosen = component or (listed if several else None), horizontals[0]
-    line: tuple[str, ...] = ()
+    record = chosen.stats.record
     if component:
         spelled = [channel.id for channel in horizontals] + codes + [code[-1:] for code in codes]
         places = [i for i, name in enumerate(spelled) if name.upper() == component.upper()]
@@ -105,12 +105,12 @@ def _read_one(
             raise RecordError(f"{source}: no horizontal component {component!r}; there is {names}")
         chosen = horizontals[places[0] % len(horizontals)]
     elif several:
-        line = (f"Horizontal {codes[0]} taken, the first of {names}.",)
+        record.log = (f"Horizontal {codes[0]} taken, the first of {names}.", *record.log)
     elif not is_horizontal(chosen):
-        line = (f"Channel code {codes[0]!r} taken to be horizontal: the only one.",)
+        taken = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
+        record.log = (taken, *record.log)
     name = entry.id if entry else record_name(source)
-    motion = _motion(source, chosen, name, entry, verticals if own_vertical else ())
-    return motion._replaced(log=(motion.log[0], *line, *motion.log[1:]))
+    return _motion(source, chosen, name, entry, verticals if own_vertical else ())
 
 
 def read_motions(

@@ -1,11 +1,13 @@
-"""Records selected from a flatfile so that their spectra are distributed as a target's.
+"""Flatfiles: measures of many records as one table, with the columns of NGA's, and selection.
 
-Spectral accelerations are in g here, as in flatfiles and ground-motion models.
+Records are selected so that their spectra are distributed as a target's. Spectral accelerations
+are in g here, as in flatfiles and ground-motion models.
 """
 
+import io
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +16,31 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError, RecordError
-from archfrag.files import write_csv
-from archfrag.motions.flatfile import numbers
-from archfrag.motions.target import Array, Target
+from archfrag.errors import InputError, RecordError, reason_of
+from archfrag.files import read_text, unquoted, write_csv
+from archfrag.motions.measures import measure_all
+from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.target import Array, Target, spectrum_target
 
+LARGEST_TABLE = 200_000_000  # [bytes]
+PERIODS = (
+    0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
+    4.0, 5.0, 7.5, 10.0,
+)  # fmt: skip
+# Column, measure, and what a value in its unit is in SI.
+_PEAKS = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01))
+_INTEGRALS = (
+    ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
+    ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
+)  # fmt: skip
+# Column, its type, and the keys of a motion's metadata; the first one that is there counts.
+_FACTS: dict[str, tuple[Any, ...]] = {
+    "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
+    "magnitude": (float, "Mw", "magnitude"),
+    "distance_km": (float, "distance_km", "epicentral_km"),
+    "vs30_mps": (float, "Vs30_mps", "vs30_mps"), "component": ("string", "component"),
+}  # fmt: skip
+_TYPES = {"record": "string", **{name: kind for name, (kind, *_) in _FACTS.items()}}
 STARTS = 5  # sets of 20 simulated, nearest to the target: each is improved, the best kept
 # Columns of an index of records, and those that have other names in a flatfile.
 _RENAMED = {"record": "id", "magnitude": "Mw", "vs30_mps": "Vs30_mps"}
@@ -26,6 +48,79 @@ _INDEX = ("id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "com
           "unit", "station", "accept", "columns")  # fmt: skip
 Rows = NDArray[np.int64]
 Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how many may be of one
+
+
+def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIODS) -> pd.DataFrame:
+    """Measure records, one row each, taken one after the other.
+
+    Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
+    ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
+    ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
+    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``. InputError for other periods.
+    """
+    if wrong := [t for t in periods if round(t, 3) != t]:
+        raise InputError(f"period {wrong[0]:g} s must have no more than three decimals")
+    spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
+    listed, rows = [*_PEAKS, *spectrum, *_INTEGRALS], []
+    for motion in motions:
+        values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
+        row: dict[str, Any] = {"record": motion.id}
+        for column, (_, *keys) in _FACTS.items():
+            known = (about[key] for key in keys if about.get(key) not in (None, ""))
+            row[column] = next(known, None)
+        row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
+        rows.append(row | {column: values[name] / unit for column, name, unit in listed})
+    table = pd.DataFrame(rows)
+    return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
+
+
+def read_flatfile(path: str | Path) -> pd.DataFrame:
+    """Read a flatfile; columns that are not ours are kept.
+
+    InputError if it is missing, no CSV with a column ``record``, or holds text for numbers.
+    """
+    table = read_table(path, "the flatfile", dtype=_TYPES)
+    for name in table.columns[table.dtypes == "string"]:
+        table[name] = table[name].map(unquoted, na_action="ignore")
+    if "record" not in table:
+        raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
+    return table
+
+
+def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
+    """Read a table in CSV by pandas, with errors that name the file."""
+    text = read_text(Path(path), LARGEST_TABLE, InputError, what)
+    try:
+        return pd.read_csv(io.StringIO(text), skipinitialspace=True, **form)
+    except ValueError as error:
+        raise InputError(f"{path}: {what} cannot be read as CSV ({reason_of(error)})") from None
+
+
+def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:
+    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
+    try:
+        return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
+    except KeyError:
+        raise RecordError(f"{source}: column {column!r} is missing") from None
+    except ValueError as error:
+        raise RecordError(f"{source}: {column}: {error}") from None
+
+
+def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
+    """Columns of Sa in a flatfile by their periods [s]."""
+    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
+    return {float(match[1]): match[0] for match in matches if match}
+
+
+def read_target(path: str | Path) -> Target:
+    """Read a target from CSV with columns ``period_s``, ``Sa_g`` and, if it has one, ``sd``.
+
+    See `spectrum_target` for what the columns mean; InputError or RecordError names the file.
+    """
+    rows, source = read_table(path, "the target"), str(path)
+    sd = numbers(rows, "sd", source) if "sd" in rows else None
+    periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
+    return spectrum_target(periods, median, sd, source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +134,10 @@ class Selection:
     candidates: int  # records that could have been selected
 
     @property
-    def median(self) -> Array:
-        """exp of the mean of ln Sa of the records, (n_period,) [g]."""
-        return np.exp(self.ln_sa.mean(axis=0))
-
-    @property
     def sd(self) -> Array:
         """Standard deviation of ln Sa of the records (n - 1), (n_period,); nan of one record."""
         several = len(self.ln_sa) > 1
         return self.ln_sa.std(axis=0, ddof=1) if several else np.nan * self.ln_sa[0]
-
-    @property
-    def errors(self) -> tuple[Array, Array]:
-        """Median and sd over those of the target, less 1; nan if the target's sd is 0."""
-        sd = np.where(self.target.sd > 0.0, self.target.sd, np.nan)
-        return self.median / self.target.median - 1.0, self.sd / sd - 1.0
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -67,9 +151,13 @@ class Selection:
         return tuple(found)
 
     def facts(self) -> dict[str, Any]:
-        """Return records, factors, target and differences from it as plain values."""
-        mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
-        target = self.target
+        """Return records, factors, target and differences from it as plain values.
+
+        Errors are median and sd over those of the target, less 1; None if the target's sd is 0.
+        """
+        target, median = self.target, np.exp(self.ln_sa.mean(axis=0))
+        ratios = median / target.median, self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
+        mean, sd = ([None if np.isnan(e) else float(e) for e in each - 1.0] for each in ratios)
         return {
             "records": self.table["record"].astype(str).tolist(),
             "scale": self.table["scale"].tolist(), "seed": self.seed,
@@ -211,8 +299,7 @@ def _candidates(
     if (twice := ids[ids.duplicated()]).size:
         raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
     records = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
-    matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
-    have, columns = {float(match[1]): match[0] for match in matches if match}, []
+    have, columns = spectrum_columns(table), []
     for period in target.periods:
         near = min(have, key=lambda measured: abs(measured - period), default=np.inf)
         if abs(near - period) > 2e-3 * period:
@@ -245,7 +332,6 @@ def _candidates(
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     """A number for each row, the same where all these columns agree; one alone if any is empty."""
-    known = table.reindex(columns=columns).astype("string").fillna("")
-    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
-    same = known.groupby(columns, sort=False).ngroup()
-    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
+    known = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
+    same, alone = known.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
+    return np.unique(np.where(known.isna().any(axis=1), alone, same), return_inverse=True)[1]

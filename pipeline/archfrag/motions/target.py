@@ -2,13 +2,11 @@
 
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, from_extra
-from archfrag.motions.flatfile import numbers, read_table
 
 Array = NDArray[np.float64]
 Rupture = tuple[float, float, float]  # moment magnitude, closest distance [km], Vs30 [m/s]
@@ -157,9 +155,8 @@ def spectrum_target(
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
-    rows = [
-        np.asarray(row, dtype=np.float64) for row in (median, given * 0.0 if sd is None else sd)
-    ]
+    given_sd = given * 0.0 if sd is None else sd
+    rows = [np.asarray(row, dtype=np.float64) for row in (median, given_sd)]
     for name, row, low in zip(("median Sa", "sd"), rows, (rows[0] <= 0.0, rows[1] < 0.0)):
         if row.shape != given.shape or not np.isfinite(row).all() or low.any():
             allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"
@@ -178,17 +175,6 @@ def spectrum_target(
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
     return Target(rising, np.log(sa), np.outer(scatter, scatter) * rho, conditioning)
-
-
-def read_target(path: str | Path) -> Target:
-    """Read a target from CSV with columns ``period_s``, ``Sa_g`` and, if it has one, ``sd``.
-
-    See `spectrum_target` for what the columns mean; InputError or RecordError names the file.
-    """
-    rows, source = read_table(path, "the target"), str(path)
-    sd = numbers(rows, "sd", source) if "sd" in rows else None
-    periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
-    return spectrum_target(periods, median, sd, source)
 
 
 def _rising(periods: ArrayLike, name: str) -> Array:

@@ -24,7 +24,7 @@ from typing import Any
 from obspy import Trace
 from obspy.core import AttribDict
 
-from archfrag.errors import RecordError
+from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
@@ -113,11 +113,6 @@ def read_as(path: str, name: str) -> list[Trace]:
             {"held": trace.stats.npts, "messages": list(shown)} | record
         )
     return traces
-
-
-def reason_of(error: Exception) -> str:
-    """The first line of somebody else's error."""
-    return [*str(error).strip().splitlines(), type(error).__name__][0]
 
 
 def read_apart(path: str) -> list[Trace]:

@@ -23,19 +23,16 @@ from archfrag.motions.partners import quadrant
 
 # SMC: first line, number of lines, numbers and width of integers and reals.
 _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
-_END = 27  # lines of the header without comments
 _LEVELS = {"1": "raw", "2": "processed"}
-_REALS = {"magnitude": (lambda value: value or None, 5, 7, 6, 8), "epicentral_km": (float, 16)}
 
 # GeoNet: lines of text, of text and integers, and of the header.
 _TEXT_LINES, _INTEGERS_END, _HEADER_LINES = 16, 20, 26
 _FIELDS = {
-    "interval": (str, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
+    "announced": (str, r"^\s*Number of points +(\S+)"),
+    "interval": (common.number, r"\bat (?:intervals of )?(\S+) s(?:ec)?\b"),
     "factor": (str, r"readings in units of +(\S+)"),
     "peak": (str, r"^\s*Acceleration: +peak +(\S+) +\S+"),
     "unit": (str, r"^\s*Acceleration: +peak +\S+ +(\S+)", r"readings in units of +\S+ +(\S+)"),
-}
-_FACTS = {
     "component": (str, r"^\s*Component +(\S+)"),
     "azimuth": (quadrant, r"^\s*Component +(\S+)"),
     "vertical": (lambda text: text.lower() in ("up", "down"), r"^\s*Component +(\S+)"),
@@ -67,7 +64,7 @@ def read_smc(source: common.Source, **_: Any) -> Stream:
         if numbers[-1].size != many:
             raise RecordError(f"{text.place(place)}: {numbers[-1].size} of {many} {kind} numbers")
     integers, reals = numbers
-    first = text.first(_END, lambda line: not line.lstrip().startswith("|"))
+    first = text.first(27, lambda line: not line.lstrip().startswith("|"))
     count = common.checked_count(f"{integers[16]:.0f}", text.place(13))
     values = text.numbers(first, None, count, 10)
     known = {i: value for i, value in enumerate(reals.tolist()) if value != reals[0]}
@@ -84,10 +81,13 @@ def read_smc(source: common.Source, **_: Any) -> Stream:
     start = None
     if dated and 0 <= hour < 24 and 0 <= minute < 60:
         start = dated + 3600.0 * hour + 60.0 * minute + (second if 0 <= second < 60 else 0.0)
-    record |= common.read_fields(_REALS, known.get) | common.known(
+    record |= common.known(
         event=re.sub(r"^[\s\d]+", "", head[3]).strip(),
-        date=str(dated.date) if dated else "", station=station,
-    )  # fmt: skip
+        date=str(dated.date) if dated else "",
+        station=station,
+        epicentral_km=known.get(16),
+        magnitude=next(filter(None, map(known.get, (5, 7, 6, 8))), None),
+    )
     log, step, per = [], 1.0 / known[1] if known.get(1) else None, 1 if 1 in known else 2
     # Writers of uncorrected volumes left a last row of what was in their memory.
     if count < values.size <= count + 8:
@@ -125,16 +125,13 @@ def _geonet_trace(text: common.Text, first: int, end: int) -> Trace:
     if end <= data:
         raise RecordError(f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
-    field, record = (
-        common.read_fields(table, lambda pattern: common.search(pattern, head))
-        for table in (_FIELDS, _FACTS)
-    )
-    record.setdefault("component", "")
+    found = common.read_fields(_FIELDS, lambda pattern: common.search(pattern, head))
+    record = {"component": "", "unit": "", "announced": "", "factor": "1"} | found
+    interval, factor, peak = (record.pop(key, "") for key in ("interval", "factor", "peak"))
     integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)
     channel = f"{text.name}: channel {record['component']}"
     if integers.size != 40:
         raise RecordError(f"{channel} has {integers.size} of 40 integers before line {data + 1}")
-    announced = common.search(r"^\s*Number of points +(\S+)", head)
     # Accelerations, velocities and displacements; a raw volume has the first only, however many.
     counts = integers[33:36].astype(int)
     samples = text.numbers(data, end, int(counts.sum()), 8)
@@ -143,18 +140,17 @@ def _geonet_trace(text: common.Text, first: int, end: int) -> Trace:
             needed = "{} accelerations, {} velocities and {} displacements".format(*counts)
             raise RecordError(f"{channel} must hold {needed}; it holds {samples.size}")
         samples = samples[: counts[0]]
-    if not (factor := common.number(field.get("factor", "1"))):
-        raise RecordError(f"{place}: readings in units of {field['factor']!r}, not a number")
+    if not (scale := common.number(factor)):
+        raise RecordError(f"{place}: readings in units of {factor!r}, not a number")
     raw = re.match(_START, text.lines[first])[1]  # type: ignore[index]
     record |= common.known(
-        unit=common.acceleration_unit(field.get("unit", ""), place),
-        announced=common.checked_count(announced, f"{place}: Number of points"),
+        unit=common.acceleration_unit(record["unit"], place),
+        announced=common.checked_count(record["announced"], f"{place}: Number of points"),
         level="raw" if raw else "processed", event=text.lines[first + 6].strip(),
     )  # fmt: skip
     return common.trace_of(
-        samples * factor, common.number(field.get("interval")),
-        f"{place}: interval", record,
-        peak=field.get("peak", ""), codes=("NZ", record.get("station", ""), ""),
+        samples * scale, interval or None, f"{place}: interval", record, peak=peak,
+        codes=("NZ", record.get("station", ""), ""),
         # Year, month, day, hour, minute and millisecond of the first sample.
         start=common.moment(*integers[[8, 9, 18, 19, 38, 39]] / (1, 1, 1, 1, 1, 1000)),
     )  # fmt: skip

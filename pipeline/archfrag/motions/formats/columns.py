@@ -56,7 +56,7 @@ class Columns:
             (self.skip < 0, f"skip of at least 0, not {self.skip}"),
         ):  # fmt: skip
             if wrong:
-                raise InputError(f"columns must have {needed}")
+                raise InputError(f"columns {str(self)!r} must have {needed}")
 
     def __str__(self) -> str:
         """As `parse_columns` reads it."""
@@ -79,27 +79,22 @@ def parse_columns(text: str) -> Columns:
         except ValueError:
             wrong = f"{word!r} is not known or occurs twice"
             raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None
-    try:
-        return Columns(**given)
-    except InputError as error:
-        raise InputError(f"columns {text!r}{str(error).removeprefix('columns')}") from None
+    return Columns(**given)
 
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     text, name = Text(path), str(path)
-    rows = [(text.place(place), row) for place, line in enumerate(text.lines)
-            if place >= columns.skip and (row := line.translate(_BETWEEN).strip())
-            and not row.startswith(("#", "%"))]  # fmt: skip
-    comma = next((place for place, line in enumerate(text.lines[columns.skip :])
-                  if "," in line and not line.lstrip().startswith(("#", "%"))), None)  # fmt: skip
-    if comma is not None and not any("." in row for _, row in rows):
+    lines = [(text.place(place), line) for place, line in enumerate(text.lines)
+             if place >= columns.skip and not line.lstrip().startswith(("#", "%"))]  # fmt: skip
+    comma = next((where for where, line in lines if "," in line), None)
+    if comma is not None and not any("." in line for _, line in lines):
         commas = "numbers with commas and none with a decimal point"
-        raise RecordError(f"{text.place(columns.skip + comma)}: {commas}; write decimal points")
+        raise RecordError(f"{comma}: {commas}; write decimal points")
+    rows = [(where, words) for where, line in lines if (words := line.translate(_BETWEEN).split())]
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
     table = []
-    for where, row in rows:
-        words = row.split()
+    for where, words in rows:
         if chosen and len(words) <= max(chosen):
             few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
             raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")

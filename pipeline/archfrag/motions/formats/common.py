@@ -80,8 +80,12 @@ class Text:
             return words
         values: list[float] = []
         for place, line in enumerate(lines, first):
-            for word in _words(line, width):
-                values += split(word, self.place(place))
+            rows = (_converted([line], each) for each in dict.fromkeys((None, width)))
+            if (row := next((row for row in rows if row is not None), None)) is not None:
+                values.extend(row)
+            else:
+                for word in line.split():
+                    values += split(word, self.place(place))
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
@@ -104,7 +108,7 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
     def begins(source: Source) -> bool:
         try:
             content = _read_bytes(source, 4096)
-        except (OSError, ValueError):
+        except (OSError, ValueError):  # obspy goes on to other formats
             return False
         text = "\n".join(_lines(content))
         return b"\0" not in content and all(re.search(pattern, text) for pattern in patterns)
@@ -137,18 +141,6 @@ def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] |
     except ValueError:
         return None
     return values if np.isfinite(values).all() else None
-
-
-def _words(line: str, width: int | None) -> list[str]:
-    """Words of a line, or its columns if only they are numbers."""
-    words = line.split()
-    if width is None or "\t" in line:
-        return words
-    columns = (line[start : start + width].strip() for start in range(0, len(line), width))
-    for found in (words, list(filter(None, columns))):
-        if all(_NUMBER.fullmatch(word.translate(_FORTRAN)) for word in found):
-            return found
-    return words
 
 
 def split(word: str, place: str) -> list[float]:

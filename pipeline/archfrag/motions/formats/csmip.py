@@ -35,7 +35,6 @@ _BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lin
 _SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _COSMOS_UNITS = {2: "g", 4: "cm/s2", 50: "counts"}
 _NULL = -999.0
-_REALS = {"magnitude": (lambda value: value or None, 12, 14), "epicentral_km": (float, 16)}
 
 # CSMIP
 _TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
@@ -110,7 +109,8 @@ def _cosmos_channel(text: common.Text, place: int) -> _Channel:
     samples = text.numbers(at + 1, end, announced, common.format_width(section))
     unit = _COSMOS_UNITS.get(int(integers[2]), "")
     record, codes = _cosmos_record([*lines, *[""] * 9], int(integers[53]), comments)
-    record = common.read_fields(_REALS, real.get) | record
+    size = real.get(12) or real.get(14) or None
+    record = common.known(magnitude=size, epicentral_km=real.get(16)) | record
     level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
     record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
     if unit == "counts":

@@ -47,8 +47,6 @@ _RESORCE = {
     "FILTER CUT-OFF FREQUENCY (HZ)": "LOW_CUT_FREQUENCY_HZ", "PGA (M/S/S)": "PGA_M/S/S",
     "STATION CODE / NAME": "STATION_CODE",
 }  # fmt: skip
-# What obspy keeps of a K-NET header.
-_KNET = {"date": (lambda time: time.date.isoformat(), "evot"), "magnitude": (float, "mag")}
 
 
 # An acceleration with its unit, number of samples and time step.
@@ -176,7 +174,8 @@ def read_knet(source: common.Source, **_: Any) -> Stream:
     # Without a header that is whole, nothing follows.
     for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = common.read_fields(_KNET, knet.get) | common.known(
+        record = common.known(
+            date=knet.evot.date.isoformat(), magnitude=knet.mag,
             level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),
