@@ -102,8 +102,8 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint
-        When and where contact was lost for good [s], nan and -1 if it was not. If a joint
-        collapsed with contact kept, the instant of the verdict.
+        When and where contact was lost for good [s], or the verdict came with contact kept; nan
+        and -1 without a collapse.
     collapse_mode : str
         "hinging" or "sliding" if the rotation [rad] of that joint, or its slip over its length,
         was larger when it lost contact; "lift_off" if it had neither; "overturning" if a joint
@@ -117,12 +117,10 @@ class Response:
         Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
         ground [m]: of the whole run, and at its end.
     events : dict of str to int
-        "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
-        "events": instants located at which the mechanism changed; "switches": times that
-        event-driven integration switched to time stepping.
+        "impacts" (joints that closed), "openings", "slides", "contact_losses", "rests"; "events":
+        instants located at which the mechanism changed; "switches" to time stepping.
     model_time : dict of str to float
-        Simulated time in each model [s]: "rest", "four_hinges", "mega_voussoirs",
-        "all_voussoirs".
+        Time in each model [s]: "rest", "four_hinges", "mega_voussoirs", "all_voussoirs".
     energy_error : float
         Largest energy gained or lost that no contact law explains, over the largest kinetic
         energy [1].
@@ -130,16 +128,15 @@ class Response:
         Kinetic and potential energy at the end, work of the ground, of friction and of impacts,
         and the remainder ("balance_error") [J].
     work : dict of str to int
-        Counts: "steps"; "iterations", linear contact problems on all voussoirs; "paths", contact
-        problems that needed path following behind the Newton iteration; "compliant", those solved
-        with slightly compliant joints only; "shortened", steps halved; "levels", contact problems
-        solved by the first and second level; "level_iterations", those of them that needed more
-        than one round; "general", those that the levels left to the general solver; "sweeps" and
+        Counts: "steps", also as attribute; "iterations", linear contact problems on all voussoirs;
+        "paths", contact problems that needed path following; "compliant" (attribute `fallbacks`),
+        those solved with slightly compliant joints only; "shortened", steps halved; "levels",
+        contact problems solved by the first and second level; "level_iterations", those of them
+        with more than one round; "general", those left to the general solver; "sweeps" and
         "unconverged", of baselines; "refused", states that bodies would have had to be moved for;
-        "refined", times that auto made a run again: with a tighter tolerance, then by steps alone.
-        `steps` and `fallbacks` ("compliant") are attributes too.
+        "refined", runs that auto made again, with a tighter tolerance, then by steps alone.
     wall_time, end_time : float
-        Time it took, compilation included if there was any, and simulated time at its end [s].
+        Time it took, compilation included, and simulated time at its end [s].
     residual : float
         Largest measured violation of the contact laws, by one measure for all methods
         (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
@@ -149,8 +146,8 @@ class Response:
     method : str
         Its name.
     mechanism : tuple of MechanismChange or None
-        With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
-        one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
+        With a history only: every change of the mechanism, up to a bound of 50,000, as a table by
+        ``pandas.DataFrame(response.mechanism)``.
     history : xarray.Dataset or None
     """
 
@@ -227,11 +224,9 @@ def empty_output(
 ) -> tuple[Frames, MechanismLog]:
     """Space for so many frames of a history and entries of a log."""
     body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
-    time, cause, joint_of_cause, model = (
-        np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
-    )
-    log = MechanismLog(time, cause, joint_of_cause, model, np.zeros((n_entry, n_joint), np.int8))
     numbers = np.zeros(n_frame), np.zeros(body), np.zeros(body), np.zeros(joint)
+    entries = (np.zeros(n_entry, kind) for kind in (np.float64, np.int8, np.int32, np.int8))
+    log = MechanismLog(*entries, np.zeros((n_entry, n_joint), np.int8))
     return Frames(*numbers, np.zeros(joint[:2], np.int8)), log
 
 
