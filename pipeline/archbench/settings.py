@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from archfrag.methods.registry import known_methods, resolve
+from archfrag.methods.registry import known_methods
 from archfrag.simulation.checks import available_methods, default_of
 
 OTHERS = "other solvers"
@@ -29,7 +29,7 @@ class Setting:
     @property
     def ours(self) -> bool:
         """Whether it is a method of archfrag."""
-        return resolve(self.method) is not None
+        return self.method in known_methods()
 
     @property
     def options(self) -> dict[str, Any]:

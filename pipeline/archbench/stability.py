@@ -18,7 +18,7 @@ from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
 from archbench.settings import Setting
 from archbench.solve import Frames, arch_of, solve
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import known_methods, resolve
+from archfrag.methods.registry import known_methods
 from archfrag.simulation.checks import available_methods, default_of
 
 # Kinds of failure from the worst to the mildest.
@@ -76,7 +76,7 @@ def cases(quick: bool) -> list[Case]:
 
 def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
     """A method at all steps, at all tolerances if it controls its error, or parts of its step."""
-    info = resolve(method)
+    info = known_methods().get(method)
     if info is None:
         return [Setting(method, "dt", step) for step in OTHER_STEPS]
     names = {parameter.name for parameter in info.parameters}

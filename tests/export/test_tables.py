@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from archfrag.export import tables
+from archfrag.export import command as tables
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal

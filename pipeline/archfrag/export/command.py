@@ -1,19 +1,21 @@
-"""Export a study: its curves and runs, in the formats asked for."""
+"""Export a study: its curves and runs in the formats asked for, and its tables."""
 
+import itertools
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import archfrag
 from archfrag.errors import FitError, from_extra
-from archfrag.export import tables
 from archfrag.export.formats import FORMATS, CurveSet, named_measure
-from archfrag.files import make_folder, sha256_of, write_csv
+from archfrag.files import make_folder, replacing, sha256_of, write_csv
+from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.study.answer.curves import arch_classes, quoted
@@ -22,6 +24,18 @@ from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
 
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
+PIECE = 20_000  # runs held at a time: some ten megabytes
+_POINTS = 211
+_RUN = ("arch", "record", "level")
+# Text of records and arches that groups runs; other text would be repeated in every row.
+_GROUPS = ("arch", "record", "event", "arch_class")
+# What each column is: `about`, and where they apply `unit` (CF's spelling) and `codes` by meaning.
+Columns = dict[str, dict[str, Any]]
+# A table in pieces of the same columns; at least one piece, which may have no row.
+Table = tuple[Columns, Iterable[pd.DataFrame]]
+# Columns of the tables of curves; the unit of an intensity is "given" or "si", and {percent} in a
+# text is the confidence.
+_COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=False)
 
 
 def export_study(
@@ -69,10 +83,9 @@ def export_study(
         for name, ending, text in texts:
             files.append((name, folder / f"{study.id}-{ending}"))
             write_text(files[-1][1], text)
-        for name in dict.fromkeys(formats):
-            if name not in FORMATS:
-                paths = _write_tables(study, cube, curves, answers, folder, name)
-                files += [(name, path) for path in paths]
+        for name in dict.fromkeys(name for name in formats if name not in FORMATS):
+            paths = _write_tables(study, cube, curves, answers, folder, name)
+            files += [(name, path) for path in paths]
     return {
         "folder": str(folder), "left_out": curves.left_out, "notes": messages,
         "files": [{"format": name, "file": str(path)} for name, path in files],
@@ -143,18 +156,144 @@ def _write_tables(
     facts = {"made": curves.made, "classes": about, "left_out": curves.left_out}
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
-        **tables.curve_tables(curves, answers, *units, study.intensity.factor),
-        "runs": tables.runs_table(cube),
-        "records": tables.facts_table(cube, "record"), "arches": tables.facts_table(cube, "arch"),
+        **curve_tables(curves, answers, *units, study.intensity.factor),
+        "runs": runs_table(cube),
+        "records": facts_table(cube, "record"), "arches": facts_table(cube, "arch"),
     }  # fmt: skip
     paths = [folder / f"{study.id}-{name}.{ending}" for name in every]
     for (columns, pieces), path in zip(every.values(), paths):
         if ending == "csv":
             write_csv(path, pieces)
         else:
-            tables.write_parquet(path, pieces, facts | {"columns": columns})
+            write_parquet(path, pieces, facts | {"columns": columns})
     if ending == "csv":
         paths.append(folder / f"{study.id}-tables.json")
         content = facts | {"tables": {name: columns for name, (columns, _) in every.items()}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
+
+
+def write_parquet(path: Path, pieces: Iterable[pd.DataFrame], facts: dict[str, Any]) -> None:
+    """Write a table as Parquet, a row group for each piece; completely or not at all."""
+    arrow, parquet = (from_extra(name, "parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    tables = (arrow.Table.from_pandas(each, preserve_index=False) for each in pieces)
+    first, about = next(tables), json.dumps(facts, ensure_ascii=False)
+    schema = first.schema.with_metadata({"archfrag": about})
+    with replacing(path) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
+        for table in itertools.chain([first], tables):
+            writer.write_table(table.cast(schema))
+
+
+def curve_tables(
+    curves: CurveSet, answers: Mapping[str, Answer], unit: str, si: str, factor: float
+) -> dict[str, Table]:
+    """Points and parameters of all curves; an intensity in `unit` times `factor` is in `si`.
+
+    Bands of collapse are those that the report quotes; those of other limit states are from the
+    covariance of the fit.
+    """
+    levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
+    confidence = next(iter(answers.values())).confidence
+    units, points, parameters = {"given": unit, "si": si}, [], []
+    for arch, states in curves.curves.items():
+        for state, fit in states.items():
+            if isinstance(fit, str):
+                continue
+            labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
+            found = answers[arch]
+            lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
+            if state != "collapse":
+                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
+                found = Answer(fit, fit, *ends, method="covariance of the fit")
+                lower, upper = fit.band(levels, confidence)
+            points.append(pd.DataFrame(labels | {
+                "im": levels / factor, "intensity": levels, "lower": lower, "upper": upper,
+                "probability": fit.probability(levels),
+            }))  # fmt: skip
+            likelihood = found.likelihood
+            parameters.append(labels | {
+                "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
+                "theta_lower": found.theta[0] / factor, "theta_upper": found.theta[1] / factor,
+                "beta_lower": found.beta[0], "beta_upper": found.beta[1],
+                "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
+                "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),
+                "standard_error_ln_theta": fit.standard_errors[0],
+                "standard_error_beta": fit.standard_errors[1],
+                "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total,
+                "kind": fit.kind, "band": found.method,
+            })  # fmt: skip
+    tables: dict[str, Table] = {}
+    for name, frames in (("curves", points), ("parameters", [pd.DataFrame(parameters)])):
+        about = Columns()
+        for row in _COLUMNS[_COLUMNS["table"].isin(["", name])].to_dict("records"):
+            text = row["about"].format(percent=f"{100 * confidence:g} %")
+            about[row["name"]] = _about(text, units.get(row["unit"], row["unit"]))
+        pieces = [frame.reindex(columns=list(about)) for frame in frames or [pd.DataFrame()]]
+        tables[name] = about, pieces
+    return tables
+
+
+def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
+    """All values of all runs, read from the cube in pieces of some arches.
+
+    Values of a record, an arch or a level stand in each of their runs; text about a record but
+    its event is in the table of records. Values by model or measure have a column for each.
+    """
+    names = []
+    for name in dict.fromkeys((*_RUN, "intensity", *map(str, cube.variables))):
+        variable = cube.variables[name]
+        own = [d for d in variable.dims if d in _RUN]
+        text = variable.dtype.kind in "OSU" and name not in _GROUPS
+        if own and own != ["arch", "level"] and not text:  # of arch and level: counts of records
+            names.append(name)
+    columns, values = _columns(cube, names)
+
+    def pieces() -> Iterator[pd.DataFrame]:
+        n_arch, n_record, n_level = (cube.sizes[name] for name in _RUN)
+        at_once = max(piece // max(n_record * n_level, 1), 1)
+        stored = (cube["verdict"].encoding.get("chunksizes") or (1,))[0]  # each chunk is read once
+        at_once = -(-at_once // stored) * stored
+        for first in range(0, max(n_arch, 1), at_once):
+            some = xr.Dataset(values).isel(arch=slice(first, first + at_once))
+            frame = some.to_dataframe(dim_order=list(_RUN)).reset_index()[list(columns)]
+            yield frame[frame["verdict"] != Verdict.NOT_SIMULATED].reset_index(drop=True)
+
+    return columns, pieces()
+
+
+def facts_table(cube: xr.Dataset, dimension: str) -> Table:
+    """Table of the cube's values of each record, or of each arch."""
+    columns, values = _columns(cube, [
+        name for name in sorted(map(str, cube.variables), key=dimension.__ne__)
+        if [d for d in cube.variables[name].dims if d in _RUN] == [dimension]
+    ])  # fmt: skip
+    return columns, [pd.DataFrame({name: each.values for name, each in values.items()})]
+
+
+def _columns(cube: xr.Dataset, names: Iterable[str]) -> tuple[Columns, dict[str, xr.Variable]]:
+    """Variables of a cube as columns, one for each label of a dimension that no run has."""
+    columns, values = Columns(), dict[str, xr.Variable]()
+    for name in names:
+        variable, codes = cube.variables[name], {}
+        attrs = variable.attrs
+        if "flag_meanings" in attrs:
+            flags = np.ravel(attrs["flag_values"]).tolist()
+            codes = dict(zip(attrs["flag_meanings"].split(), flags))
+        text = ". ".join(filter(None, (attrs.get("long_name", name), attrs.get("comment", ""))))
+        unit = str(attrs.get("units", ""))
+        other = [str(d) for d in variable.dims if d not in _RUN]
+        if not other:
+            columns[name], values[name] = _about(text, unit, codes), variable
+            continue
+        of_each = cube.get(f"{other[0]}_unit")
+        for n, label in enumerate(cube[other[0]].values):
+            unit = unit if of_each is None else str(of_each.values[n])
+            columns[f"{name}_{label}"] = _about(text, unit, codes)
+            values[f"{name}_{label}"] = variable.isel({other[0]: n})
+    return columns, values
+
+
+def _about(text: str, unit: str, codes: Mapping[str, int] | None = None) -> dict[str, Any]:
+    """Facts on a column, without what does not apply."""
+    facts = {"about": text, "unit": unit, "codes": codes}
+    return {key: value for key, value in facts.items() if value}

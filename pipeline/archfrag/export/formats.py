@@ -72,23 +72,19 @@ class CurveSet:
 
     @property
     def complete(self) -> dict[str, dict[str, Fragility]]:
-        """Arches that have a curve at every limit state."""
-        known = {
+        """Arches that have a curve at every limit state: all that have one of collapse."""
+        left_out = self.left_out
+        return {
             arch: {state: fit for state, fit in states.items() if isinstance(fit, Fragility)}
             for arch, states in self.curves.items()
+            if arch not in left_out
         }
-        return {arch: fits for arch, fits in known.items() if len(fits) == len(self.limit_states)}
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Return by arch why it lacks a curve of collapse or of other limit states."""
-        why: dict[str, str] = {}
-        for arch, states in self.curves.items():
-            reasons = [f"{state}: {fit}" for state, fit in states.items() if isinstance(fit, str)]
-            if reasons:
-                last = states[self.limit_states[-1]]
-                why[arch] = last if isinstance(last, str) else "; ".join(reasons)
-        return why
+        """Return by arch why it has no curve of collapse, the last limit state."""
+        last = {arch: states[self.limit_states[-1]] for arch, states in self.curves.items()}
+        return {arch: why for arch, why in last.items() if isinstance(why, str)}
 
 
 class Named(NamedTuple):

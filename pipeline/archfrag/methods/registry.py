@@ -152,8 +152,3 @@ def register(*methods: MethodInfo) -> None:
 def known_methods() -> dict[str, MethodInfo]:
     """All methods by their names: `METHODS`, then those registered."""
     return METHODS | _REGISTERED
-
-
-def resolve(name: str) -> MethodInfo | None:
-    """Method of a given name; None if there is no such method."""
-    return known_methods().get(name)

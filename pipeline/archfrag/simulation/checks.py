@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from archfrag.errors import InputError
-from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods, resolve
+from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods
 
 # Parameters of methods that are arguments of `simulate`.
 COMMON = ("dt", "rtol", "follow")
@@ -35,7 +35,7 @@ def available_methods() -> tuple[str, ...]:
 
 def check_method(name: Any) -> MethodInfo:
     """The method of a name; `InputError` if there is none, or its package is not installed."""
-    info = resolve(name) if isinstance(name, str) else None
+    info = known_methods().get(name) if isinstance(name, str) else None
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
     if not is_available(info):
