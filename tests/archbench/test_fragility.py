@@ -72,7 +72,7 @@ def test_the_knee_is_measured_beside_the_reference_on_the_same_records():
 
 
 def test_a_study_runs_the_main_job_s_records_and_levels():
-    job = load_study(ROOT / "configs" / "shipped.yaml")
+    job = load_study(ROOT / "configs" / "ring.yaml")
     scenes, levels = scenes_of(ROOT / "records", SHIPPED, False)
     assert len(scenes) == 30
     assert levels == pytest.approx(job.intensity.given)
