@@ -326,15 +326,6 @@ class Arch:
             overrides what the drawing states ($INSUNITS).
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
-
-        Examples
-        --------
-        >>> import archfrag as af, tempfile, pathlib
-        >>> file = pathlib.Path(tempfile.mkdtemp()) / "bridge.dxf"
-        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
-        >>> bridge.to_dxf(file, unit="mm")
-        >>> abs(af.onset(af.Arch.from_dxf(file, 1)).plus - af.onset(bridge).plus) < 1e-12
-        True
         """
         from archfrag.arch.drawing import read_drawing
         from archfrag.arch.polygons import polygon_shape
@@ -342,31 +333,6 @@ class Arch:
         drawn = read_drawing(path, layer, unit)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
         return cls(**_fields("polygons", shape, ring, friction, free, **material))
-
-    def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
-        """Write the blocks as closed polylines and their edges on the ground as lines.
-
-        `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
-        load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn. The same arch and version of ezdxf make the same bytes.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write, or `OutputError`.
-        unit, layer : str
-            m, dm, cm, mm, in or ft; layer of all that is drawn.
-        """
-        from archfrag.arch.drawing import write_dxf
-
-        given = self.parameters
-        if "outlines" in given:
-            blocks, ground = ([np.array(a) for a in given[k]] for k in ("outlines", "ground"))
-        else:
-            # Outlines go along the intrados, then back along the extrados, with as many points.
-            blocks, half = list(self.outlines), len(self.outlines[-1]) // 2
-            ground = [blocks[0][[0, -1]], blocks[-1][[half - 1, half]]][: 2 - self.free_end]
-        write_dxf(path, blocks, ground, unit, layer, arcs=given.get("sector", False))
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
         """Return the arch with joints that transmit nothing near their ends.

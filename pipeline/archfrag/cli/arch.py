@@ -1,4 +1,4 @@
-"""The commands for one arch: `onset`, `draw` and `simulate`."""
+"""The commands for one arch: `onset` and `simulate`."""
 
 import functools
 import math
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_record
+from archfrag.cli.options import PATH, json_option, show, takes, takes_record
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -122,16 +122,6 @@ def onset(arch: Any, as_json: bool) -> None:
         lines.append(f"ground towards {sense}: {moves}{how}")
     text = "\n".join(lines) if start.stands else "does not stand under its own weight"
     show(finite({name: getattr(start, name) for name in names}), text, as_json)
-
-
-@click.command()
-@_takes_arch
-@click.option("--output", type=PATH, required=True, metavar="FILE", help="DXF file to write.")
-@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft.")
-def draw(arch: Any, output: Path, output_unit: str) -> None:
-    """Draw an arch as DXF, the ground as lines."""
-    arch.to_dxf(output, output_unit)
-    echo(f"drawing: {output}")
 
 
 @click.command()
