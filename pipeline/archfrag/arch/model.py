@@ -149,7 +149,7 @@ class Arch:
     @classmethod
     def segmental(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, sector: bool = True, joints: ArrayLike | None = None, **material: Any,
+        *, sector: bool = True, **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch of at most a semicircle from its span and rise.
 
@@ -159,16 +159,16 @@ class Arch:
             Of the centre line; the rise is at most half the span [m].
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, joints, **material
+        thickness, voussoirs, friction, **more
             See `Arch`.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("segmental", given, material, sector=checks.flag("sector", sector))
+        more["sector"] = checks.flag("sector", sector)
+        return cls._over_span("segmental", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def pointed(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
 
@@ -176,50 +176,49 @@ class Arch:
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
         The parameters are those of `segmental`; the rise is at least half the span.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("pointed", given, material)
+        return cls._over_span("pointed", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def elliptic(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build the upper half of an ellipse, flat or tall, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`; span and rise are the horizontal axis and half the vertical one.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("elliptic", given, material)
+        return cls._over_span("elliptic", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def catenary(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a hanging chain upside down, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("catenary", given, material)
+        return cls._over_span("catenary", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def _over_span(
-        cls, profile: str, given: tuple[Any, ...], material: dict[str, Any], **more: Any
-    ) -> Arch:
+        cls, profile: str, span: float, rise: float, thickness: float, voussoirs: int,
+        friction: ArrayLike, *, joints: ArrayLike | None = None, sector: bool | None = None,
+        **material: Any,
+    ) -> Arch:  # fmt: skip
         """Check what profiles over a span have in common, and build one of them."""
-        span, rise, thickness, voussoirs, joints, friction = given
         least, most, ring_of = _OVER_SPAN[profile]
         span, meaning = checks.number("span", span), f"{least:g} to {most:g} x span"
         rise = checks.number("rise", rise, least=least * span, most=most * span, meaning=meaning)
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
-        ring = ring_of(span, rise, thickness, position, **more)
+        own = {} if sector is None else {"sector": sector}
+        ring = ring_of(span, rise, thickness, position, **own)
         shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
-        shape |= more | {"joints": _plain(joints)}
+        shape |= own | {"joints": _plain(joints)}
         return cls(**_fields(profile, shape, ring, friction, **material))
 
     @classmethod
