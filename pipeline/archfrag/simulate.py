@@ -22,6 +22,7 @@ from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import (
+    UNITS,
     Response,
     empty_output,
     history_of,
@@ -43,11 +44,6 @@ COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
 _LEFT_OUT = {
     "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
-}  # fmt: skip
-_UNITS = {
-    "collapse_time": "s", "lost_contact_time": "s", "peak_rotation": "rad",
-    "peak_displacement": "m", "residual_rotation": "rad",
-    "residual_displacement": "m", "end_time": "s",
 }  # fmt: skip
 
 
@@ -72,10 +68,9 @@ def simulate(
         Relative error allowed by methods with step control: auto, time_stepping, event_driven.
         The method's default if not given.
     dt : float, optional
-        Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
-        the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
-        up to 4 ms between them for joints of 1.5 m at the default rtol, 1.6 and 8 ms for more
-        than 20 voussoirs. event_driven uses it when it switches to time stepping.
+        Fixed time step [s]; of event_driven, when it switches to time stepping. If not given,
+        steps follow from rtol and the shortest joint
+        (`archfrag.methods.registry.steps_of_tolerance`).
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
@@ -254,7 +249,7 @@ def simulate_many(
     columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {
-        name: ("run", np.array(values), {"units": _UNITS.get(name, "1")})
+        name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
         for name, values in columns.items()
     }
     return xarray.Dataset(variables, coords={"factor": ("run", scales)}, attrs={"method": method})

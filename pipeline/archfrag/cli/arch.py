@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
-_UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}  # by a last word
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 _TYPES = {"voussoirs": int, "drawing": str, "layer": str, "drawing_unit": str}  # others: float
 _OPTIONS = {
@@ -166,7 +165,7 @@ def simulate(
 
 def _text(response: "Response", facts: dict[str, Any]) -> str:
     from archfrag.errors import STATUS_MESSAGE
-    from archfrag.simulation.response import summary
+    from archfrag.simulation.response import UNITS, summary
 
     def listed(values: dict[str, Any], unit: str) -> str:
         known = (f"{name.replace('_', ' ')} {each:.4g}" for name, each in values.items() if each)
@@ -174,7 +173,7 @@ def _text(response: "Response", facts: dict[str, Any]) -> str:
 
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():
-        unit = _UNITS.get(key.split("_")[-1], "")
+        unit = UNITS.get(key.split("_")[-1], "")
         if isinstance(value, dict):
             value = listed(value, unit)
         elif isinstance(value, float):
