@@ -1,7 +1,5 @@
 """DXF drawings of arches: the only module that imports ezdxf."""
 
-import codecs
-import io
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -76,10 +74,8 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
 def _document(path: Path) -> Any:
     """The file as ezdxf reads it."""
     ezdxf = from_extra("ezdxf", "drawing")
-    content = read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")
+    read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
-        if content.startswith(codecs.BOM_UTF8):
-            return ezdxf.read(io.StringIO(content.decode("utf-8-sig", "surrogateescape")))
         return ezdxf.readfile(path)
     except Exception as error:  # ezdxf raises of all kinds for damaged files
         reason = str(error).partition("\n")[0] or type(error).__name__

@@ -45,8 +45,7 @@ class Arch:
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
-        joint under compression does not slide. One that slides then has no normal force, which
-        happens at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
+        joint slides only where it has no normal force, as with a coefficient of 1e6.
     density, depth : float
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
@@ -54,9 +53,8 @@ class Arch:
         `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
         Without it all voussoirs are equal.
     dead_load : float or (voussoirs,) array_like, optional
-        Weight on the back of all voussoirs or of each [N]: a point mass fixed to the middle of
-        the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
-        the direction of the body force.
+        Weight on the back of all voussoirs or of each [N]: a point mass, with inertia, fixed to
+        the middle of the voussoir's extrados.
 
     Attributes
     ----------

@@ -194,8 +194,7 @@ def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
 def static_limit(arch: Arch, start: Onset) -> float:
     """Rotation at which the mechanism of onset is in unstable equilibrium under its weight [rad].
 
-    Beyond it the arch falls though the ground is at rest, if its hinges stay where they are. It
-    is the rotation of the voussoir that rotates most where the potential energy of the four-hinge
+    Rotation of the voussoir that rotates most, where the potential energy of the four-hinge
     linkage (of the one body of a block or a column) is largest: of a block arctan(width / height).
     The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
     a free end nor four hinges.
