@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,12 +123,13 @@ def simulate(
         if not history or count[Count.FRAMES] < n_frame:
             break
         n_frame *= 2
-    response = partial(response_of, results, 0, info.name, time.perf_counter() - started)
+    wall_time = time.perf_counter() - started
     if not history:
-        return response()
+        return response_of(results, 0, info.name, wall_time)
     n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
     changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
-    return response(changes, history_of(arch, frames, int(count[Count.FRAMES])))
+    kept = history_of(arch, frames, int(count[Count.FRAMES]))
+    return response_of(results, 0, info.name, wall_time, changes, kept)
 
 
 def _checked_call(

@@ -131,8 +131,6 @@ class Arch:
         >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
         >>> arch.n_voussoir, arch.n_joint
         (7, 8)
-        >>> round(float(arch.chain.mass.sum()))
-        82467
         """
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness)

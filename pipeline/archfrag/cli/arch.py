@@ -29,12 +29,9 @@ _OPTIONS = {
     "thickness": "Thickness of the ring [m].",
     "width": "Width of a block [m].",
     "height": "Height of a block [m].",
-    "density": "Density of the masonry [kg/m3].",
-    "depth": "Width across the plane [m].",
     "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
     "layer": "Layer of the drawing; the only one with polylines if not given.",
     "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
-    "thickness_factor": "Factor on the ring thickness of the drawing.",
 }
 
 
@@ -43,7 +40,7 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        given = {name: options.pop(name) for name in ("profile", "sector", *_OPTIONS)}
+        given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
         given["unit"] = given.pop("drawing_unit")
         arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
         command(arch, **options)
@@ -53,8 +50,6 @@ def _takes_arch(command: Callable) -> Callable:
         click.option("--arch", "arch_id", metavar="ID", help="Id of the arch in the study."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
-        click.option("--straight", "sector", flag_value=False, default=None, type=bool,
-                     help="Use straight-sided voussoirs."),
         *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
           for name, text in _OPTIONS.items()),
     )(wrapped)  # fmt: skip
@@ -167,15 +162,12 @@ def _text(response: "Response", facts: dict[str, Any]) -> str:
     from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import UNITS, summary
 
-    def listed(values: dict[str, Any], unit: str) -> str:
-        known = (f"{name.replace('_', ' ')} {each:.4g}" for name, each in values.items() if each)
-        return ", ".join(f"{each} {unit}".rstrip() for each in known) or "none"
-
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():
         unit = UNITS.get(key.split("_")[-1], "")
         if isinstance(value, dict):
-            value = listed(value, unit)
+            known = (f"{name} {each:.4g} {unit}" for name, each in value.items() if each)
+            value = ", ".join(each.strip().replace("_", " ") for each in known) or "none"
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
         if key not in ("status", "collapsed", "mechanism") and value not in (None, -1, "none"):

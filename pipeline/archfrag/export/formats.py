@@ -116,8 +116,7 @@ def named_measure(receiver: str, measure: str) -> Named:
             "ground-motion model"
         )
     if parsed.rotated:
-        must = f"must be {parsed.rotated} of two horizontal components"
-        messages.append(f"the values of {parsed.kind} {must}")
+        messages.append(f"{parsed.kind} must be {parsed.rotated} of two horizontal components")
     return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages))
 
 

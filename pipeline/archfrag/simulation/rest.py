@@ -200,10 +200,8 @@ def static_limit(arch: Arch, start: Onset) -> float:
     a free end nor four hinges.
     """
     least = np.inf
-    for hinges, sliding in (
-        (start.hinges, start.sliding),
-        (start.hinges_minus, start.sliding_minus),
-    ):
+    both = (start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus)
+    for hinges, sliding in both:
         if not sliding and (len(hinges) == 4 or (arch.free_end and len(hinges) == 1)):
             least = min(least, *(_limit(arch, hinges, sense) for sense in (1.0, -1.0)))
     return least if np.isfinite(least) else np.nan
