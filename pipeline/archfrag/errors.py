@@ -101,9 +101,8 @@ def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -
         return worded(error)
     except ArchfragError as error:
         return str(error)
-    except (
-        Exception
-    ) as error:  # after all simulations a report without one part is better than none
+    except Exception as error:
+        # After all simulations a report without one part is better than none.
         kind = type(error).__name__
         return f"{kind}: {error}; this is an error in archfrag: please report it"
 

@@ -20,8 +20,7 @@ from pathlib import Path
 
 KERNEL_FOLDERS = ("mechanics", "methods")
 HOLDS_NO_KERNEL = ("registry.py", "auto.py", "front.py")
-KEPT = 8  # folders of other states of the source, however old
-KEPT_FOR_SURE = 30 * 86400.0
+KEPT = 30 * 86400.0  # time for which folders of other states of the source stay unused [s]
 # Names the temporary cache of this process to the processes that it starts.
 INHERITED = "ARCHFRAG_KERNEL_CACHE"
 _temporary: list[tempfile.TemporaryDirectory[str]] = []  # removed when this process ends
@@ -77,9 +76,9 @@ def _prepared(base: Path) -> Path:
         raise PermissionError(f"{folder} is not a private directory of our own")
     tempfile.TemporaryFile(dir=folder).close()
     os.utime(folder)
-    found = [(p.lstat().st_mtime, p) for p in base.glob("k-*") if p.lstat().st_uid == os.getuid()]
-    for changed, other in sorted(found, reverse=True)[KEPT:]:
-        if changed <= time.time() - KEPT_FOR_SURE:
+    for other in base.glob("k-*"):
+        found = other.lstat()
+        if found.st_uid == os.getuid() and found.st_mtime <= time.time() - KEPT:
             shutil.rmtree(other, ignore_errors=True)
     return folder
 

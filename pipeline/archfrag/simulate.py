@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import (
+    UNITS,
     Response,
     empty_output,
     history_of,
@@ -43,11 +43,6 @@ COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
 _LEFT_OUT = {
     "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
-}  # fmt: skip
-_UNITS = {
-    "collapse_time": "s", "lost_contact_time": "s", "peak_rotation": "rad",
-    "peak_displacement": "m", "residual_rotation": "rad",
-    "residual_displacement": "m", "end_time": "s",
 }  # fmt: skip
 
 
@@ -72,10 +67,9 @@ def simulate(
         Relative error allowed by methods with step control: auto, time_stepping, event_driven.
         The method's default if not given.
     dt : float, optional
-        Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
-        the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
-        up to 4 ms between them for joints of 1.5 m at the default rtol, 1.6 and 8 ms for more
-        than 20 voussoirs. event_driven uses it when it switches to time stepping.
+        Fixed time step [s]; of event_driven, when it switches to time stepping. If not given,
+        steps follow from rtol and the shortest joint
+        (`archfrag.methods.registry.steps_of_tolerance`).
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism. auto takes the history of a short chain under a pulse by events.
@@ -129,12 +123,13 @@ def simulate(
         if not history or count[Count.FRAMES] < n_frame:
             break
         n_frame *= 2
-    response = partial(response_of, results, 0, info.name, time.perf_counter() - started)
+    wall_time = time.perf_counter() - started
     if not history:
-        return response()
+        return response_of(results, 0, info.name, wall_time)
     n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
     changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
-    return response(changes, history_of(arch, frames, int(count[Count.FRAMES])))
+    kept = history_of(arch, frames, int(count[Count.FRAMES]))
+    return response_of(results, 0, info.name, wall_time, changes, kept)
 
 
 def _checked_call(
@@ -254,7 +249,7 @@ def simulate_many(
     columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {
-        name: ("run", np.array(values), {"units": _UNITS.get(name, "1")})
+        name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
         for name, values in columns.items()
     }
     return xarray.Dataset(variables, coords={"factor": ("run", scales)}, attrs={"method": method})

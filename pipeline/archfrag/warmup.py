@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import llvmlite.binding
@@ -18,7 +19,7 @@ from numba.core import config
 from archfrag.arch import Arch
 from archfrag.kernel_cache import use_kernel_cache
 from archfrag.motions.motion import Motion
-from archfrag.simulate import onset, simulate, simulate_many
+from archfrag.simulate import simulate, simulate_many
 from archfrag.simulation.checks import check_method, method_names
 
 # What the compilation of a method takes on two cores [s].
@@ -78,23 +79,14 @@ def _stamps(method: str | None) -> list[Path]:
 def _compile(methods: Sequence[str], second: bool = False) -> None:
     """Call the kernels of some methods; a second process begins with what the first needs late."""
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    motion, at_rest = Motion(np.zeros(3), dt=0.01), np.zeros((3, 3))
-    if second:
-        onset(arch)
-        methods = methods[::-1]
-    if second and len(methods) == 1:
-        # One run alone, while the other process makes the kernels of four.
-        simulate(arch, motion, method="time_stepping")
-        return
+    motion, calls = Motion(np.zeros(3), dt=0.01), list[Callable[[], object]]()
     for method in methods:
         if check_method(method).load_many is not None:
-            # The kernels of events, which auto may need, are those of event_driven.
-            simulate_many(arch, motion, [1.0], method=method)
-            simulate(arch, motion, method=method)
-        else:
-            # With an initial state the kernels that see whether an arch stands are not needed.
-            simulate(arch, motion, method=method, initial=(at_rest, at_rest))
-    onset(arch)
+            calls.append(partial(simulate_many, arch, motion, [1.0], method=method))
+        # The kernels of events, which auto may need, are those of event_driven.
+        calls.append(partial(simulate, arch, motion, method=method))
+    for call in reversed(calls) if second else calls:
+        call()
 
 
 @contextlib.contextmanager

@@ -126,8 +126,8 @@ def test_pelicun():
 def test_in_core():
     curves = curve_set("Sa(0.2)", tower=NONE)
     sets = formats.in_core_sets(curves)
-    assert list(sets) == ["ring-7", "wall+2"]
-    for arch, text in sets.items():
+    assert list(sets) == ["in-core-ring-7.json", "in-core-wall+2.json"]
+    for arch, text in zip(curves.complete, sets.values(), strict=True):
         content = json.loads(text)
         assert content["demandTypes"] == ["0.2 Sec Sa"]
         assert "0" * 64 in content["description"]
@@ -197,7 +197,7 @@ def test_parser_of_openquake(tmp_path, measure):
 def test_parser_of_in_core(tmp_path, measure, states):
     curves, named = curve_set(measure, states=states), formats.named_measure("IN-CORE", measure)
     found = {}
-    for arch, text in formats.in_core_sets(curves).items():
+    for arch, text in zip(curves.complete, formats.in_core_sets(curves).values()):
         path = tmp_path / f"{arch}.json"
         path.write_text(text, encoding="utf-8")
         levels = json.dumps(asked(curves, named.factor)[arch])

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 STANDARD_GRAVITY = 9.80665
 """Acceleration of gravity in all of archfrag [m/s2] (ISO 80000-3, standard acceleration)."""
-# Imported when asked for: whoever reads a study file needs neither numba nor scipy.
-_HOME = {"Arch": "archfrag.arch.model", "Block": "archfrag.arch.model"}
 __all__ = ["STANDARD_GRAVITY", "Arch", "Block"]
 
 if TYPE_CHECKING:
@@ -14,6 +12,6 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
+    if name in ("Arch", "Block"):  # whoever reads a study file needs neither numba nor scipy
+        return getattr(import_module("archfrag.arch.model"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,25 +1,19 @@
-"""DXF drawings, read and written: the only module that imports ezdxf."""
+"""DXF drawings of arches: the only module that imports ezdxf."""
 
-import codecs
-import io
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.geometry import cross
 from archfrag.arch.polygons import Blocks, without_repeated
 from archfrag.errors import GeometryError, from_extra
-from archfrag.files import make_folder, read_bytes, replacing
+from archfrag.files import read_bytes
 
-# Units that a drawing may be in: length [m] and code of $INSUNITS.
-UNITS = {
-    "m": (1.0, 6), "dm": (0.1, 14), "cm": (0.01, 5), "mm": (0.001, 4), "in": (0.0254, 1),
-    "ft": (0.3048, 2),
-}  # fmt: skip
+# Units that a drawing may be in [m], and their codes in $INSUNITS.
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+_CODES = {6: "m", 14: "dm", 5: "cm", 4: "mm", 1: "in", 2: "ft"}
 SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
 LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
 # Entities that are no blocks; any other might be one.
@@ -46,7 +40,13 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
             f"{path}: layer = {layer} must be the layer that has the blocks; layers with "
             f"polylines: {listed}"
         )
-    scale, _ = _unit(unit, document.header.get("$INSUNITS", 0), path)
+    code = document.header.get("$INSUNITS", 0)
+    name = _CODES.get(code) if unit is None else unit
+    if name not in UNITS:
+        raise GeometryError(
+            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
+        )
+    scale = UNITS[name]
     found = Blocks([], [], [], [])
     for entity in entities:
         kind = entity.dxftype()
@@ -74,10 +74,8 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
 def _document(path: Path) -> Any:
     """The file as ezdxf reads it."""
     ezdxf = from_extra("ezdxf", "drawing")
-    content = read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")
+    read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
-        if content.startswith(codecs.BOM_UTF8):
-            return ezdxf.read(io.StringIO(content.decode("utf-8-sig", "surrogateescape")))
         return ezdxf.readfile(path)
     except Exception as error:  # ezdxf raises of all kinds for damaged files
         reason = str(error).partition("\n")[0] or type(error).__name__
@@ -85,17 +83,6 @@ def _document(path: Path) -> Any:
             f"{path}: is not a DXF file, or a damaged one ({reason}); save it again as DXF from "
             "the drawing program"
         ) from None
-
-
-def _unit(name: str | None, code: int, path: str | Path) -> tuple[float, int]:
-    """Row of `UNITS` by its name, or by a drawing's code if there is none."""
-    codes = {row[1]: unit for unit, row in UNITS.items()}
-    given = codes.get(code) if name is None else name
-    if given not in UNITS:
-        raise GeometryError(
-            f"{path}: unit = {name} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
-        )
-    return UNITS[given]
 
 
 def _outline(entity: Any, name: str) -> FloatArray:
@@ -119,51 +106,3 @@ def _outline(entity: Any, name: str) -> FloatArray:
     if not entity.is_closed and np.hypot(*(points[-1] - points[0])[:2]) > least:
         raise GeometryError(f"{name} is open; a block must be a closed polyline")
     return without_repeated(points, least)
-
-
-def write_dxf(
-    path: str | Path, outlines: Sequence[FloatArray], ground: Sequence[FloatArray], unit: str,
-    layer: str, arcs: bool,
-) -> None:  # fmt: skip
-    """Write blocks as closed polylines and what they stand on as lines; see `Arch.to_dxf`.
-
-    Outlines ``(m, 3)`` are corners x, y [m] and bulge; ``(m, 2)`` are points of straight-sided
-    blocks, or with `arcs` of annular sectors, whose arcs are then drawn as arcs.
-    """
-    ezdxf = from_extra("ezdxf", "drawing")
-    scale, code = _unit(unit, 0, path)
-    # The same arch makes the same bytes, without times and random identifiers.
-    before = ezdxf.options.write_fixed_meta_data_for_testing
-    ezdxf.options.write_fixed_meta_data_for_testing = True
-    try:
-        document = ezdxf.new("R2010", units=code)
-        document.layers.add(layer)
-        space, attributes = document.modelspace(), {"layer": layer}
-        for outline in outlines:
-            full = np.column_stack([outline, np.zeros(len(outline))])[:, :3]
-            points = ((_with_arcs(outline) if arcs else full) / [scale, scale, 1.0]).tolist()
-            space.add_lwpolyline(points, format="xyb", close=True, dxfattribs=attributes)
-        for line in ground:
-            space.add_line(*(line / scale).tolist(), dxfattribs=attributes)
-        # In an order of their own: ezdxf registers them from a set.
-        document.classes.add_required_classes(document.dxfversion)
-        document.classes.classes = dict(sorted(document.classes.classes.items()))
-        text = io.StringIO()
-        document.write(text)
-    except ezdxf.DXFError as error:
-        raise GeometryError(f"layer = {layer!r} cannot be used ({error})") from None
-    finally:
-        ezdxf.options.write_fixed_meta_data_for_testing = before
-    make_folder(Path(path).parent)
-    with replacing(Path(path)) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8")
-
-
-def _with_arcs(points: FloatArray) -> FloatArray:
-    """Outline ``(4, 3)`` of an annular sector, from points on its intrados, then its extrados."""
-    half = len(points) // 2
-    corners = points[[0, half - 1, half, -1]]
-    sides = corners[[3, 2]] - corners[[0, 1]]
-    angle = np.arctan2(cross(sides[0], sides[1]), (sides[0] * sides[1]).sum())
-    bulge = np.tan(-0.25 * (-angle % (2.0 * np.pi)))  # clockwise over the crown
-    return np.column_stack([corners, [bulge, 0.0, -bulge, 0.0]])

@@ -11,8 +11,6 @@ import numpy as np
 from archfrag.arch.checks import FloatArray
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
-
-
 # Of a plane figure: area [m2], centroid (2,) [m], polar second moment about the centroid [m4].
 Section = tuple[float, FloatArray, float]
 

@@ -45,8 +45,7 @@ class Arch:
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
-        joint under compression does not slide. One that slides then has no normal force, which
-        happens at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
+        joint slides only where it has no normal force, as with a coefficient of 1e6.
     density, depth : float
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
@@ -54,9 +53,8 @@ class Arch:
         `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
         Without it all voussoirs are equal.
     dead_load : float or (voussoirs,) array_like, optional
-        Weight on the back of all voussoirs or of each [N]: a point mass fixed to the middle of
-        the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
-        the direction of the body force.
+        Weight on the back of all voussoirs or of each [N]: a point mass, with inertia, fixed to
+        the middle of the voussoir's extrados.
 
     Attributes
     ----------
@@ -133,8 +131,6 @@ class Arch:
         >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
         >>> arch.n_voussoir, arch.n_joint
         (7, 8)
-        >>> round(float(arch.chain.mass.sum()))
-        82467
         """
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness)
@@ -149,7 +145,7 @@ class Arch:
     @classmethod
     def segmental(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, sector: bool = True, joints: ArrayLike | None = None, **material: Any,
+        *, sector: bool = True, **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a circular arch of at most a semicircle from its span and rise.
 
@@ -159,16 +155,16 @@ class Arch:
             Of the centre line; the rise is at most half the span [m].
         sector : bool
             Exact annular sectors; False: straight-sided, with the same joints.
-        thickness, voussoirs, friction, joints, **material
+        thickness, voussoirs, friction, **more
             See `Arch`.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("segmental", given, material, sector=checks.flag("sector", sector))
+        more["sector"] = checks.flag("sector", sector)
+        return cls._over_span("segmental", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def pointed(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a pointed arch: two circular arcs with horizontal springings meet at the crown.
 
@@ -176,50 +172,49 @@ class Arch:
         thickness; without one the keystone keeps the points of both arcs. Sides are straight.
         The parameters are those of `segmental`; the rise is at least half the span.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("pointed", given, material)
+        return cls._over_span("pointed", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def elliptic(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build the upper half of an ellipse, flat or tall, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`; span and rise are the horizontal axis and half the vertical one.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("elliptic", given, material)
+        return cls._over_span("elliptic", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def catenary(
         cls, span: float, rise: float, thickness: float, voussoirs: int, friction: ArrayLike,
-        *, joints: ArrayLike | None = None, **material: Any,
+        **more: Any,
     ) -> Arch:  # fmt: skip
         """Build a hanging chain upside down, with straight sides.
 
         Joints are perpendicular to the centre line and must not cross. The parameters are those
         of `segmental`.
         """
-        given = span, rise, thickness, voussoirs, joints, friction
-        return cls._over_span("catenary", given, material)
+        return cls._over_span("catenary", span, rise, thickness, voussoirs, friction, **more)
 
     @classmethod
     def _over_span(
-        cls, profile: str, given: tuple[Any, ...], material: dict[str, Any], **more: Any
-    ) -> Arch:
+        cls, profile: str, span: float, rise: float, thickness: float, voussoirs: int,
+        friction: ArrayLike, *, joints: ArrayLike | None = None, sector: bool | None = None,
+        **material: Any,
+    ) -> Arch:  # fmt: skip
         """Check what profiles over a span have in common, and build one of them."""
-        span, rise, thickness, voussoirs, joints, friction = given
         least, most, ring_of = _OVER_SPAN[profile]
         span, meaning = checks.number("span", span), f"{least:g} to {most:g} x span"
         rise = checks.number("rise", rise, least=least * span, most=most * span, meaning=meaning)
         thickness = checks.number("thickness", thickness)
         voussoirs = checks.count("voussoirs", voussoirs)
         position = checks.joint_positions(joints, voussoirs, 1.0, "(the centre line's length)")
-        ring = ring_of(span, rise, thickness, position, **more)
+        own = {} if sector is None else {"sector": sector}
+        ring = ring_of(span, rise, thickness, position, **own)
         shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
-        shape |= more | {"joints": _plain(joints)}
+        shape |= own | {"joints": _plain(joints)}
         return cls(**_fields(profile, shape, ring, friction, **material))
 
     @classmethod
@@ -326,15 +321,6 @@ class Arch:
             overrides what the drawing states ($INSUNITS).
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
-
-        Examples
-        --------
-        >>> import archfrag as af, tempfile, pathlib
-        >>> file = pathlib.Path(tempfile.mkdtemp()) / "bridge.dxf"
-        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
-        >>> bridge.to_dxf(file, unit="mm")
-        >>> abs(af.onset(af.Arch.from_dxf(file, 1)).plus - af.onset(bridge).plus) < 1e-12
-        True
         """
         from archfrag.arch.drawing import read_drawing
         from archfrag.arch.polygons import polygon_shape
@@ -342,31 +328,6 @@ class Arch:
         drawn = read_drawing(path, layer, unit)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
         return cls(**_fields("polygons", shape, ring, friction, free, **material))
-
-    def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
-        """Write the blocks as closed polylines and their edges on the ground as lines.
-
-        `from_dxf` reads the same arch again, if given the same friction, density, depth and dead
-        load, which no drawing holds. Intrados and extrados are then as seen from outside of the
-        arch. Recesses are not drawn. The same arch and version of ezdxf make the same bytes.
-
-        Parameters
-        ----------
-        path : str or Path
-            File to write, or `OutputError`.
-        unit, layer : str
-            m, dm, cm, mm, in or ft; layer of all that is drawn.
-        """
-        from archfrag.arch.drawing import write_dxf
-
-        given = self.parameters
-        if "outlines" in given:
-            blocks, ground = ([np.array(a) for a in given[k]] for k in ("outlines", "ground"))
-        else:
-            # Outlines go along the intrados, then back along the extrados, with as many points.
-            blocks, half = list(self.outlines), len(self.outlines[-1]) // 2
-            ground = [blocks[0][[0, -1]], blocks[-1][[half - 1, half]]][: 2 - self.free_end]
-        write_dxf(path, blocks, ground, unit, layer, arcs=given.get("sector", False))
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
         """Return the arch with joints that transmit nothing near their ends.

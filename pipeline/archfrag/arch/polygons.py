@@ -261,8 +261,6 @@ def _common_part(edge: _Segment, other: _Segment, tolerance: float) -> _Segment 
 
 def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
     """From end to end of segments of one direction; None if they are not on one line."""
-    if len(parts) == 1:
-        return parts[0]
     points = np.concatenate(parts)
     unit = parts[0][1] - parts[0][0]
     unit /= np.hypot(*unit)

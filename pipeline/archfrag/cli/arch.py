@@ -1,4 +1,4 @@
-"""The commands for one arch: `onset`, `draw` and `simulate`."""
+"""The commands for one arch: `onset` and `simulate`."""
 
 import functools
 import math
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_record
+from archfrag.cli.options import PATH, json_option, show, takes, takes_record
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
-_UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}  # by a last word
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 _TYPES = {"voussoirs": int, "drawing": str, "layer": str, "drawing_unit": str}  # others: float
 _OPTIONS = {
@@ -30,12 +29,9 @@ _OPTIONS = {
     "thickness": "Thickness of the ring [m].",
     "width": "Width of a block [m].",
     "height": "Height of a block [m].",
-    "density": "Density of the masonry [kg/m3].",
-    "depth": "Width across the plane [m].",
     "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
     "layer": "Layer of the drawing; the only one with polylines if not given.",
     "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
-    "thickness_factor": "Factor on the ring thickness of the drawing.",
 }
 
 
@@ -44,7 +40,7 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        given = {name: options.pop(name) for name in ("profile", "sector", *_OPTIONS)}
+        given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
         given["unit"] = given.pop("drawing_unit")
         arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
         command(arch, **options)
@@ -54,8 +50,6 @@ def _takes_arch(command: Callable) -> Callable:
         click.option("--arch", "arch_id", metavar="ID", help="Id of the arch in the study."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
-        click.option("--straight", "sector", flag_value=False, default=None, type=bool,
-                     help="Use straight-sided voussoirs."),
         *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
           for name, text in _OPTIONS.items()),
     )(wrapped)  # fmt: skip
@@ -126,16 +120,6 @@ def onset(arch: Any, as_json: bool) -> None:
 
 @click.command()
 @_takes_arch
-@click.option("--output", type=PATH, required=True, metavar="FILE", help="DXF file to write.")
-@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft.")
-def draw(arch: Any, output: Path, output_unit: str) -> None:
-    """Draw an arch as DXF, the ground as lines."""
-    arch.to_dxf(output, output_unit)
-    echo(f"drawing: {output}")
-
-
-@click.command()
-@_takes_arch
 @click.argument("record", type=PATH)
 @takes_record
 @takes(
@@ -176,17 +160,14 @@ def simulate(
 
 def _text(response: "Response", facts: dict[str, Any]) -> str:
     from archfrag.errors import STATUS_MESSAGE
-    from archfrag.simulation.response import summary
-
-    def listed(values: dict[str, Any], unit: str) -> str:
-        known = (f"{name.replace('_', ' ')} {each:.4g}" for name, each in values.items() if each)
-        return ", ".join(f"{each} {unit}".rstrip() for each in known) or "none"
+    from archfrag.simulation.response import UNITS, summary
 
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]
     for key, value in facts.items():
-        unit = _UNITS.get(key.split("_")[-1], "")
+        unit = UNITS.get(key.split("_")[-1], "")
         if isinstance(value, dict):
-            value = listed(value, unit)
+            known = (f"{name} {each:.4g} {unit}" for name, each in value.items() if each)
+            value = ", ".join(each.strip().replace("_", " ") for each in known) or "none"
         elif isinstance(value, float):
             value = f"{value:.4g} {unit}"
         if key not in ("status", "collapsed", "mechanism") and value not in (None, -1, "none"):

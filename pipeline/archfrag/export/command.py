@@ -67,16 +67,15 @@ def export_study(
         curves = CurveSet(states, study.intensity.measure, ends, made, classes)
         texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
         for name in dict.fromkeys(formats):
-            receiver, writers = FORMATS.get(name, ("", {}))
-            if writers and not curves.complete:
+            if name not in FORMATS:
+                continue
+            receiver, write = FORMATS[name]
+            if not curves.complete:
                 reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
                 raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-            if writers and (message := named_measure(receiver, curves.measure).condition):
+            if message := named_measure(receiver, curves.measure).condition:
                 messages.append(f"{name}: {message}")
-            for ending, write in writers.items():
-                made_of = write(curves)
-                parts = {"": made_of} if isinstance(made_of, str) else made_of
-                texts += [(name, ending.format(arch=a), text) for a, text in parts.items()]
+            texts += [(name, ending, text) for ending, text in write(curves).items()]
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")

@@ -116,8 +116,7 @@ def named_measure(receiver: str, measure: str) -> Named:
             "ground-motion model"
         )
     if parsed.rotated:
-        must = f"must be {parsed.rotated} of two horizontal components"
-        messages.append(f"the values of {parsed.kind} {must}")
+        messages.append(f"{parsed.kind} must be {parsed.rotated} of two horizontal components")
     return Named(name.format(*parsed.periods), unit, _FACTORS[unit], "; ".join(messages))
 
 
@@ -251,7 +250,7 @@ def _ids(curves: CurveSet) -> list[str]:
 
 
 def in_core_sets(curves: CurveSet) -> dict[str, str]:
-    """A set for each arch, as JSON.
+    """A set for each arch, as JSON, by the ends of their files' names.
 
     IN-CORE takes four curves for a bridge under an earthquake, no more and no fewer: the severest
     four. Where there are fewer limit states, the severest is repeated: the damage states between
@@ -274,7 +273,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
                 "returnType": {"type": "Limit State", "unit": "", "description": f"LS_{n}"},
                 "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
             })  # fmt: skip
-        sets[arch] = _text({
+        sets[f"in-core-{arch}.json"] = _text({
             "description": f"{curves.described(arch)}. {curves.origin(demand.condition)}",
             "creator": f"archfrag {curves.made['archfrag']}",
             "demandTypes": [demand.name], "demandUnits": [demand.unit],
@@ -290,11 +289,12 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     return sets
 
 
-# By name of a format: its receiver, and the texts of its files by the ends of their names, with a
-# text for each arch where {arch} stands in it.
-FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str]]]]] = {
-    "nrml-continuous": ("OpenQuake", {"fragility-continuous.xml": nrml_continuous}),
-    "nrml-discrete": ("OpenQuake", {"fragility-discrete.xml": nrml_discrete}),
-    "pelicun": ("pelicun", {"pelicun.csv": pelicun_table, "pelicun.json": pelicun_description}),
-    "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),
-}
+# By name of a format: its receiver, and its files' texts by the ends of their names.
+FORMATS: dict[str, tuple[str, Callable[[CurveSet], dict[str, str]]]] = {
+    "nrml-continuous": ("OpenQuake", lambda c: {"fragility-continuous.xml": nrml_continuous(c)}),
+    "nrml-discrete": ("OpenQuake", lambda c: {"fragility-discrete.xml": nrml_discrete(c)}),
+    "pelicun": ("pelicun", lambda c: {
+        "pelicun.csv": pelicun_table(c), "pelicun.json": pelicun_description(c),
+    }),
+    "in-core": ("IN-CORE", in_core_sets),
+}  # fmt: skip

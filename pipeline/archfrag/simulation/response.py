@@ -25,6 +25,8 @@ _EVENTS = {
 _NO_WORK = {*_EVENTS.values(), Count.FRAMES, Count.LOG_ENTRIES}
 _COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
 _COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
+# Units of what is in a response, by the last word of its name.
+UNITS = {"time": "s", "rotation": "rad", "displacement": "m", "energy": "J"}
 _ENERGY = {
     "kinetic": Energy.KINETIC, "potential": Energy.POTENTIAL, "ground": Energy.GROUND,
     "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
@@ -102,7 +104,7 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint
-        When and where contact was lost for good [s], nan and -1 if it was not. If a joint
+        When [s] and where contact was lost for good, nan and -1 if it was not. If a joint
         collapsed with contact kept, the instant of the verdict.
     collapse_mode : str
         "hinging" or "sliding" if the rotation [rad] of that joint, or its slip over its length,
@@ -118,11 +120,9 @@ class Response:
         ground [m]: of the whole run, and at its end.
     events : dict of str to int
         "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
-        "events": instants located at which the mechanism changed; "switches": times that
-        event-driven integration switched to time stepping.
+        "events": instants located at which the mechanism changed; "switches" to time stepping.
     model_time : dict of str to float
-        Simulated time in each model [s]: "rest", "four_hinges", "mega_voussoirs",
-        "all_voussoirs".
+        Simulated time in each `archfrag.mechanics.status.Model`, in lower case [s].
     energy_error : float
         Largest energy gained or lost that no contact law explains, over the largest kinetic
         energy [1].
@@ -130,24 +130,17 @@ class Response:
         Kinetic and potential energy at the end, work of the ground, of friction and of impacts,
         and the remainder ("balance_error") [J].
     work : dict of str to int
-        Counts: "steps"; "iterations", linear contact problems on all voussoirs; "paths", contact
-        problems that needed path following behind the Newton iteration; "compliant", those solved
-        with slightly compliant joints only; "shortened", steps halved; "levels", contact problems
-        solved by the first and second level; "level_iterations", those of them that needed more
-        than one round; "general", those that the levels left to the general solver; "sweeps" and
-        "unconverged", of baselines; "refused", states that bodies would have had to be moved for;
-        "refined", times that auto made a run again: with a tighter tolerance, then by steps alone.
-        `steps` and `fallbacks` ("compliant") are attributes too.
+        Counts of `archfrag.mechanics.status.Count`, in lower case; of them `steps` and `fallbacks`
+        (contact problems solved with compliant joints only, "compliant") are attributes too.
     wall_time, end_time : float
         Time it took, compilation included if there was any, and simulated time at its end [s].
     residual : float
-        Largest measured violation of the contact laws, by one measure for all methods
-        (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
-        rates over the speed of a fall through them, forces over the weight [1].
+        Largest violation of the contact laws (`archfrag.mechanics.residual.state_residual`): gaps
+        over joint lengths, slip rates over the speed of a fall through them, forces over the
+        weight [1].
     overlap : float
         Deepest overlap of two bodies at a corner that was seen, over the joint's length [1].
     method : str
-        Its name.
     mechanism : tuple of MechanismChange or None
         With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
         one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.

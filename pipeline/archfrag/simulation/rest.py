@@ -194,17 +194,14 @@ def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
 def static_limit(arch: Arch, start: Onset) -> float:
     """Rotation at which the mechanism of onset is in unstable equilibrium under its weight [rad].
 
-    Beyond it the arch falls though the ground is at rest, if its hinges stay where they are. It
-    is the rotation of the voussoir that rotates most where the potential energy of the four-hinge
+    Rotation of the voussoir that rotates most, where the potential energy of the four-hinge
     linkage (of the one body of a block or a column) is largest: of a block arctan(width / height).
     The smaller of those of the two mechanisms; nan if they slide, or have neither one hinge below
     a free end nor four hinges.
     """
     least = np.inf
-    for hinges, sliding in (
-        (start.hinges, start.sliding),
-        (start.hinges_minus, start.sliding_minus),
-    ):
+    both = (start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus)
+    for hinges, sliding in both:
         if not sliding and (len(hinges) == 4 or (arch.free_end and len(hinges) == 1)):
             least = min(least, *(_limit(arch, hinges, sense) for sense in (1.0, -1.0)))
     return least if np.isfinite(least) else np.nan
