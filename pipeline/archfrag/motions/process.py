@@ -75,9 +75,9 @@ def bandpass(
 ) -> Motion:  # fmt: skip
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
-    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Both
-    passes halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is that of
-    one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
+    Without a corner [Hz] it is a low-pass or a high-pass. Both passes halve the amplitude at a
+    corner, one leaves 0.71 of it; `order` (1 to 10) is that of one pass. InputError unless
+    0 < lowest < highest < 1 / (2 dt).
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
@@ -116,9 +116,8 @@ def trim_by_arias(
     Fraction 0 is the start of the record and 1 its end, silence included; see `arias_times`.
     """
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
-    first = 0.0 if start == 0.0 else max(0.0, first - margin)
-    last = motion.duration if end == 1.0 else min(motion.duration, last + margin)
-    return cut(motion, first, last)
+    return cut(motion, max(0.0, first - margin) if start > 0.0 else 0.0,
+               last + margin if end < 1.0 else motion.duration)  # fmt: skip
 
 
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
@@ -126,14 +125,12 @@ def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> 
 
     `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it.
     """
-    reached = np.abs(motion.acceleration) >= threshold
-    if motion.transverse is not None:
-        reached |= np.abs(motion.transverse) >= threshold
-    if not reached.any():
+    rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
+    reached = motion.dt * np.flatnonzero((np.abs(rows) >= threshold).any(axis=0))
+    if not reached.size:
         needed = f"the threshold {threshold:g} m/s2 ({threshold / STANDARD_GRAVITY:.4g} g)"
         raise InputError(f"{motion.id or 'motion'}: no sample reaches {needed} of the trim")
-    first, last = motion.dt * np.flatnonzero(reached)[[0, -1]]
-    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
+    return cut(motion, max(0.0, reached[0] - margin), reached[-1] + margin)
 
 
 def resample(motion: Motion, dt: float) -> Motion:

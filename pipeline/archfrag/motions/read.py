@@ -83,7 +83,7 @@ def read_motion(
     }  # fmt: skip
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
     if vertical is not None:
-        return partners.with_vertical(motion, read_vertical(vertical, **options))
+        return partners.joined(motion, read_vertical(vertical, **options), "vertical")
     return motion
 
 
@@ -285,7 +285,7 @@ def _motion(
     for own in (v for v in verticals if partners.instrument(v) == partners.instrument(channel)):
         vertical = _motion(path, own, name, entry)
         try:
-            return partners.with_vertical(motion, vertical)
+            return partners.joined(motion, vertical, "vertical")
         except RecordError as error:
             raise RecordError(f"{path}: {error}") from None
     return motion

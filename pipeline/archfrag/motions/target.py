@@ -29,8 +29,8 @@ def predict(
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
-    5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
-    unknown, a number is not positive, or a period [s] is outside the model's.
+    5 %. Messages name what the model is not recommended for. InputError if the model is unknown,
+    a number is not positive, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
@@ -126,8 +126,7 @@ def conditional_spectrum(
 
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
-    InputError if a number is not positive, or a period occurs twice or is outside the range of
-    the model or of the correlation.
+    InputError for numbers that are not positive and periods that are twice or out of range.
     """
     if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
         raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")

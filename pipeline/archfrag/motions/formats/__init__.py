@@ -86,6 +86,8 @@ def read_as(path: str, name: str) -> list[Trace]:
             traces = list(plug_in(name, "read")(path))
             if not traces:
                 raise ValueError("no trace could be read from it")
+            for trace in traces:  # npts, which the header states, stays as it is
+                object.__setattr__(trace, "data", trace.data.astype(float))
         except RecordError:
             raise
         except MemoryError:
@@ -107,11 +109,9 @@ def read_as(path: str, name: str) -> list[Trace]:
         if length and size % length:
             cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
             raise RecordError(f"{path}: {cut_off} bytes")
-        record = {"announced": trace.stats.npts, **trace.stats.get("record", {})}
+        facts = {"announced": trace.stats.npts, "held": len(trace.data), "messages": list(shown)}
         trace.stats._format, trace.stats.npts = name, len(trace.data)
-        trace.stats.record = AttribDict(
-            {"held": trace.stats.npts, "messages": list(shown)} | record
-        )
+        trace.stats.record = AttribDict({**facts, **trace.stats.get("record", {})})
     return traces
 
 
@@ -148,10 +148,4 @@ def _limit() -> None:
 
 def _read_in_c(path: str) -> list[Trace]:
     name = recognise(path, IN_C)
-    traces = read_as(path, name) if name else []
-    try:
-        for trace in traces:
-            trace.data = trace.data.astype(float)
-    except (TypeError, ValueError):
-        raise RecordError(f"{path}: holds something other than numbers") from None
-    return traces
+    return read_as(path, name) if name else []

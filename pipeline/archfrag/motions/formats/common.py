@@ -52,7 +52,6 @@ class Text:
         self.lines = _lines(_read_bytes(source))
 
     def place(self, index: int) -> str:
-        """Return the name of a line in messages."""
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
