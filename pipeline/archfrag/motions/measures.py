@@ -22,7 +22,7 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 
 import functools
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,10 +61,7 @@ def integral(samples: Samples, dt: float) -> Samples:
 def arias_times(
     acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
 ) -> list[float]:
-    """When the Arias intensity reaches fractions of its total [s], linear between samples.
-
-    It is that of both horizontal components together if there are two; 0 without any motion.
-    """
+    """When the Arias intensity, of both horizontals if there are two, reaches parts of it [s]."""
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
     time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
@@ -174,11 +171,6 @@ def measure(motion: Motion, name: str) -> float:
             one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
         peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
     return float(np.percentile(peaks, float(found.rotated[4:])))
-
-
-def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
-    """Values of several intensity measures by name, in SI units."""
-    return {name: measure(motion, name) for name in names}
 
 
 def spectral_acceleration(motion: Motion, periods: ArrayLike) -> Samples:

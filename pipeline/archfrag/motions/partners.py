@@ -130,10 +130,7 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 
 
 def joined(motion: Motion, other: Motion, kind: str) -> Motion:
-    """Join a motion with its ``vertical`` or ``transverse`` component, cut to the time of both.
-
-    RecordError if they do not belong together.
-    """
+    """Join a motion with its vertical or transverse, cut to the time of both, or RecordError."""
     own, its, code = motion.metadata, other.metadata, other.metadata.get("component", "")
     its_name, one_file = its.get("file") or other.id, own.get("file") == its.get("file")
     if kind == "vertical":

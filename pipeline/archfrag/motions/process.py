@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -54,11 +54,10 @@ def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samp
     return (found.deriv() / (values.size - 1) if slope else found)(unit)
 
 
-def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
-    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record.
-
-    `side` is ``both``, ``left`` or ``right``.
-    """
+def taper(
+    motion: Motion, fraction: float = 0.05, side: Literal["both", "left", "right"] = "both"
+) -> Motion:
+    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record."""
     count, factor = max(1, int(fraction * motion.acceleration.size)), np.ones_like(motion.time)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
     if side != "right":

@@ -66,8 +66,9 @@ def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIOD
         for column, (_, *keys) in _FACTS.items():
             row[column] = next((about[key] for key in keys if key in about), None)
         row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-        rows.append(row | {column: measure(motion, name) / unit
-                           for column, name, unit in (*_PEAKS, *spectrum, *_INTEGRALS)})  # fmt: skip
+        for column, name, unit in (*_PEAKS, *spectrum, *_INTEGRALS):
+            row[column] = measure(motion, name) / unit
+        rows.append(row)
     table = pd.DataFrame(rows)
     return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
 
@@ -108,10 +109,11 @@ def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
 
 
 def read_target(path: str | Path) -> Target:
-    """Read a target, see `spectrum_target`, from columns ``period_s``, ``Sa_g`` and maybe ``sd``."""
+    """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
     rows, source = read_table(path, "the target"), str(path)
-    names = ["period_s", "Sa_g", *(["sd"] if "sd" in rows else [])]
-    return spectrum_target(*(numbers(rows, name, source) for name in names), source=source)
+    rows["sd"] = rows.get("sd", 0.0)
+    columns = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
+    return spectrum_target(*columns, source)
 
 
 @dataclass(frozen=True, eq=False)

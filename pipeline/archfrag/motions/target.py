@@ -143,24 +143,19 @@ def conditional_spectrum(
     return Target(grid, mean, covariance, float(conditioning), messages)
 
 
-def spectrum_target(
-    periods: ArrayLike, median: ArrayLike, sd: ArrayLike | None = None, source: str = "target"
-) -> Target:
+def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:
     """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
-    period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
-    to which records are to be close. InputError, beginning with `source`, for other numbers.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
+    is 0 at one period, this is the conditioning period. With zeros only the target is a mean, to
+    which records are to be close. InputError, beginning with `source`, for other numbers.
     """
-    given = np.asarray(periods, dtype=np.float64)
-    rising = _rising(given, f"{source}: periods")
-    given_sd = given * 0.0 if sd is None else sd
-    rows = [np.asarray(row, dtype=np.float64) for row in (median, given_sd)]
-    for name, row, low in zip(("median Sa", "sd"), rows, (rows[0] <= 0.0, rows[1] < 0.0)):
-        if row.shape != given.shape or not np.isfinite(row).all() or low.any():
-            allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"
+    rising = _rising(periods, f"{source}: periods")
+    for name, row, low in (("median Sa", median, median <= 0.0), ("sd", sd, sd < 0.0)):
+        if not np.isfinite(row).all() or low.any():
+            allowed = f"needs {row.size} finite numbers above 0 (sd may be 0)"
             raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
-    sa, scatter = (row[np.argsort(given)] for row in rows)
+    sa, scatter = median[np.argsort(periods)], sd[np.argsort(periods)]
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))

@@ -109,17 +109,15 @@ def read_as(path: str, name: str) -> list[Trace]:
         if length and size % length:
             cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
             raise RecordError(f"{path}: {cut_off} bytes")
-        facts = {"announced": trace.stats.npts, "held": len(trace.data), "messages": list(shown)}
+        facts = {"announced": trace.stats.npts, "held": len(trace.data), "messages": list(shown),
+                 "log": (), "errors": ()}  # fmt: skip
         trace.stats._format, trace.stats.npts = name, len(trace.data)
         trace.stats.record = AttribDict({**facts, **trace.stats.get("record", {})})
     return traces
 
 
 def read_apart(path: str) -> list[Trace]:
-    """Read a file by a reader in C in a process of its own; no traces if it is in no such format.
-
-    RecordError if the file is damaged, crashes the reader, or takes more than is allowed.
-    """
+    """Read a file by a reader in C in a process of its own; none if it is in no such format."""
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
     try:

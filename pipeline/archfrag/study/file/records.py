@@ -298,10 +298,10 @@ def _with_components(
 
 def described(study: Study, motion: "Motion") -> PreparedRecord:
     """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
-    from archfrag.motions.measures import measure_all, scale_factor
+    from archfrag.motions.measures import measure, scale_factor
 
     own, about = study.intensity.measure, motion.metadata
-    measures = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *COMPARED))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
