@@ -186,8 +186,8 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     if not (given is None or isinstance(given, (str, Path))):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
-    near = [file for name in names if (file := path.with_name(f"{name}.xml")).is_file()]
-    if not (file := given or next(iter(near), None)):
+    near = (path.with_name(f"{name}.xml") for name in names)
+    if not (file := given or next((each for each in near if each.is_file()), None)):
         return None
     content = read_bytes(Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file")
     try:

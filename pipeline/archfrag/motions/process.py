@@ -110,20 +110,14 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
 def trim_by_arias(
     motion: Motion, start: float = 0.001, end: float = 0.999, margin: float = 0.0
 ) -> Motion:
-    """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
-
-    Fraction 0 is the start of the record and 1 its end, silence included; see `arias_times`.
-    """
+    """Keep what is between fractions of the Arias intensity, and a margin [s]; 0 and 1: ends."""
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
     return cut(motion, max(0.0, first - margin) if start > 0.0 else 0.0,
                last + margin if end < 1.0 else motion.duration)  # fmt: skip
 
 
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
-    """Keep from the first to the last time that a horizontal component reaches a threshold.
-
-    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it.
-    """
+    """Keep what is between horizontal samples of a `threshold` [m/s2], and a margin [s]."""
     rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
     reached = motion.dt * np.flatnonzero((np.abs(rows) >= threshold).any(axis=0))
     if not reached.size:

@@ -114,10 +114,7 @@ def _read_one(
 def read_motions(
     path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
 ) -> list[Motion]:
-    """Read every horizontal component of a file, each with the vertical of its instrument.
-
-    Options and errors are those of `read_motion`; ids begin with `name` or the file's name.
-    """
+    """As `read_motion`, each horizontal of a file with its vertical; `name` begins their ids."""
     source = Path(path)
     channels, entry = read_channels(source, unit, **options)
     horizontals, verticals = _by_direction(channels, source)

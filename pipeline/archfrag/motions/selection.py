@@ -112,8 +112,8 @@ def read_target(path: str | Path) -> Target:
     """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
     rows, source = read_table(path, "the target"), str(path)
     rows["sd"] = rows.get("sd", 0.0)
-    columns = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
-    return spectrum_target(*columns, source)
+    periods, median, sd = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
+    return spectrum_target(periods, median, sd, source)
 
 
 @dataclass(frozen=True, eq=False)

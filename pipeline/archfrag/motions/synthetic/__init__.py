@@ -217,10 +217,10 @@ def plan_motions(
     generator = np.random.Generator(np.random.PCG64(_DRAWN + seed))
     magnitudes, distances = np.resize(magnitude, events), np.resize(distance, count)
     if drawn_magnitude:
-        magnitudes = generator.uniform(*magnitude, events).round(6)
+        magnitudes = generator.uniform(magnitude[0], magnitude[1], events).round(6)
     if drawn_distance:
         ends = np.log(np.maximum(distance, 1e-3))
-        distances = np.exp(generator.uniform(*ends, count).round(6)).round(2)
+        distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
     recipes = []
     for number, (place, pulse) in enumerate(zip(distances.tolist(), with_pulse.tolist())):
