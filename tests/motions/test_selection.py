@@ -89,7 +89,7 @@ def test_conditional_spectrum_is_recovered(thousand):
 
 
 def test_of_a_mean_only_records_close_to_it_are_taken_within_the_factors(thousand):
-    mean = spectrum_target(PERIODS, TARGET.median)
+    mean = spectrum_target(TARGET.periods, TARGET.median, 0.0 * TARGET.median, "mean")
     found = select_records(thousand, mean, 11, 1, max_scale=2.0)
     assert np.abs(errors_of(found)[0]).max() <= 0.05
     assert found.sd.mean() < 0.5 * TARGET.sd.mean()
@@ -119,7 +119,8 @@ def test_index_that_a_study_reads_and_scales_by_the_same_factors(tmp_path):
         sa = spectral_acceleration(Motion(samples, 0.01), periods)
         facts = {"record": f"r{number}", "file": f"{number}.AT2", "magnitude": 6.5}
         rows.append(facts | {f"T{period:.3f}S": value for period, value in zip(periods, sa)})
-    target = spectrum_target(periods, [0.3, 0.15, 0.1], [0.5, 0.0, 0.5])
+    sa, sd = np.array([0.3, 0.15, 0.1]), np.array([0.5, 0.0, 0.5])
+    target = spectrum_target(np.array(periods), sa, sd, "target")
     found = select_records(pd.DataFrame(rows), target, 4, 1, max_scale=50.0)
     found.write(tmp_path / "sets" / "selected.csv", folder=tmp_path)
     entries = load_index(tmp_path / "sets" / "selected.csv")

@@ -118,41 +118,33 @@ def measured_spectra(table: pd.DataFrame) -> str:
     """Figure of the response spectra of a flatfile."""
     columns = selection.spectrum_columns(table)
     periods = sorted(columns)
-    rows = table[[columns[period] for period in periods]].to_numpy(float).T
-    chart, axes = _chart()
-    axes.plot(periods, rows, color="grey", linewidth=0.5)
-    low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=1)
-    axes.fill_between(periods, low, high, color="tab:cyan", alpha=0.35, label="16 to 84 %")
-    axes.plot(periods, median, color="tab:blue", linewidth=2.0, label="median")
-    return _svg(chart, axes)
+    rows = table[[columns[period] for period in periods]].to_numpy(float)
+    low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=0)
+    return _figure(periods, rows, {"median, 16 to 84 %": (median, low, high)})
 
 
 def selected_spectra(found: selection.Selection) -> str:
     """Figure of selected, scaled records and their target: medians, 2.5 and 97.5 %."""
-    target, (chart, axes) = found.target, _chart()
-    axes.plot(target.periods, np.exp(found.ln_sa).T, color="grey", linewidth=0.5)
-    selected = found.ln_sa.mean(axis=0), found.sd, "tab:orange", "selected"
-    for mean, sd, colour, label in (selected, (target.ln_mean, target.sd, "tab:blue", "target")):
-        axes.plot(target.periods, np.exp(mean), color=colour, linewidth=2.0, label=label)
-        ends = np.exp(mean[:, None] + 1.96 * np.array([-1.0, 1.0]) * np.nan_to_num(sd)[:, None])
-        axes.plot(target.periods, ends, color=colour, linewidth=0.8)
-    return _svg(chart, axes)
+    target, selected = found.target, (found.ln_sa.mean(axis=0), found.sd)
+    shown = {}
+    for label, (mean, sd) in {"selected": selected, "target": (target.ln_mean, target.sd)}.items():
+        shown[label] = np.exp(mean + 1.96 * np.outer([0.0, -1.0, 1.0], np.nan_to_num(sd)))
+    return _figure(target.periods, np.exp(found.ln_sa), shown)
 
 
-def _chart() -> tuple[Any, Any]:
-    """A figure of matplotlib with axes of spectra."""
+def _figure(periods: Any, rows: Any, shown: dict[str, Any]) -> str:
+    """SVG of spectra in grey, and of median, low and high end by their label."""
+    import matplotlib
     from matplotlib.figure import Figure
 
     chart = Figure(figsize=(9.0, 4.5), layout="constrained")
     axes = chart.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
     axes.grid(alpha=0.3)
-    return chart, axes
-
-
-def _svg(chart: Any, axes: Any) -> str:
-    import matplotlib
-
+    axes.plot(periods, rows.T, color="grey", linewidth=0.5)
+    for colour, (label, (median, *ends)) in zip(("tab:orange", "tab:blue"), shown.items()):
+        axes.plot(periods, median, color=colour, linewidth=2.0, label=label)
+        axes.plot(periods, np.transpose(ends), color=colour, linewidth=0.8)
     axes.legend(frameon=False)
     text = StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "archfrag"}):

@@ -195,11 +195,10 @@ def convert(
     from archfrag.cli.record_work import reading_of
     from archfrag.motions.convert import convert_record
 
-    written = []
-    for file in files:
-        options = reading_of(file, reading)
-        for path in convert_record(file, out, form, requested, **options):
-            written.append({"file": str(path), "source": str(file)})
+    written = [
+        {"file": str(path), "source": str(file)} for file in files
+        for path in convert_record(file, out, form, requested, **reading_of(file, reading))
+    ]  # fmt: skip
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
 

@@ -75,26 +75,21 @@ def accept_or_refuse(
     return lines
 
 
-def to_si(
-    trace: Trace, warnings: tuple[Warned, ...], path: Path, asked: str | None, listed: str,
-    given: Any,
-) -> None:  # fmt: skip
+def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) -> None:
     """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not.
 
     `asked` is the user's unit, `listed` that of an index, `given` the user's StationXML.
     """
-    record = trace.stats.record
-    record.warnings, record.unit_in_file = warnings, ""
-    record.log, record.errors = (tuple(record.get(key, ())) for key in ("log", "errors"))
-    if any(word is None for word, _ in warnings):
+    record, values, inventory = trace.stats.record, trace.data, None
+    record.unit_in_file = ""
+    if any(word is None for word, _ in record.warnings):
         return
-    values, inventory = np.asarray(trace.data, dtype=np.float64), None
     try:
         if record.get("unit") in (None, "", "counts"):
             inventory = find_inventory(path, trace, given)
         _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
-        record.warnings = (*warnings, (None, str(error).removeprefix(f"{path}: ")))
+        record.warnings += ((None, str(error).removeprefix(f"{path}: ")),)
     mean = float(values.mean())
     motion = float(np.abs(values - mean).max())
     if abs(mean) > motion > 0.0:
@@ -106,9 +101,8 @@ def to_si(
     code = channel_code(trace)
     if record.get("sensor") == "borehole":
         record.log += (f"Channel {code} is in the borehole, not at the surface.",)
-    down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+    down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP")) and inventory is None
     if inventory is not None:
-        down = False
         with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
             down = inventory.get_orientation(trace.id, trace.stats.starttime)["dip"] > 0.0
     if is_vertical(trace) and down:
@@ -156,12 +150,11 @@ def _scale(
     if not same:
         conflict = f"unit {asked!r} asked for but the {source} {stated}"
         raise RecordError(f"{path}: {conflict}; leave `unit` out")
-    trace.data = np.asarray(trace.data, dtype=np.float64) * factor
+    trace.data = trace.data * factor
     record.unit_in_file, record.log = unit, (*record.log, done)
     if raw:
-        mean = float(trace.data.mean())
-        trace.data = trace.data - mean
-        record.log += (f"{raw} ({mean:.6g} m/s2).",)
+        record.log += (f"{raw} ({trace.data.mean():.6g} m/s2).",)
+        trace.data = trace.data - trace.data.mean()
 
 
 def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[float, str] | None:
@@ -194,8 +187,7 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
-    file = given or next((candidate for candidate in near if candidate.is_file()), None)
-    if file is None:
+    if not (file := given or next((each for each in near if each.is_file()), None)):
         return None
     content = read_bytes(Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file")
     try:

@@ -100,9 +100,9 @@ def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
 def _text(channel: Trace, factor: float, unit: str, made: str) -> str:
     """Columns of time and acceleration below a header, all in ASCII."""
     stats, record, dt = channel.stats, channel.stats.record, float(channel.stats.delta)
-    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
-    station = str(record.get("station") or stats.station)
-    facts = {"event": str(record.get("event", "")), "date": date, "station": station}
+    date = record.get("date") or (stats.starttime.date if stats.starttime.timestamp else "")
+    facts = {"event": record.get("event"), "date": date,
+             "station": record.get("station") or stats.station}  # fmt: skip
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         made,

@@ -76,11 +76,10 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if values["unit"]:
             unit_factor(values["unit"], place)
         metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
-        for column, kind in _NUMBERS.items():
-            if (text := metadata.get(column)) is None:
-                continue
+        for column in (name for name in _NUMBERS if name in metadata):
+            text = metadata[column]
             try:
-                metadata[column] = kind(text) if text else None
+                metadata[column] = _NUMBERS[column](text) if text else None
             except ValueError:
                 metadata[column] = np.nan
             if not np.isfinite(metadata[column] or 0.0):

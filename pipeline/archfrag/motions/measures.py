@@ -22,8 +22,7 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 
 import functools
 import re
-from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,10 +61,7 @@ def integral(samples: Samples, dt: float) -> Samples:
 def arias_times(
     acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
 ) -> list[float]:
-    """When the Arias intensity reaches fractions of its total [s], linear between samples.
-
-    It is that of both horizontal components together if there are two; 0 without any motion.
-    """
+    """When the Arias intensity, of both horizontals if there are two, reaches parts of it [s]."""
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
     time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
@@ -139,9 +135,7 @@ def parse_measure(name: str) -> Measure:
     kind = _SPELLINGS.get(word, word)
     unit, _, count, _ = _KINDS.get(kind, ("", 0, 0, _peak))
     if not unit or bool(count) != text.endswith(")"):
-        meant = get_close_matches(text.upper(), _PLAIN, 1)
-        hint = f" (did you mean {meant[0]}?)" if meant else ""
-        raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
+        raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     try:
         periods = tuple(float(part) for part in inside[:-1].split(",") if count)
     except ValueError:
@@ -179,11 +173,6 @@ def measure(motion: Motion, name: str) -> float:
     return float(np.percentile(peaks, float(found.rotated[4:])))
 
 
-def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
-    """Values of several intensity measures by name, in SI units."""
-    return {name: measure(motion, name) for name in names}
-
-
 def spectral_acceleration(motion: Motion, periods: ArrayLike) -> Samples:
     """Pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
@@ -195,10 +184,13 @@ def spectral_acceleration(motion: Motion, periods: ArrayLike) -> Samples:
     return _spectrum(motion.acceleration, motion.dt, periods, np.zeros(1))[:, 0]
 
 
-def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
+def scale_factor(
+    motion: Motion, measure_name: str, level: float, value: float | None = None
+) -> float:
     """Factor on a motion that brings a measure to a level, in its SI unit, above 0.
 
-    InputError if the measure does not grow by a power of it, RecordError if there is no motion.
+    `value` is that of the motion, if it is known. InputError if the measure does not grow by a
+    power of the factor, RecordError if there is no motion.
     """
     if not scaling_exponent(measure_name):
         scaled = ", ".join(name for name, (_, exponent, _, _) in _KINDS.items() if exponent)
@@ -206,11 +198,7 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     if not 0.0 < level < np.inf:
         unit = measure_unit(measure_name)
         raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")
-    return factor_of(motion, measure_name, measure(motion, measure_name), level)
-
-
-def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
-    """As `scale_factor` if the motion's value is known; RecordError if that is 0."""
+    value = measure(motion, measure_name) if value is None else value
     if value == 0.0:
         raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))

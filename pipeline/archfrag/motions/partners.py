@@ -129,24 +129,16 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
     return found[0] if len(found) == 1 else None
 
 
-def with_vertical(motion: Motion, vertical: Motion) -> Motion:
-    """Join a motion with its vertical, cut to the time of both; RecordError if they differ."""
-    labels = {f"vertical_{key}": vertical.metadata.get(key, "") for key in ("component", "trace")}
-    if vertical.metadata.get("file") != motion.metadata.get("file"):
-        labels["vertical_file"] = vertical.metadata.get("file", "")
-    return _joined(motion, vertical, "vertical", labels)
-
-
-def with_transverse(motion: Motion, other: Motion) -> Motion:
-    """Join a motion with its other horizontal component; errors are those of `with_vertical`."""
-    keys = ("component", "azimuth", "trace", "file")
-    labels = {f"{key}_transverse": other.metadata[key] for key in keys if other.metadata.get(key)}
-    return _joined(motion, other, "transverse", labels)
-
-
-def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> Motion:
+def joined(motion: Motion, other: Motion, kind: str) -> Motion:
+    """Join a motion with its vertical or transverse, cut to the time of both, or RecordError."""
     own, its, code = motion.metadata, other.metadata, other.metadata.get("component", "")
     its_name, one_file = its.get("file") or other.id, own.get("file") == its.get("file")
+    if kind == "vertical":
+        keys = ("component", "trace") if one_file else ("component", "trace", "file")
+        labels = {f"vertical_{key}": its.get(key, "") for key in keys}
+    else:
+        known = (key for key in ("component", "azimuth", "trace", "file") if its.get(key))
+        labels = {f"{key}_transverse": its[key] for key in known} | {"id_transverse": other.id}
     name = f"{motion.id} and {its_name} ({code})"
     for fact in () if one_file else ("event", "date", "station"):
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
@@ -161,7 +153,7 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
     count = min(motion.acceleration.size - first, other.acceleration.size - its_first)
     if count < 2:
         raise RecordError(f"{name}: have no time in common")
-    word = "Vertical" if key == "vertical" else "Other horizontal"
+    word = "Vertical" if kind == "vertical" else "Other horizontal"
     its_log = other.log[1:] if one_file else other.log
     steps = (s if s in its.get("accepted", ()) else f"{word} {code}: {s}" for s in its_log)
     log = (*motion.log, *steps)
@@ -169,7 +161,7 @@ def _joined(motion: Motion, other: Motion, key: str, labels: dict[str, Any]) -> 
         log = (*log, f"Cut to the {count} samples in common with {its_name} ({code}).")
     arrays = {part: None if samples is None else samples[first : first + count]
               for part, samples in motion.components.items()}  # fmt: skip
-    arrays[key] = other.acceleration[its_first : its_first + count]
+    arrays[kind] = other.acceleration[its_first : its_first + count]
     for found in ("errors", "accepted"):
         if both := [*own.get(found, ()), *its.get(found, ())]:
             labels[found] = list(dict.fromkeys(both))

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -54,11 +54,10 @@ def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samp
     return (found.deriv() / (values.size - 1) if slope else found)(unit)
 
 
-def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
-    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record.
-
-    `side` is ``both``, ``left`` or ``right``.
-    """
+def taper(
+    motion: Motion, fraction: float = 0.05, side: Literal["both", "left", "right"] = "both"
+) -> Motion:
+    """Bring ends to zero by half a cosine wave, each over a `fraction` (to 0.5) of the record."""
     count, factor = max(1, int(fraction * motion.acceleration.size)), np.ones_like(motion.time)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
     if side != "right":
@@ -75,9 +74,9 @@ def bandpass(
 ) -> Motion:  # fmt: skip
     """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
 
-    Without the `lowest` corner [Hz] it is a low-pass, without the `highest` a high-pass. Both
-    passes halve the amplitude at a corner, one leaves 0.71 of it; `order` (1 to 10) is that of
-    one pass. InputError unless 0 < lowest < highest < 1 / (2 dt).
+    Without a corner [Hz] it is a low-pass or a high-pass. Both passes halve the amplitude at a
+    corner, one leaves 0.71 of it; `order` (1 to 10) is that of one pass. InputError unless
+    0 < lowest < highest < 1 / (2 dt).
     """
     from scipy.signal import butter, sosfilt, sosfiltfilt
 
@@ -111,29 +110,20 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
 def trim_by_arias(
     motion: Motion, start: float = 0.001, end: float = 0.999, margin: float = 0.0
 ) -> Motion:
-    """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
-
-    Fraction 0 is the start of the record and 1 its end, silence included; see `arias_times`.
-    """
+    """Keep what is between fractions of the Arias intensity, and a margin [s]; 0 and 1: ends."""
     first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
-    first = 0.0 if start == 0.0 else max(0.0, first - margin)
-    last = motion.duration if end == 1.0 else min(motion.duration, last + margin)
-    return cut(motion, first, last)
+    return cut(motion, max(0.0, first - margin) if start > 0.0 else 0.0,
+               last + margin if end < 1.0 else motion.duration)  # fmt: skip
 
 
 def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
-    """Keep from the first to the last time that a horizontal component reaches a threshold.
-
-    `threshold` is in m/s2, `margin` [s] is kept before and after. InputError if none reaches it.
-    """
-    reached = np.abs(motion.acceleration) >= threshold
-    if motion.transverse is not None:
-        reached |= np.abs(motion.transverse) >= threshold
-    if not reached.any():
+    """Keep what is between horizontal samples of a `threshold` [m/s2], and a margin [s]."""
+    rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
+    reached = motion.dt * np.flatnonzero((np.abs(rows) >= threshold).any(axis=0))
+    if not reached.size:
         needed = f"the threshold {threshold:g} m/s2 ({threshold / STANDARD_GRAVITY:.4g} g)"
         raise InputError(f"{motion.id or 'motion'}: no sample reaches {needed} of the trim")
-    first, last = motion.dt * np.flatnonzero(reached)[[0, -1]]
-    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
+    return cut(motion, max(0.0, reached[0] - margin), reached[-1] + margin)
 
 
 def resample(motion: Motion, dt: float) -> Motion:

@@ -78,13 +78,11 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options: dict[str, Any] = {
-        "unit": unit, "inventory": inventory, "accept": accept, "columns": columns,
-    }  # fmt: skip
+    options: Any = {"unit": unit, "inventory": inventory, "accept": accept, "columns": columns}
     motion = _read_one(Path(path), options, component, own_vertical=vertical is None)
-    if vertical is not None:
-        return partners.with_vertical(motion, read_vertical(vertical, **options))
-    return motion
+    if vertical is None:
+        return motion
+    return partners.joined(motion, read_vertical(vertical, **options), "vertical")
 
 
 def _read_one(
@@ -116,10 +114,7 @@ def _read_one(
 def read_motions(
     path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
 ) -> list[Motion]:
-    """Read every horizontal component of a file, each with the vertical of its instrument.
-
-    Options and errors are those of `read_motion`; ids begin with `name` or the file's name.
-    """
+    """As `read_motion`, each horizontal of a file with its vertical; `name` begins their ids."""
     source = Path(path)
     channels, entry = read_channels(source, unit, **options)
     horizontals, verticals = _by_direction(channels, source)
@@ -212,14 +207,15 @@ def _examine(
     held = ", ".join(f"{channel_code(c)} {count}" for c, count in zip(channels, counts))
     differing = (f"the channels of the file have unequal numbers of samples ({held})",)
     for channel in channels:
-        record, warnings = channel.stats.record, list(_warnings(channel))
+        record = channel.stats.record
+        record.warnings = tuple(_warnings(channel))
         # If a text ends within its last line, digits may be missing.
         cut_off = channel is channels[-1] and form in TEXT and record.held < record.announced
         if cut_off and not path.read_bytes()[-1:].isspace():
             channel.data = channel.data[:-1]
             left = "the last sample is left out, since the file ends within its line"
-            warnings.append(("samples", left))
-        calibrate.to_si(channel, tuple(warnings), path, unit, listed, inventory)
+            record.warnings += (("samples", left),)
+        calibrate.to_si(channel, path, unit, listed, inventory)
         record.errors += differing if unequal else ()
     return channels, gap
 
@@ -277,15 +273,14 @@ def _motion(
         metadata["start_time"] = str(stats.starttime)
     if entry is not None:
         metadata |= known(**entry.metadata)
-    found = {"errors": list(record.errors), "accepted": list(accepted)}
-    metadata |= {key: facts for key, facts in found.items() if facts}
+    metadata |= known(errors=list(record.errors) or None, accepted=list(accepted) or None)
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
     motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
     for own in (v for v in verticals if partners.instrument(v) == partners.instrument(channel)):
         vertical = _motion(path, own, name, entry)
         try:
-            return partners.with_vertical(motion, vertical)
+            return partners.joined(motion, vertical, "vertical")
         except RecordError as error:
             raise RecordError(f"{path}: {error}") from None
     return motion

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import read_text, unquoted, write_csv
-from archfrag.motions.measures import measure_all
+from archfrag.motions.measures import measure
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.target import Array, Target, spectrum_target
 
@@ -51,34 +51,30 @@ Groups = list[tuple[Rows, int]]  # for each rule the group of each record, how m
 
 
 def measure_records(motions: Iterable[Motion], periods: Sequence[float] = PERIODS) -> pd.DataFrame:
-    """Measure records, one row each, taken one after the other.
+    """Measure records, one row each: ``record``, facts, ``scale``, ``dt_s`` and measures.
 
-    Columns are ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
-    ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
-    ``T0.100S`` and so on [g] at `periods` [s] of no more than three decimals, ``arias_mps``,
-    ``CAV_mps``, ``CAVstd_mps``, ``D5_95_s`` and ``HI_cm``. InputError for other periods.
+    Sa at `periods` [s] of no more than three decimals is in ``T0.100S`` and so on [g]. InputError
+    for other periods.
     """
     if wrong := [t for t in periods if round(t, 3) != t]:
         raise InputError(f"period {wrong[0]:g} s must have no more than three decimals")
     spectrum = [(f"T{t:.3f}S", f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
-    listed, rows = [*_PEAKS, *spectrum, *_INTEGRALS], []
+    rows = []
     for motion in motions:
-        values, about = measure_all(motion, [name for _, name, _ in listed]), motion.metadata
+        about = {key: fact for key, fact in motion.metadata.items() if fact not in (None, "")}
         row: dict[str, Any] = {"record": motion.id}
         for column, (_, *keys) in _FACTS.items():
-            known = (about[key] for key in keys if about.get(key) not in (None, ""))
-            row[column] = next(known, None)
+            row[column] = next((about[key] for key in keys if key in about), None)
         row |= {"scale": about.get("scale", 1.0), "dt_s": motion.dt}
-        rows.append(row | {column: values[name] / unit for column, name, unit in listed})
+        for column, name, unit in (*_PEAKS, *spectrum, *_INTEGRALS):
+            row[column] = measure(motion, name) / unit
+        rows.append(row)
     table = pd.DataFrame(rows)
     return table.astype({name: kind for name, kind in _TYPES.items() if name in table})
 
 
 def read_flatfile(path: str | Path) -> pd.DataFrame:
-    """Read a flatfile; columns that are not ours are kept.
-
-    InputError if it is missing, no CSV with a column ``record``, or holds text for numbers.
-    """
+    """Read a flatfile with all its columns; InputError unless it is CSV with one ``record``."""
     table = read_table(path, "the flatfile", dtype=_TYPES)
     for name in table.columns[table.dtypes == "string"]:
         table[name] = table[name].map(unquoted, na_action="ignore")
@@ -113,13 +109,10 @@ def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
 
 
 def read_target(path: str | Path) -> Target:
-    """Read a target from CSV with columns ``period_s``, ``Sa_g`` and, if it has one, ``sd``.
-
-    See `spectrum_target` for what the columns mean; InputError or RecordError names the file.
-    """
+    """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
     rows, source = read_table(path, "the target"), str(path)
-    sd = numbers(rows, "sd", source) if "sd" in rows else None
-    periods, median = (numbers(rows, column, source) for column in ("period_s", "Sa_g"))
+    rows["sd"] = rows.get("sd", 0.0)
+    periods, median, sd = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
     return spectrum_target(periods, median, sd, source)
 
 
@@ -142,13 +135,13 @@ class Selection:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Messages for users of the selection."""
-        found, count = list(self.target.messages), len(self.table)
+        count = len(self.table)
         events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
         most = events[events.str.strip() != ""].value_counts()
-        if most.max() > max(0.25 * count, 1):
-            of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
-            found.append(f"{of_one}; `per_event` limits them")
-        return tuple(found)
+        if not most.max() > max(0.25 * count, 1):
+            return self.target.messages
+        of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
+        return (*self.target.messages, f"{of_one}; `per_event` limits them")
 
     def facts(self) -> dict[str, Any]:
         """Return records, factors, target and differences from it as plain values.
@@ -201,11 +194,10 @@ def select_records(
     Lee (2018), J. Earthquake Eng., doi 10.1080/13632469.2016.1264334. No two components of one
     recording (same event and station) are selected.
 
-    `table` is a flatfile. With a conditioning period every record is scaled to Sa there, without
-    one each by the least-squares factor to the drawn spectrum; no factor is above `max_scale` or
-    below its inverse. The same table, in any order, and the same seed give the same set.
-    RecordError if the flatfile lacks a column or period, or fewer records than asked for may be
-    selected, InputError for another argument.
+    With a conditioning period every record is scaled to Sa there, without one each by the least-
+    squares factor to the drawn spectrum; no factor is above `max_scale` or below its inverse. The
+    same table, in any order, and seed give the same set. RecordError if a column or period is
+    missing or too few records may be selected, InputError for another argument.
     """
     given = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
     for name, value in given.items():

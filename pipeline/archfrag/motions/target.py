@@ -29,8 +29,8 @@ def predict(
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
     these give RotD50) or ``ASB14`` (Akkar, Sandikkaya and Bommer 2014, Bull. Earthquake Eng. 12;
     the geometric mean of two components); a single component varies somewhat more. Damping is
-    5 %. Notes name what is beyond what the model is recommended for. InputError if the model is
-    unknown, a number is not positive, or a period [s] is outside the model's.
+    5 %. Messages name what the model is not recommended for. InputError if the model is unknown,
+    a number is not positive, or a period [s] is outside the model's.
     """
     if model not in MODELS:
         raise InputError(f"ground-motion model {model!r} must be one of {', '.join(MODELS)}")
@@ -126,8 +126,7 @@ def conditional_spectrum(
 
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra 27(3).
     `level` is Sa at T* [g], `conditioning` is T* [s], added to the `periods` [s] if need be.
-    InputError if a number is not positive, or a period occurs twice or is outside the range of
-    the model or of the correlation.
+    InputError for numbers that are not positive and periods that are twice or out of range.
     """
     if not 0.0 < level < np.inf or not 0.0 < conditioning < np.inf:
         raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
@@ -144,24 +143,19 @@ def conditional_spectrum(
     return Target(grid, mean, covariance, float(conditioning), messages)
 
 
-def spectrum_target(
-    periods: ArrayLike, median: ArrayLike, sd: ArrayLike | None = None, source: str = "target"
-) -> Target:
+def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:
     """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    `median` is exp of the mean of ln Sa, `sd` its standard deviation; where that is 0 at one
-    period, this is the conditioning period. Without it, or with zeros only, the target is a mean,
-    to which records are to be close. InputError, beginning with `source`, for other numbers.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
+    is 0 at one period, this is the conditioning period. With zeros only the target is a mean, to
+    which records are to be close. InputError, beginning with `source`, for other numbers.
     """
-    given = np.asarray(periods, dtype=np.float64)
-    rising = _rising(given, f"{source}: periods")
-    given_sd = given * 0.0 if sd is None else sd
-    rows = [np.asarray(row, dtype=np.float64) for row in (median, given_sd)]
-    for name, row, low in zip(("median Sa", "sd"), rows, (rows[0] <= 0.0, rows[1] < 0.0)):
-        if row.shape != given.shape or not np.isfinite(row).all() or low.any():
-            allowed = f"needs {given.size} finite numbers above 0 (sd may be 0)"
+    rising = _rising(periods, f"{source}: periods")
+    for name, row, low in (("median Sa", median, median <= 0.0), ("sd", sd, sd < 0.0)):
+        if not np.isfinite(row).all() or low.any():
+            allowed = f"needs {row.size} finite numbers above 0 (sd may be 0)"
             raise InputError(f"{source}: {name} {row.tolist()} {allowed}")
-    sa, scatter = (row[np.argsort(given)] for row in rows)
+    sa, scatter = median[np.argsort(periods)], sd[np.argsort(periods)]
     zero = np.flatnonzero(scatter == 0.0)
     if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))

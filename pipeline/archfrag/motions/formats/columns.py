@@ -64,11 +64,7 @@ class Columns:
 
 
 def parse_columns(text: str) -> Columns:
-    """Columns from words such as ``time=1,acceleration=2,skip=3``, commas or blanks between.
-
-    InputError if a word is none of the fields of `Columns`, occurs twice, or holds another number
-    than allowed.
-    """
+    """Columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
     given: dict[str, Any] = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")

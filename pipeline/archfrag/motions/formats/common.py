@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -52,7 +52,6 @@ class Text:
         self.lines = _lines(_read_bytes(source))
 
     def place(self, index: int) -> str:
-        """Return the name of a line in messages."""
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
@@ -60,7 +59,6 @@ class Text:
         return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
-        """The error for a line that is something else than needed."""
         end = index >= len(self.lines)
         shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
@@ -70,22 +68,16 @@ class Text:
         width: int | None = None,
     ) -> NDArray[np.float64]:  # fmt: skip
         """Finite numbers of some lines, between blanks or in columns of a width."""
-        lines = self.lines[first:last]
-        words = _converted(lines, None)
-        if width is not None and (words is None or words.size != expected):
-            columns = _converted(lines, width)
-            if columns is not None and (words is None or columns.size == expected):
-                return columns
-        if words is not None:
-            return words
+        lines, ways = self.lines[first:last], [None] if width is None else [None, width]
+        found = [row for each in ways if (row := _converted(lines, each)) is not None]
+        if found:
+            return next((row for row in found if row.size == expected), found[0])
         values: list[float] = []
         for place, line in enumerate(lines, first):
-            rows = (_converted([line], each) for each in dict.fromkeys((None, width)))
-            if (row := next((row for row in rows if row is not None), None)) is not None:
-                values.extend(row)
+            if rows := [row for each in ways if (row := _converted([line], each)) is not None]:
+                values.extend(rows[0])
             else:
-                for word in line.split():
-                    values += split(word, self.place(place))
+                values += [v for word in line.split() for v in split(word, self.place(place))]
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
@@ -147,13 +139,9 @@ def split(word: str, place: str) -> list[float]:
     """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
-    if len(pieces) > 1 and not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
-        pieces = [""]
-    try:
-        values = [float(piece.replace("_", "?")) for piece in pieces]
-    except ValueError:
-        values = [math.nan]
-    if not all(map(math.isfinite, values)):
+    values = [value for value in map(number, pieces) if value is not None]
+    whole = len(pieces) == 1 or all(map(_FIXED_WIDTH.fullmatch, pieces))
+    if not whole or len(values) < len(pieces):
         raise RecordError(f"{place}: {word[:40]!r} is not a finite number")
     return values
 
@@ -201,11 +189,7 @@ def known(**facts: Any) -> dict[str, Any]:
 def read_fields(
     table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
 ) -> dict[str, Any]:
-    """Read the facts of a header by a table: name, reader and place of each.
-
-    `find` gives what a header has at a place, which is a key, a pattern or an index; of several
-    places the first one that gives a fact counts.
-    """
+    """Read facts by a table: name, reader and places, at which `find` looks one after another."""
     return known(**{
         name: next((fact for place in places if (value := find(place)) not in (None, "")
                     and (fact := read(value)) not in (None, "")), None)
@@ -216,7 +200,7 @@ def read_fields(
 def number(text: str | None) -> float | None:
     """A finite number of a header; None for any other text."""
     try:
-        value = float((text or "").upper().replace("D", "E"))
+        value = float((text or "").translate(_FORTRAN).replace("_", "?"))  # Python allows 1_000
     except ValueError:
         return None
     return value if math.isfinite(value) else None
@@ -295,13 +279,10 @@ def acceleration_unit(text: str, where: str) -> str:
 
 def judge_peak(record: Any, stated: str, values: NDArray[np.float64], unit: str) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
-    try:
-        given = Decimal(stated.strip().upper().replace("D", "E"))
-    except InvalidOperation:
+    peak = abs(number(stated) or 0.0)
+    if not peak or not values.size:
         return
-    if values.size == 0 or not given.is_finite() or given == 0:
-        return
-    peak, rounding = abs(float(given)), 10.0 ** int(given.as_tuple().exponent)
+    rounding = 10.0 ** int(Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent)
     found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
@@ -322,6 +303,7 @@ def trace_of(
         raise RecordError(f"{where}: no time step above 0 s is stated, but {dt or 'none'}")
     judge_peak(record, peak, samples, record.get("unit", ""))
     header = dict(zip(("network", "station", "location"), codes)) | {
-        "delta": dt, "channel": record.get("component", ""), "record": AttribDict(record),
+        "delta": dt, "channel": record.get("component", ""),
+        "record": AttribDict({"log": (), "errors": (), **record}),
     }  # fmt: skip
     return Trace(samples, header | ({} if start is None else {"starttime": start}))

@@ -57,10 +57,9 @@ def _stream(source: common.Source, channel: Callable[[common.Text, int], _Channe
         trace, place, header = channel(text, place)
         if trace is None:
             continue
-        errors = trace.stats.record.get("errors", ())
         if not any(map(common.END_OF_DATA.match, text.lines[place : place + 1])):
-            errors = (*errors, "there is no end-of-data line: the file may be cut off")
-        trace.stats.record.errors = errors
+            cut_off = "there is no end-of-data line: the file may be cut off"
+            trace.stats.record.errors += (cut_off,)
         traces.append(trace)
         stated = max(stated, int(common.search(_CHANNELS, header) or 0))
     if not traces:
@@ -133,8 +132,7 @@ def _header_numbers(text: common.Text, at: int, kind: str) -> tuple[NDArray[np.f
     if found is None:
         raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
     count, height = map(int, found.groups())
-    # No file is made to take long by what its header announces.
-    height = min(height, 200)
+    height = min(height, 200)  # no file takes long by what its header announces
     values = text.numbers(at + 1, at + 1 + height, count, common.format_width(line))
     if not 64 <= values.size <= count <= 1000:
         few = f"{count} {kind}-header values are announced, there are {values.size}"
@@ -224,10 +222,7 @@ def _dmg_channel(text: common.Text, place: int) -> _Channel:
 def _dmg_samples(
     text: common.Text, place: int, lines: list[str], rows: int, section: int | None
 ) -> tuple[NDArray[np.float64], float | None, dict[str, Any], int]:
-    """Samples, their step, what is stated of them, and the first line after them.
-
-    They follow a line `section` that announces them or, as pairs of digitised film, the header.
-    """
+    """Samples, their step, what is stated, and the line after them; pairs without a `section`."""
     step, done, per, width, first = None, [""], 2, 7, place + len(lines) + rows
     if section is None:
         index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), 0)

@@ -13,6 +13,7 @@ Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib``
 is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 """
 
+import contextlib
 import re
 from typing import Any
 
@@ -105,11 +106,9 @@ def read_dyna(source: common.Source, **_: Any) -> Stream:
         key = match[1].upper()
         if key in header:
             raise RecordError(f"{text.place(count)}: {key} is there a second time")
-        value = match[2].encode("latin-1")
-        try:  # names may be in UTF-8
-            header[key] = value.decode("utf-8").strip()
-        except UnicodeDecodeError:
-            header[key] = value.decode("latin-1").strip()
+        header[key] = match[2].strip()
+        with contextlib.suppress(UnicodeDecodeError):  # names may be in UTF-8
+            header[key] = match[2].encode("latin-1").decode("utf-8").strip()
     codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
     return _keyed(text, header, len(header), codes)
 

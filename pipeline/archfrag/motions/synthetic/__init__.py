@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
@@ -38,7 +37,10 @@ CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
-_PEAK_PERIOD = 0.88  # of a pulse's amplification, as a fraction of its period
+# Where a pulse amplifies most, as a fraction of its period, and the median Sa there over that
+# without it [1]_.
+_PEAK_PERIOD = 0.88
+_PEAK_GAIN = np.exp(1.131 * np.exp(-3.11 * (np.log(_PEAK_PERIOD) + 0.127) ** 2) + 0.058)
 # Streams of random numbers that one seed may be asked for.
 _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
 # Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
@@ -56,6 +58,10 @@ TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 # Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
 SPACING = 10**6
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
+
+
+_RANGES = (("magnitude", 3.0, 8.0), ("distance [km]", 0.0, 300.0), *[("seed", 0, 2**63 - 1)] * 3,
+           ("time step [s]", 1e-6, 0.02), ("vs30 [m/s]", 450.0, 1000.0))  # fmt: skip
 
 
 class Recipe(NamedTuple):
@@ -83,11 +89,7 @@ def make_motion(recipe: Recipe) -> Motion:
     """
     magnitude, distance, seed, *own, dt, vs30 = recipe[:7]
     event, site = (seed if each is None else each for each in own)
-    for name, value, low, high in (
-        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
-        ("vs30 [m/s]", vs30, 450.0, 1000.0), ("time step [s]", dt, 1e-6, 0.02),
-        *(("seed", each, 0, 2**63 - 1) for each in (seed, event, site)),
-    ):  # fmt: skip
+    for (name, low, high), value in zip(_RANGES, (*recipe[:3], event, site, dt, vs30)):
         if not low <= value <= high:
             raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
     length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
@@ -150,9 +152,8 @@ def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
     ratio = _corrections(*scenario, True) if recipe.vertical else np.zeros(FREQUENCIES.size)
     if not recipe.vary:
         return np.zeros(ratio.size), ratio
-    common = _corrections(*scenario, False).copy()
-    for kind, seed in (("event", event), ("site", site)):
-        common += draw_term(kind, _generator(kind, seed))
+    common = _corrections(*scenario, False) + draw_term("event", _generator("event", event))
+    common += draw_term("site", _generator("site", site))
     record = draw_term("record", _generator("record", recipe.seed))
     other = draw_term("record", _generator("vertical_record", recipe.seed))
     apart = np.sqrt(1.0 - fourier.COMPONENT_CORRELATION**2)
@@ -177,15 +178,6 @@ def _taper(size: int, ramp: int) -> Row:
     return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
 
 
-def amplification(ratio: ArrayLike) -> Row:
-    """Median Sa with a pulse over that without, at T / Tp, shape of `ratio` [1]_."""
-    ratio = np.asarray(ratio, dtype=np.float64)
-    apart = (np.log(ratio) + 0.127) ** 2
-    short = 1.131 * np.exp(-3.11 * apart) + 0.058
-    long = 0.924 * np.exp(-2.11 * apart) + 0.255
-    return np.exp(np.where(ratio <= _PEAK_PERIOD, short, long))
-
-
 def _with_pulse(
     samples: Row, time: Row, magnitude: float, generator: np.random.Generator
 ) -> tuple[Row, float]:
@@ -204,7 +196,7 @@ def _with_pulse(
     pulse = np.where(np.abs(angle) <= np.pi * CYCLES, np.pi / period * slope, 0.0)
     dt, at = time[1] - time[0], _PEAK_PERIOD * period
     without, alone = (spectral_acceleration(Motion(a, dt), at)[0] for a in (samples, pulse))
-    gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
+    gain = np.sqrt(_PEAK_GAIN**2 - 1.0)
     return samples + gain * without / alone * pulse, period
 
 
@@ -227,7 +219,7 @@ def plan_motions(
     if drawn_magnitude:
         magnitudes = generator.uniform(magnitude[0], magnitude[1], events).round(6)
     if drawn_distance:
-        ends = np.log(np.maximum(distance, 1e-3)).tolist()
+        ends = np.log(np.maximum(distance, 1e-3))
         distances = np.exp(generator.uniform(ends[0], ends[1], count).round(6)).round(2)
     with_pulse = generator.uniform(size=count) < pulses
     recipes = []
@@ -253,10 +245,7 @@ def shipped_recipes() -> list[Recipe]:
 
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
-    """Write motions (those that are shipped) as ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
-
-    Returns the record files in the order of the index.
-    """
+    """Write motions (those that are shipped) as ``synthetic/*.mseed`` [m/s2], with their index."""
     from obspy import Stream, Trace, UTCDateTime
 
     folder, rows = Path(out_dir), []
@@ -268,7 +257,7 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         path, stream = folder / FOLDER / f"{recipe.id}.mseed", Stream()
         header = {"network": "XX", "station": f"S{number % 10000:04d}", "delta": motion.dt,
                   "starttime": UTCDateTime(2000, 1, 1)}  # fmt: skip
-        for channel, samples in ((COMPONENT, motion.acceleration), ("HNZ", motion.vertical)):
+        for channel, samples in zip((COMPONENT, "HNZ"), motion.components.values()):
             if samples is not None:
                 stream.append(Trace(samples.astype(np.float32), {**header, "channel": channel}))
         with replacing(path, lasting=False) as part:

@@ -147,10 +147,7 @@ def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
 
 
 def correlation(frequency: ArrayLike) -> Row:
-    """Correlation of ln amplitude between frequencies [Hz], shape (n_frequency, n_frequency).
-
-    tanh(A exp(B x) + C exp(D x)), x = abs(ln(f1 / f2)), A to D at the lower frequency [8]_.
-    """
+    """Correlation of ln amplitude between frequencies [Hz], (n_frequency, n_frequency): [8]_."""
     f = np.clip(np.asarray(frequency, dtype=np.float64), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
     apart = np.abs(np.log(f[:, None] / f))

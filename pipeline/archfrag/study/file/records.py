@@ -292,27 +292,23 @@ def _with_components(
         if source.entry is not None:  # an index states what the headers may spell differently
             labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
             other = other._replaced(metadata=labels)
-        if kind == "vertical":
-            motion = partners.with_vertical(motion, other)
-        else:
-            motion = partners.with_transverse(motion, other)
-            motion = motion._replaced(metadata={**motion.metadata, "id_transverse": other.id})
+        motion = partners.joined(motion, other, kind)
     return motion
 
 
 def described(study: Study, motion: "Motion") -> PreparedRecord:
     """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
-    from archfrag.motions.measures import factor_of, measure_all
+    from archfrag.motions.measures import measure, scale_factor
 
     own, about = study.intensity.measure, motion.metadata
-    measures = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *COMPARED))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
     return PreparedRecord(
         motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
         about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
-        factor_of(motion, own, measures[own], 1.0), measures,
+        scale_factor(motion, own, 1.0, measures[own]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
         raw=about.get("level") == "raw" or about.get("unit_in_file") == "counts",
