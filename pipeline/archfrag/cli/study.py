@@ -224,8 +224,8 @@ def risk(
 
     FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
     `rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years),
-    and a column `rate_NAME` or `poe_50_NAME` for each quantile. Files of OpenQuake's hazard curves
-    (CSV or NRML) work too. The measure must be that of the study.
+    and a column `rate_NAME` or `poe_50_NAME` for each quantile. OpenQuake's hazard curves in CSV
+    work too. The measure must be that of the study.
 
     \b
     Example:
