@@ -125,10 +125,10 @@ def check_study(study: Study) -> dict[str, Any]:
         others = [about.get("file_transverse"), about.get("vertical_file")]
         if used := " and ".join(name for name in others if name and name != about["file"]):
             partners.append(f"{about['file']} with {used}")
-    found, design, levels = study.members(len(records)), study.design, len(study.intensity.si)
+    found, design, levels = study.members, study.design, len(study.intensity.si)
     some = checked(found)
     check_standing(some)
-    sizes = [design.size(len(records) if m.record is None else 1, levels) for m in found]
+    size, extent = design.size(len(records), levels)
     sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
     cautions = unit_warnings(study, found) + uncorrected(study, records)
     if unchecked := len(found) - len(some):
@@ -136,7 +136,7 @@ def check_study(study: Study) -> dict[str, Any]:
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
         "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
-        "design": design.kind, "runs": sum(size for size, _ in sizes), "extent": sizes[0][1],
+        "design": design.kind, "runs": size * len(found), "extent": extent,
         "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
                          if name not in ids),
         "cautions": cautions, "partners": tuple(partners),

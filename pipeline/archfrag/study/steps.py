@@ -4,7 +4,6 @@ A step that is done leaves a stamp: digests of what it was made from, and the SH
 made. Times of modification decide nothing.
 """
 
-import contextlib
 import os
 import sys
 from collections.abc import Callable
@@ -51,10 +50,8 @@ def products(study: Study, step: str) -> list[Path]:
         return [study.work / MANIFEST]
     names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
     if step == "report":
-        with contextlib.suppress(InputError):  # before the motions there are no figures
-            ids = [member.id for member in study.members(len(read_manifest(study)["records"]))]
-            own = [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
-            names[step] += own
+        ids = [member.id for member in study.members]
+        names[step] += [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{each}.svg" for each in ids]
     return [study.folder / name for name in names[step]]
 
 

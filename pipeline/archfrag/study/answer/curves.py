@@ -5,7 +5,7 @@ Curves with their bands; other shapes and measures; limit states; parts of the d
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +40,6 @@ class Runs:
     # (n_record,): what rows have in common: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
     unit: str = "event"  # which of the two
-    # (n_record,): numbers of the records in the cube.
-    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
     cube: Any = None  # of the one arch
     worded: Worded = str
 
@@ -63,11 +61,9 @@ def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
     level, group = cube["intensity"].values, shared_events(cube["event"].values)
     found = []
     for i, (name, verdict) in enumerate(zip(cube["arch"].values.astype(str), verdicts)):
-        rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-        at = level[i, rows] if level.ndim == 3 else level
-        own = None if group is None else group[rows]
-        facts: dict[str, Any] = {"rows": rows, "cube": cube.isel(arch=i), "worded": worded}
-        found.append(Runs(str(name), design, verdict[rows], at, own, **facts))
+        at = level[i] if level.ndim == 3 else level
+        facts: dict[str, Any] = {"cube": cube.isel(arch=i), "worded": worded}
+        found.append(Runs(str(name), design, verdict, at, group, **facts))
     return found
 
 
@@ -83,7 +79,7 @@ def classes_of_cube(
             level, verdict = own[0].level, np.concatenate([each.verdict for each in own])
             if level.ndim == 2:
                 level = np.concatenate([each.level for each in own])
-            group = np.concatenate([record[each.rows] for each in own])
+            group = np.tile(record, len(own))
             pooled = replace(own[0], name=name, verdict=verdict, level=level, group=group)
             found[name] = replace(pooled, unit="record", cube=None), own
     return found
@@ -201,14 +197,14 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
     """The study's measure compared with others in which its motions are known."""
     from archfrag.fragility.measures import compare_measures
 
-    cube, rows = runs.cube, runs.rows
+    cube = runs.cube
     names = cube["measure"].values.astype(str).tolist()
-    value = cube["record_measure"].transpose("measure", "record").values[:, rows]
+    value = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
     known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
     table = compare_measures(
         runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
-        magnitude=cube["magnitude"].values[rows], distance=cube["distance"].values[rows],
+        magnitude=cube["magnitude"].values, distance=cube["distance"].values,
         event=runs.group,
     )  # fmt: skip
     units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
@@ -256,7 +252,7 @@ def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str
 
 def _exceeded(runs: Runs, conditions: Sequence[Callable[[Any], Any]]) -> NDArray[np.int64]:
     """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
-    part = runs.cube.isel(record=runs.rows).transpose("record", "level", ...)
+    part = runs.cube.transpose("record", "level", ...)
     codes = [np.where(holds(part), Verdict.COLLAPSED, Verdict.STANDING) for holds in conditions]
     codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
     if runs.design.adaptive:  # where the runs of a record imply others
@@ -296,7 +292,7 @@ def dispersion_split(
     """
     from archfrag.fragility.curve import split_capacities, split_curves
 
-    if not members[0].design.on_levels or len({len(each.verdict) for each in members}) > 1:
+    if not members[0].design.on_levels:
         return {}
     capacity = np.stack([each.brackets.middle for each in members])
     known = ~np.isnan(capacity).any(axis=0)

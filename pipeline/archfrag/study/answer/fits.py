@@ -177,7 +177,7 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Ans
             verdict, named, levels, answers[name].curve, study.design.adaptive
         )
     ]
-    found += unit_warnings(study, study.members(cube.sizes["record"])) + uncorrected(study)
+    found += unit_warnings(study, study.members) + uncorrected(study)
     found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     return [*found, *record_cautions(cube)]
 
@@ -190,7 +190,7 @@ def arch_cautions(
 
     `levels` are those of all records, if they have them in common [SI].
     """
-    counts, ran = count_verdicts(verdict), (verdict != Verdict.NOT_SIMULATED).any(axis=1).sum()
+    counts, n_record = count_verdicts(verdict), len(verdict)
     lost = counts["runs"] - counts["n"]
     fraction = lost / np.maximum(counts["runs"], 1)
     if many := np.count_nonzero(fraction > MOST_UNDECIDED):
@@ -205,17 +205,17 @@ def arch_cautions(
         return
     collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
     beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
-    if beyond > MOST_SURVIVING * ran and not collapsed.any():
+    if beyond > MOST_SURVIVING * n_record and not collapsed.any():
         yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
-    elif beyond > MOST_SURVIVING * ran:
+    elif beyond > MOST_SURVIVING * n_record:
         yield (
-            f"{beyond} of {ran} records do not cause collapse at {named[-1]}, the highest level, "
-            "so the upper part of the curve is extrapolated; add higher levels"
+            f"{beyond} of {n_record} records do not cause collapse at {named[-1]}, the highest "
+            "level, so the upper part of the curve is extrapolated; add higher levels"
         )
     again = (np.maximum.accumulate(collapsed, axis=1) & survived).any(axis=1).sum()
-    if again > MOST_AGAIN * ran and not adaptive:
+    if again > MOST_AGAIN * n_record and not adaptive:
         yield (
-            f"{again} of {ran} records do not cause collapse above a level at which they did "
+            f"{again} of {n_record} records do not cause collapse above a level at which they did "
             "(non-monotone records): near the border a single run proves little, and beta "
             "includes this scatter"
         )

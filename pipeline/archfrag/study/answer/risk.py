@@ -128,11 +128,10 @@ def _arch_risk(
         part[key].values.reshape(-1, part.sizes["level"]).astype(np.int64)
         for key in ("verdict", "collapse_joint", "collapse_mode")
     )
-    rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-    record, at = rows % part.sizes["record"], part["intensity"].values.astype(float)
+    at = part["intensity"].values.astype(float)
     if at.ndim > 1:
-        at = at.reshape(verdict.shape)[rows]
-    levels, collapsed, code, ends = _on_levels(verdict[rows], (joint * _N_MODE + mode)[rows], at)
+        at = at.reshape(verdict.shape)
+    levels, collapsed, code, ends = _on_levels(verdict, joint * _N_MODE + mode, at)
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
@@ -146,8 +145,8 @@ def _arch_risk(
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     splits = {"mechanism": (category, (*labels, OTHER))}
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
-        of_record, of_bins = value_bins(part[key].values[record], bins, unit)
-        splits[key] = np.broadcast_to(of_record[:, None], collapsed.shape), of_bins
+        of_row, of_bins = value_bins(np.tile(part[key].values, part.sizes["arch"]), bins, unit)
+        splits[key] = np.broadcast_to(of_row[:, None], collapsed.shape), of_bins
     parts = {key: contributions(level_rate, collapsed, *each) for key, each in splits.items()}
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -201,8 +202,6 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
-    _expanded: dict[int | None, tuple[Any, Members]] = {}  # noqa: RUF012  # each has its own
-
     @property
     def folder(self) -> Path:
         """Folder of the results: what is for people."""
@@ -213,15 +212,10 @@ class Study(Section):
         """Folder of all that is for archfrag: motions, parts, logs and the state of the run."""
         return self.folder / WORK
 
-    def members(self, n_record: int | None = None) -> Members:
+    @cached_property
+    def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        varied = [entry.vary for entry in self.arches if entry.vary is not None]
-        key = n_record if any(not vary.crossed for vary in varied) else None
-        of, found = self._expanded.get(key, (None, ()))
-        if of is not self.arches:  # not yet, or of the study that this one is a copy of
-            found = expand(self.arches, key)
-            self._expanded[key] = self.arches, found
-        return found
+        return expand(self.arches)
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
@@ -240,8 +234,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     with at(path, given):
         study = Study.model_validate(given, context={"folder": folder})
-        # Arches that each record has of its own are known once the records are.
-        check_buildable(checked(study.members(n_record=1)))
+        check_buildable(checked(study.members))
     return study
 
 

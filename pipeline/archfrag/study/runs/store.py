@@ -24,7 +24,7 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.kernel_cache import kernel_hash
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
-from archfrag.study.file.members import Members, check_buildable
+from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_code
@@ -113,7 +113,7 @@ class Plan:
         parts = {
             "archfrag": self.identity,
             "study": study.id,
-            "arches": [[m.entry.parameters, m.chain, m.record] for m in self.arches],
+            "arches": [[member.entry.parameters, member.chain] for member in self.arches],
             "records": [asdict(record) for record in self.records],
             "levels": study.intensity.si,
             "measure": study.intensity.measure,
@@ -158,9 +158,8 @@ class Plan:
         with np.errstate(divide="ignore"):
             logs = np.log(values) + exponents * np.log(self.unscaled)[:, None]
         measures, requests = logs[:, np.isfinite(logs).all(axis=0)], {}
-        for arch, member in enumerate(self.arches):
-            every = member.record is None
-            records = np.arange(len(self.records)) if every else np.array([member.record])
+        for arch in range(len(self.arches)):
+            records = np.arange(len(self.records))
             # What an adaptive design requests follows from all runs of an arch.
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
@@ -173,11 +172,7 @@ class Plan:
 
 def make_plan(study: Study) -> Plan:
     """Plan of a study whose motions are prepared."""
-    records = load_prepared(study)
-    arches = study.members(len(records))
-    if any(member.record is not None for member in arches):
-        check_buildable(arches)  # of which the study's file shows those of one record
-    return Plan(study, arches, tuple(records))
+    return Plan(study, study.members, tuple(load_prepared(study)))
 
 
 def write_part(folder: Path, keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Path:
