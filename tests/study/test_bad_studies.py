@@ -212,7 +212,7 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
 @pytest.mark.parametrize(
     ("override", "part"),
     [
-        ("arches.²=z", "no such place; a list is counted from 0"),
+        ("arches.0.friction=1", "no such place; only a block has keys, and a list is given as a"),
         ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),

@@ -20,8 +20,6 @@ from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
-# Keys whose values are paths, or lists of them.
-PATHS = {"output", "table", "drawing", "index", "files", "path", "inventory", "hazard"}
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
@@ -221,8 +219,8 @@ class Study(Section):
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
-    `overrides` are texts ``key.key=value``, the value in YAML; paths in them are relative to the
-    current folder. InputError is one message with file, key, value and what is allowed.
+    `overrides` are texts ``key.key=value``, the value as the file would give it. InputError is one
+    message with file, key, value and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
@@ -257,24 +255,11 @@ def _override(given: dict[str, Any], text: str) -> None:
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
-    value = parse_value(value_text, f"--set {key}")
-    name = next((part for part in reversed(parts) if not part.isdigit()), "")
-    block: Any = given
+    block, value = given, parse_value(value_text, f"--set {key}")
     try:
         for part in parts[:-1]:
-            block = block.setdefault(part, {}) if isinstance(block, dict) else block[int(part)]
-        last = parts[-1] if isinstance(block, dict) else int(parts[-1])
-        block[last] = _from_here(value, name)
-    except (IndexError, TypeError, ValueError):
-        what = "a list is counted from 0, and only a block or a list has keys"
+            block = block.setdefault(part, {})
+        block[parts[-1]] = value
+    except (AttributeError, TypeError):
+        what = "only a block has keys, and a list is given as a whole"
         raise InputError(f"--set {text}: the study has no such place; {what}") from None
-
-
-def _from_here(value: Any, key: str) -> Any:
-    """The value of a key from the command line, with its paths below the current folder."""
-    if isinstance(value, dict):
-        return {name: _from_here(inner, str(name)) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [_from_here(inner, key) for inner in value]
-    path = isinstance(value, str) and value and key in PATHS and not value.startswith("~")
-    return os.path.abspath(value) if path else value
