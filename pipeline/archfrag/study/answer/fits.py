@@ -1,6 +1,7 @@
 """From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -58,28 +59,30 @@ def fit_cube(study: Study) -> Fitted:
 
     with open_cube(study) as opened:
         cube = opened.load()
-    runs = curves.runs_of_cube(cube, worded)
+    runs = curves.runs_of_cube(cube, worded=worded)
     answers = {each.name: curves.answer(each, confidence) for each in runs}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     for each in (runs[number] for number in shown(medians)):
         more = answers[each.name].more
         more["free"] = part(curves.free_shapes, each, confidence)
         more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, [each], keys)
+        more["limit_states"] = part(curves.limit_states, each, keys)
         if not each.design.on_levels:
             more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
         answers[each.name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
     classes = {}
-    for name, (group, alone) in curves.classes_of_cube(cube, runs).items():
-        members = [answers[each.name] for each in alone]
-        classes[name] = curves.of_class(curves.answer(group, confidence), members)
+    sizes = Counter(curves.arch_classes(cube).values())
+    names = [name for name, size in sizes.items() if size > 1]
+    for each in curves.runs_of_cube(cube, names, worded):
+        name, members = each.name, [answers[arch] for arch in each.cube["arch"].values.astype(str)]
+        classes[name] = curves.of_class(curves.answer(each, confidence), members)
         split = {}
         if not isinstance(curve := classes[name].curve, str):
-            split = part(curves.dispersion_split, alone, members, curve.beta)
-        states = part(curves.limit_states, alone, keys)
+            split = part(curves.dispersion_split, each, members, curve.beta)
+        states = part(curves.limit_states, each, keys)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, group, confidence)
+        lost = part(curves.without_verdict, each, confidence)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
     _store(study, answers, classes, cube)
     return answers, classes, cube

@@ -22,7 +22,7 @@ from archfrag.fragility.risk import (
     value_bins,
 )
 from archfrag.mechanics.status import CollapseMode
-from archfrag.study.answer.curves import arch_classes
+from archfrag.study.answer.curves import Runs, runs_of_cube
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.schema import Study
 from archfrag.study.files import finite
@@ -108,30 +108,23 @@ def risk_of(
     `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
     the rates of its arches. `years` is the time for probabilities of collapse.
     """
-    names, classes = np.array(list(arch_classes(cube).items())).T
-    places = {name: np.flatnonzero((names == name) | (classes == name)) for name in fits}
+    runs = {each.name: each for each in runs_of_cube(cube, fits)}
     arches = {
-        name: fit if isinstance(fit, str)
-        else _arch_risk(name, cube.isel(arch=places[name]), fit, hazard, confidence)
+        name: fit if isinstance(fit, str) else _arch_risk(runs[name], fit, hazard, confidence)
         for name, fit in fits.items()
-    }  # fmt: skip
-    counts = {name: each.size for name, each in places.items() if each.size > 1}
-    return StudyRisk(hazard, years, arches, counts)
+    }
+    sizes = {name: each.cube.sizes["arch"] for name, each in runs.items()}
+    return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
 
 
-def _arch_risk(
-    name: str, cube: xr.Dataset, fit: Fragility, hazard: Hazard, confidence: float
-) -> ArchRisk:
-    """Rate of the arches that a cube holds, whose runs stand under each other."""
-    part = cube.transpose("arch", "record", "level", ...)
-    verdict, joint, mode = (
-        part[key].values.reshape(-1, part.sizes["level"]).astype(np.int64)
-        for key in ("verdict", "collapse_joint", "collapse_mode")
+def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) -> ArchRisk:
+    """Rate of one arch, or of a class."""
+    cube = runs.cube
+    joint, mode = (
+        cube[key].values.reshape(runs.verdict.shape).astype(np.int64)
+        for key in ("collapse_joint", "collapse_mode")
     )
-    at = part["intensity"].values.astype(float)
-    if at.ndim > 1:
-        at = at.reshape(verdict.shape)
-    levels, collapsed, code, ends = _on_levels(verdict, joint * _N_MODE + mode, at)
+    levels, collapsed, code, ends = _on_levels(runs.verdict, joint * _N_MODE + mode, runs.level)
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
@@ -145,12 +138,12 @@ def _arch_risk(
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     splits = {"mechanism": (category, (*labels, OTHER))}
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
-        of_row, of_bins = value_bins(np.tile(part[key].values, part.sizes["arch"]), bins, unit)
+        of_row, of_bins = value_bins(np.tile(cube[key].values, cube.sizes["arch"]), bins, unit)
         splits[key] = np.broadcast_to(of_row[:, None], collapsed.shape), of_bins
     parts = {key: contributions(level_rate, collapsed, *each) for key, each in splits.items()}
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])
-    return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts)
+    return ArchRisk(runs.name, fit, rate, by_curve, levels, level_rate, beyond, parts)
 
 
 def _on_levels(
