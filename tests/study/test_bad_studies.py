@@ -91,7 +91,7 @@ BAD = [
     (BLOCK, "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
      "intrados[0] = [0, 1, 2] must have at most 2"),
     # Motions.
-    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic no longer exists; make"),
+    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic is not a known key; allowed"),
     (FILES, "[]", "the study has no record; give an index or files"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),

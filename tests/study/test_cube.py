@@ -251,7 +251,7 @@ def of_events(count):
 
 def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve="none"):
     named = [f"{level:g} g" for level in levels]
-    return arch_cautions(np.asarray(verdict), named, np.array(levels), curve)
+    return arch_cautions(Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve)
 
 
 def of_lost(count, kind):

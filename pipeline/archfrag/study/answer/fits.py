@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
@@ -168,32 +167,23 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
 
 def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
-    levels, named = None, ["levels of their own"]
-    if cube["intensity"].ndim == 1:
-        levels = cube["intensity"].values
-        named = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
-    verdicts = cube["verdict"].transpose("arch", "record", "level").values
+    unit, named = study.intensity.unit, ["levels of their own"]
+    if study.design.on_levels:
+        named = [f"{level:.4g} {unit}" for level in study.intensity.given]
     found = [
-        f"{name}: {message}"
-        for name, verdict in zip(cube["arch"].values.astype(str).tolist(), verdicts)
-        for message in arch_cautions(
-            verdict, named, levels, answers[name].curve, study.design.adaptive
-        )
+        f"{runs.name}: {message}"
+        for runs in curves.runs_of_cube(cube)
+        for message in arch_cautions(runs, named, answers[runs.name].curve)
     ]
     found += unit_warnings(study, study.members) + uncorrected(study)
     found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     return [*found, *record_cautions(cube)]
 
 
-def arch_cautions(
-    verdict: NDArray[np.int8], named: list[str], levels: NDArray[np.float64] | None,
-    curve: Fragility | str, adaptive: bool = False,
-) -> Iterator[str]:  # fmt: skip
-    """Messages on the runs of an arch, (n_record, n_level), at levels as they are `named`.
-
-    `levels` are those of all records, if they have them in common [SI].
-    """
-    counts, n_record = count_verdicts(verdict), len(verdict)
+def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -> Iterator[str]:
+    """Messages on the runs of an arch, at levels as they are `named`."""
+    verdict, levels, n_record = runs.verdict, runs.level, len(runs.verdict)
+    counts = count_verdicts(verdict)
     lost = counts["runs"] - counts["n"]
     fraction = lost / np.maximum(counts["runs"], 1)
     if many := np.count_nonzero(fraction > MOST_UNDECIDED):
@@ -204,7 +194,7 @@ def arch_cautions(
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
         )
-    if levels is None:
+    if not runs.design.on_levels:
         return
     collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
     beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
@@ -216,7 +206,7 @@ def arch_cautions(
             "level, so the upper part of the curve is extrapolated; add higher levels"
         )
     again = (np.maximum.accumulate(collapsed, axis=1) & survived).any(axis=1).sum()
-    if again > MOST_AGAIN * n_record and not adaptive:
+    if again > MOST_AGAIN * n_record and not runs.design.adaptive:
         yield (
             f"{again} of {n_record} records do not cause collapse above a level at which they did "
             "(non-monotone records): near the border a single run proves little, and beta "
