@@ -1,6 +1,5 @@
 """A study to start from, and checks of a study before anything is computed."""
 
-import contextlib
 import errno
 import math
 import os
@@ -13,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import OutputError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import PreparedRecord, described, read_manifest, read_sources
+from archfrag.study.file.records import PreparedRecord, described, read_sources
 from archfrag.study.file.schema import Study, study_schema
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
@@ -51,11 +50,8 @@ def write_starter(folder: Path) -> Path:
     return study
 
 
-def uncorrected(study: Study, records: Sequence[PreparedRecord] = ()) -> tuple[str, ...]:
-    """Message on raw records that the study does not correct, of those prepared if not given."""
-    if not records:
-        with contextlib.suppress(InputError):
-            records = read_manifest(study)["records"]
+def uncorrected(study: Study, records: Sequence[PreparedRecord]) -> tuple[str, ...]:
+    """Message on raw records that the study does not correct."""
     names = [record.id for record in records if record.raw]
     if not names or CORRECTING & dict(study.motions.steps).keys():
         return ()

@@ -16,6 +16,7 @@ from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
+from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, finite, read_json, refuse_foreign_cube, write_text
 
@@ -175,7 +176,8 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Ans
         for runs in curves.runs_of_cube(cube)
         for message in arch_cautions(runs, named, answers[runs.name].curve)
     ]
-    found += unit_warnings(study, study.members) + uncorrected(study)
+    found += unit_warnings(study, study.members)
+    found += uncorrected(study, read_manifest(study)["records"])
     found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     return [*found, *record_cautions(cube)]
 

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -200,6 +199,8 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
+    _expanded: tuple[Any, Members] = (None, ())
+
     @property
     def folder(self) -> Path:
         """Folder of the results: what is for people."""
@@ -210,10 +211,12 @@ class Study(Section):
         """Folder of all that is for archfrag: motions, parts, logs and the state of the run."""
         return self.folder / WORK
 
-    @cached_property
+    @property
     def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        return expand(self.arches)
+        if self._expanded[0] is not self.arches:  # not yet, or of the study that this is a copy of
+            self._expanded = self.arches, expand(self.arches)
+        return self._expanded[1]
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
