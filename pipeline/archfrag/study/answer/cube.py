@@ -35,8 +35,7 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 def write_cube(study: Study, plan: Plan | None = None) -> Path:
     """Gather the parts of a study into its cube, written completely or not at all.
 
-    InputError if results of runs are missing, OutputError if the file cannot be written. `plan`
-    is that of the study, if it is known.
+    InputError if results of runs are missing, OutputError if the file cannot be written.
     """
     files.refuse_foreign_cube(study)
     plan = plan or make_plan(study)
@@ -53,10 +52,7 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
 def build_cube(
     study: Study, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
 ) -> "xr.Dataset":
-    """The cube of a study's runs, as `gather` returns them, with facts on arches and records.
-
-    Memory grows by about 600 bytes a run.
-    """
+    """The cube of a study's runs, as `gather` returns them; about 600 bytes of memory a run."""
     import xarray as xr
 
     from archfrag.motions.measures import measure_unit, scaling_exponent

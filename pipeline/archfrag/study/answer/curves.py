@@ -1,7 +1,4 @@
-"""Answers from the runs of a cube, for each arch and each class.
-
-Curves with their bands; other shapes and measures; limit states; parts of the dispersion.
-"""
+"""Answers from the runs of a cube: curves, other shapes, measures, limit states, dispersion."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -119,10 +116,7 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
 
 
 def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curves with all runs that no method decided as collapses, and as survivals.
-
-    Empty if there are no such runs; else their number and both curves.
-    """
+    """Number of runs that no method decided, and the curves if all collapse and if all stand."""
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE))
     if not lost.any():
         return {}
@@ -143,10 +137,7 @@ def quoted(
     cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
     members: bool = False,
 ) -> dict[str, Answer]:  # fmt: skip
-    """Answers that are handed on: of classes, and of arches that are of none.
-
-    With `members` those of the arches of classes too.
-    """
+    """Answers of classes and of arches that are of none; with `members` of all arches."""
     of_class = arch_classes(cube)
     alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
     return {**classes, **alone}

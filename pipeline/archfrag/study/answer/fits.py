@@ -46,10 +46,7 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> Fitted:
-    """Find the curve of each arch and class of the cube; store all in ``fits.json``, in SI.
-
-    The table ``curve.csv`` and levels in messages are in the unit of the study.
-    """
+    """Find and store the curves of arches and classes: JSON in SI, CSV in the study's unit."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 

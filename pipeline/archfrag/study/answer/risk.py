@@ -103,10 +103,9 @@ def risk_of(
     cube: xr.Dataset, fits: Mapping[str, Fragility | str], hazard: Hazard,
     years: float = 50.0, confidence: float = 0.9,
 ) -> StudyRisk:  # fmt: skip
-    """Rates of collapse of arches and classes of a study at a site.
+    """Rates of collapse at a site, and probabilities in `years`.
 
-    `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
-    the rates of its arches. `years` is the time for probabilities of collapse.
+    `fits` are curves by arch or class, or why there is none.
     """
     runs = {each.name: each for each in runs_of_cube(cube, fits)}
     arches = {
@@ -175,10 +174,7 @@ def _on_levels(
 
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
-    """Return a result in plain numbers, with intensities in the unit of the study.
-
-    ``arches`` holds classes too; ``classes`` is the number of arches of each.
-    """
+    """Plain numbers, of classes among the arches too, with intensities in the study's unit."""
     factor, hazard = study.intensity.factor, risk.hazard
     arches: dict[str, Any] = {}
     for name, arch in risk.arches.items():
