@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import archfrag
 from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Model, Status
+from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.study import files
 from archfrag.study.file.arches import VARIABLE, ArchEntry
 from archfrag.study.file.members import Members
@@ -54,8 +56,6 @@ def build_cube(
 ) -> "xr.Dataset":
     """The cube of a study's runs, as `gather` returns them; about 600 bytes of memory a run."""
     import xarray as xr
-
-    from archfrag.motions.measures import measure_unit, scaling_exponent
 
     regular, measure = study.design.on_levels, study.intensity.measure
     names, records = list(plan.records[0].measures), plan.records
@@ -201,8 +201,6 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
 
 
 def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
-    import pandas as pd
-
     from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
 

@@ -13,6 +13,9 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
+from archfrag.fragility.fit import fit_cloud
+from archfrag.fragility.limit_states import fit_limit_states
+from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
 
@@ -168,8 +171,6 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curve of a cloud by logistic regression."""
-    from archfrag.fragility.fit import fit_cloud
-
     decided = runs.decided  # each record has one run
     event = None if runs.group is None else runs.group[decided.any(axis=1)]
     collapsed = runs.verdict[decided] == Verdict.COLLAPSED
@@ -178,8 +179,6 @@ def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """The study's measure compared with others in which its motions are known."""
-    from archfrag.fragility.measures import compare_measures
-
     cube = runs.cube
     names = cube["measure"].values.astype(str).tolist()
     value = cube["record_measure"].transpose("measure", "record").values
@@ -196,8 +195,6 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
 
 def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
     """Curves of damage short of collapse, ordered; `keys` are the ``limit_states`` of a study."""
-    from archfrag.fragility.limit_states import fit_limit_states
-
     limits = runs.cube["static_limit"].values
     rad = f", {limits[0]:.3g} rad" if limits.size == 1 else ""
     residual, rotation = keys["residual"], keys["rotation"]

@@ -117,7 +117,6 @@ def risk_of(
 
 
 def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) -> ArchRisk:
-    """Rate of one arch, or of a class."""
     cube = runs.cube
     joint, mode = (
         cube[key].values.reshape(runs.verdict.shape).astype(np.int64)

@@ -57,10 +57,9 @@ def load_hazard(
 ) -> Hazard:  # fmt: skip
     """Read the hazard curves of a site, of the study's intensity measure.
 
-    Files are CSV as `archfrag risk --help` states, or OpenQuake's CSV (one file for the mean and
-    each quantile). `unit` is that of the intensities, where the file does not state it; `site` is
-    longitude and latitude [degrees], for files with several sites. InputError names the file, what
-    is wrong there, and what is allowed.
+    Files are CSV as `archfrag risk --help` states, or OpenQuake's, one for the mean and each
+    quantile. `unit` is that of intensities whose file states none; `site` is longitude and
+    latitude [degrees], for files with several sites. InputError names the file and what is wrong.
     """
     found: dict[str, HazardCurve] = {}
     messages = []
@@ -113,7 +112,6 @@ def _factor(
 
 
 def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
-    """Number of the only site, or of the nearest to the one asked for."""
     names = [f"{lon:g},{lat:g}" for lon, lat in sites]
     if requested is None:
         if len(names) == 1:

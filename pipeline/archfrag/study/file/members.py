@@ -181,7 +181,6 @@ def _drawn(base: Member) -> Iterator[Member]:
 def _joints_drawn(
     joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
 ) -> dict[str, Any]:
-    """Draw the keys of an arch whose joints differ from each other."""
     from archfrag.arch.uncertain import to_digits
 
     keys: dict[str, Any] = {}

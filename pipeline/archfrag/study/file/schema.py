@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import WORK, read_text
+from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 from archfrag.study.file import PathText, Section, at, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
@@ -70,8 +71,6 @@ class Intensity(Section):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
-
         low, high = PERIODS
         with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
             if not all(low <= period <= high for period in parse_measure(self.measure).periods):
@@ -97,8 +96,6 @@ class Intensity(Section):
     @property
     def factor(self) -> float:
         """SI unit of the measure in multiples of the unit of the levels."""
-        from archfrag.motions.measures import measure_unit
-
         return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
 
 
@@ -253,7 +250,6 @@ def study_schema() -> str:
 
 
 def _override(given: dict[str, Any], text: str) -> None:
-    """Put the value of an option --set into a raw study."""
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):

@@ -24,6 +24,7 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.kernel_cache import kernel_hash
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
+from archfrag.motions.measures import scaling_exponent
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
@@ -102,8 +103,6 @@ class Plan:
     @cached_property
     def power(self) -> float:
         """A level grows with the factor to the power 1 / `power`."""
-        from archfrag.motions.measures import scaling_exponent
-
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
@@ -148,8 +147,6 @@ class Plan:
         """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-        from archfrag.motions.measures import scaling_exponent
-
         design, own = self.study.design, self.study.intensity.measure
         # ln of the records' other measures where the study's own is 1, (n_record, n_measure).
         names = [name for name in self.records[0].measures if name != own]
