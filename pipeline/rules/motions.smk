@@ -11,7 +11,7 @@ rule motions:
         records=record_files,
     output: f"{HIDDEN}/motions.json",
     params:
-        folder=lambda wildcards, output: Path(output[0]).parents[1],
+        folder=lambda wildcards, output: Path(output[0]).absolute().parents[1],
     log: f"{HIDDEN}/logs/motions.log",
     benchmark: f"{HIDDEN}/benchmarks/motions.tsv"
     shell: "archfrag motions {input.study:q} --set output={params.folder:q} 2> {log:q}"

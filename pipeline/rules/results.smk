@@ -11,7 +11,7 @@ rule cube:
         runs=tables_of_runs,
     output: f"{FOLDER}/cube.nc",
     params:
-        folder=lambda wildcards, output: Path(output[0]).parent,
+        folder=lambda wildcards, output: Path(output[0]).absolute().parent,
     log: f"{HIDDEN}/logs/cube.log",
     benchmark: f"{HIDDEN}/benchmarks/cube.tsv"
     shell: "archfrag cube {input.study:q} --set output={params.folder:q} 2> {log:q}"
@@ -26,7 +26,7 @@ rule fit:
         f"{FOLDER}/fits.json",
         report(f"{FOLDER}/curve.csv", category="{study}"),
     params:
-        folder=lambda wildcards, output: Path(output[0]).parent,
+        folder=lambda wildcards, output: Path(output[0]).absolute().parent,
     log: f"{HIDDEN}/logs/fit.log",
     benchmark: f"{HIDDEN}/benchmarks/fit.tsv"
     shell: "archfrag fit {input.study:q} --set output={params.folder:q} 2> {log:q}"
@@ -40,7 +40,7 @@ rule report:
         fits=f"{FOLDER}/fits.json",
     output: report(f"{FOLDER}/report.html", category="{study}"),
     params:
-        folder=lambda wildcards, output: Path(output[0]).parent,
+        folder=lambda wildcards, output: Path(output[0]).absolute().parent,
     log: f"{HIDDEN}/logs/report.log",
     benchmark: f"{HIDDEN}/benchmarks/report.tsv"
     shell: "archfrag report {input.study:q} --set output={params.folder:q} 2> {log:q}"

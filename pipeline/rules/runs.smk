@@ -5,7 +5,7 @@ rule batch:
         motions=f"{HIDDEN}/motions.json",
     output: f"{HIDDEN}/runs/batch-{{batch}}of{{batches}}.csv",
     params:
-        folder=lambda wildcards, output: Path(output[0]).parents[2],
+        folder=lambda wildcards, output: Path(output[0]).absolute().parents[2],
     threads: lambda wildcards: study_of(wildcards.study).execution.workers or workflow.cores or 1
     log: f"{HIDDEN}/logs/batch-{{batch}}of{{batches}}.log",
     benchmark: f"{HIDDEN}/benchmarks/batch-{{batch}}of{{batches}}.tsv"

@@ -91,7 +91,7 @@ BAD = [
     (BLOCK, "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
      "intrados[0] = [0, 1, 2] must have at most 2"),
     # Motions.
-    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic no longer exists; make"),
+    (f"files: {FILES}", "synthetic: {events: 2}", "motions.synthetic is not a known key; allowed"),
     (FILES, "[]", "the study has no record; give an index or files"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
@@ -212,7 +212,7 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
 @pytest.mark.parametrize(
     ("override", "part"),
     [
-        ("arches.²=z", "no such place; a list is counted from 0"),
+        ("arches.0.friction=1", "no such place; only a block has keys, and a list is given as a"),
         ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),

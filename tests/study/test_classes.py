@@ -1,4 +1,4 @@
-"""Classes of arches from the study file to their curves: who meets whom, what growing costs."""
+"""Classes of arches from the study file to their curves, and what growing costs."""
 
 import json
 import shutil
@@ -40,41 +40,36 @@ def called(classes, name, *arguments):
 
 
 def test_the_cube_has_arches_with_their_entries_and_what_differs(classes):
-    ids = [f"{name}-{i:04d}" for name in ("slab", "own") for i in range(1, 5)]
+    ids = [f"slab-{i:04d}" for i in range(1, 5)]
     assert classes.cube["arch"].values.astype(str).tolist() == [*ids, "a", "b", "alone"]
     assert classes.cube["arch_class"].values.astype(str).tolist() == (
-        ["slab"] * 4 + ["own"] * 4 + ["fleet"] * 2 + ["alone"]
+        ["slab"] * 4 + ["fleet"] * 2 + ["alone"]
     )
-    members = classes.study.members(2)
+    members = classes.study.members
     for name in ("width", "height"):
         variable = classes.cube[f"arch_{name}"]
         found = [member.values.get(name, np.nan) for member in members]
         np.testing.assert_array_equal(variable.values, found)
         assert variable.attrs["units"] == "m"
-    assert classes.cube["arch_width"].values[8:10].tolist() == [0.35, 0.45]
-    assert np.isnan(classes.cube["arch_width"].values[10])
+    assert classes.cube["arch_width"].values[4:6].tolist() == [0.35, 0.45]
+    assert np.isnan(classes.cube["arch_width"].values[6])
     attribute = classes.cube["attribute_town_bank"]
-    assert attribute.values.astype(str).tolist() == [""] * 8 + ["Gera/left", "Gera/right", ""]
+    assert attribute.values.astype(str).tolist() == [""] * 4 + ["Gera/left", "Gera/right", ""]
     assert attribute.attrs["long_name"] == "town/bank of the arch"
 
 
-def test_arches_of_a_records_own_meet_no_other_and_have_no_curve_alone(classes):
-    simulated = (classes.cube["verdict"] != Verdict.NOT_SIMULATED).values
-    meets = np.ones((11, 2), bool)
-    meets[4:8] = [[True, False], [True, False], [False, True], [False, True]]
-    np.testing.assert_array_equal(simulated.all(axis=2), meets)
-    np.testing.assert_array_equal(simulated.any(axis=2), meets)
-    assert classes.log["runs"] == meets.sum() * 6
-    assert list(classes.fits["classes"]) == ["slab", "own", "fleet"]
-    assert len(classes.fits["arches"]) == 11
-    assert all(classes.fits["classes"][name]["curve"]["theta"] > 0.0 for name in ("slab", "own"))
-    assert "only one record" in classes.fits["fits"]["own-0001"]["none"]
+def test_every_arch_and_every_class_of_several_has_a_curve(classes):
+    assert (classes.cube["verdict"] != Verdict.NOT_SIMULATED).all()
+    assert classes.log["runs"] == 7 * 2 * 6
+    assert list(classes.fits["classes"]) == ["slab", "fleet"]
+    assert len(classes.fits["arches"]) == 7
+    assert all(classes.fits["classes"][name]["curve"]["theta"] > 0.0 for name in ("slab", "fleet"))
 
 
 class TestOneCurve:
     """A class has one curve in risk, report and exports: the mean of those of its arches."""
 
-    NAMES = ("slab", "own", "fleet", "alone")
+    NAMES = ("slab", "fleet", "alone")
     SLABS = tuple(f"slab-000{i}" for i in range(1, 5))
 
     def test_its_rate_is_the_mean_of_those_of_its_arches(self, classes):
@@ -84,7 +79,7 @@ class TestOneCurve:
             for more in ((), ("--members",))
         )
         assert tuple(one) == self.NAMES
-        assert len(every) == 11 + 3
+        assert len(every) == 7 + 2
         assert every["slab"] == one["slab"]
         for name, arches in (("slab", self.SLABS), ("fleet", "ab")):
             mean = np.mean([every[arch]["rate"] for arch in arches])
@@ -114,7 +109,7 @@ class TestOneCurve:
         inputs = report_inputs(classes.study.model_copy(update={"risk": risk}))
         page = lxml.html.document_fromstring(render(inputs)[0])
         rows = page.xpath('//table[@aria-label="Rates of collapse"]/tbody/tr/th')
-        names = ["slab, 4 arches", "own, 4 arches", "fleet, 2 arches", "alone"]
+        names = ["slab, 4 arches", "fleet, 2 arches", "alone"]
         assert [row.text for row in rows] == names
         slab = summary(inputs)["classes"][0]
         assert slab["curve"]["beta"] == classes.fits["classes"]["slab"]["curve"]["beta"]
@@ -126,7 +121,7 @@ class TestOneCurve:
 def test_more_samples_run_alone(classes, tmp_path):
     copied = shutil.copytree(classes.study.folder.parent, tmp_path / "copy")
     grown = made(write(copied, TEXT.replace("samples: 4", "samples: 8")))
-    assert (grown.log["runs"], grown.log["kept"]) == (108 + 48, 108)
+    assert (grown.log["runs"], grown.log["kept"]) == (84 + 48, 84)
     names = classes.cube["arch"].values
     for name in ("verdict", "peak_rotation", "arch_width"):
         after = grown.cube[name].set_index(arch="arch").sel(arch=names)

@@ -132,8 +132,7 @@ class TestProcessing:
             text = geonet_text({"S16W": samples, "Up": samples})
             (tmp_path / "raw.V1A").write_text(text)
             checked = check_study(study)["cautions"]
-            prepare_motions(study)
-            return checked[-1:], list(uncorrected(study))
+            return checked[-1:], list(uncorrected(study, prepare_motions(study)))
 
         (checked,), after = cautions("")
         assert after == [checked]

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, OutputError
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.report.inputs import report_inputs
@@ -196,18 +196,20 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
     capacity = np.exp(arch + record + 0.1 * generator.standard_normal((30, 60)))
     levels = np.geomspace(0.1, 10.0, 60)
     levels = levels[levels < largest]
-    runs = [Runs("a", Stripes(), (levels >= row[:, None]).astype(int), levels) for row in capacity]
-    fits = [each.design.likelihood(each.brackets) for each in runs]
+    verdict = (levels >= capacity[..., None]).astype(int)
+    fits = [Stripes().likelihood(find_brackets(own, levels)) for own in verdict]
     answers = [Answer(fit, fit) for fit in fits]
     parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
     beta = float(np.hypot(*parts))
+    runs = Runs("a", Stripes(), verdict.reshape(-1, levels.size), levels)
     found = dispersion_split(runs, answers, beta)
     assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
     assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
     assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)
     if largest < 2.0:
+        two = Runs("a", Stripes(), verdict[:2].reshape(-1, levels.size), levels)
         with pytest.raises((FitError, InputError), match="one arch has no modelling dispersion"):
-            dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
+            dispersion_split(two, [answers[0], Answer("no curve", "no curve")], 0.4)
 
 
 def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
@@ -249,7 +251,7 @@ def of_events(count):
 
 def of_arch(verdict, levels=(1.0, 2.0, 3.0, 4.0), curve="none"):
     named = [f"{level:g} g" for level in levels]
-    return arch_cautions(np.asarray(verdict), named, np.array(levels), curve)
+    return arch_cautions(Runs("a", Stripes(), np.array(verdict), np.array(levels)), named, curve)
 
 
 def of_lost(count, kind):

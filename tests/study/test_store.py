@@ -25,6 +25,13 @@ from archfrag.study.runs.store import (
 )
 from tests.study.small import command, dumped, files_below, make_runs
 
+# The arches of the study, with another id or friction of the ring.
+RING = (
+    "arches=[{id: %s, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, "
+    "voussoirs: 7, friction: %g}, "
+    "{id: slab, profile: block, width: 0.4, height: 2.0, friction: .inf}]"
+)
+
 
 def keys_of(plan):
     cases = np.concatenate([next(requests) for requests in plan.requests().values()])
@@ -35,8 +42,8 @@ class TestPlan:
     @pytest.mark.parametrize(
         ("override", "same"),
         [
-            ("arches.0.friction=0.6", 6), ("method.dt=1e-3", 0), ("method.follow=3", 0),
-            ("arches.0.id=other", 12), ("intensity.levels=[0.1, 0.6, 1.3]", 8),
+            (RING % ("ring", 0.6), 6), ("method.dt=1e-3", 0), ("method.follow=3", 0),
+            (RING % ("other", 0.7), 12), ("intensity.levels=[0.1, 0.6, 1.3]", 8),
             ("execution.chunk=3", 12), ("design.kind=ida", 12),
         ],
     )  # fmt: skip

@@ -275,16 +275,17 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished, tmp_path):
 
 
 def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
-    """The command of configs/own_records.yaml, from another folder."""
+    """The command of configs/own_records.yaml, in a folder with odd names."""
     folder = tmp_path / "a {b}\n'c'"
     small_study(folder)
     for number, name in enumerate(("{x} $HOME.AT2", "two\nlines.AT2")):
         os.rename(folder / "records" / f"wave{number}.AT2", folder / "records" / name)
+    names = [str(folder / "records" / name) for name in ("*lines.AT2", "{x} $HOME.AT2")]
     monkeypatch.chdir(folder / "records")
     kernels = kernel_cache.use_kernel_cache().parent
     _, stderr = run(
-        ROOT / "configs" / "own_records.yaml", "--set", "motions.files=['*lines.AT2', none]",
-        "--set", "motions.files.1='{x} $HOME.AT2'", "--set", "output=../mine", "--set",
+        ROOT / "configs" / "own_records.yaml", "--set", f"motions.files={json.dumps(names)}",
+        "--set", f"output={json.dumps(str(folder / 'mine'))}", "--set",
         "intensity.levels=[0.3, 0.9]", "--set", "method.dt=2e-3", "--set", "method.follow=1",
         "--quiet", env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernels)},
     )  # fmt: skip

@@ -60,8 +60,7 @@ def _of_study(path: Path, name: str | None) -> "Arch":
     from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
 
-    # Of arches that each record has of its own, those of the first.
-    entries = {member.id: member.entry for member in load_study(path).members(n_record=1)}
+    entries = {member.id: member.entry for member in load_study(path).members}
     if name is None and len(entries) == 1:
         name = next(iter(entries))
     if name not in entries:

@@ -38,7 +38,7 @@ takes_study = takes(
     click.argument("study_file", metavar="STUDY", type=PATH),
     click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
                  help="Override a key of the study file, e.g. --set method.dt=0.0005; "
-                 "paths are relative to the current folder. Repeatable."),
+                 "paths are relative to the study file. Repeatable."),
 )  # fmt: skip
 takes_format = takes(
     click.option("--unit", help="Unit of the samples if the file does not state it."),

@@ -72,14 +72,12 @@ def run(
     disk the same command continues.
     """
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import stoppable, without_dask
+    from archfrag.study.running import stoppable
     from archfrag.study.steps import run_study
 
     try:
-        with stoppable() as check, contextlib.ExitStack() as stack:
+        with stoppable() as check:
             study = load_study(study_file, overrides)
-            if study.execution.scheduler is None:
-                stack.enter_context(without_dask())
             anything = run_study(study, study_file, check, _report, cores, quiet)
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
@@ -224,8 +222,8 @@ def risk(
 
     FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
     `rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years),
-    and a column `rate_NAME` or `poe_50_NAME` for each quantile. Files of OpenQuake's hazard curves
-    (CSV or NRML) work too. The measure must be that of the study.
+    and a column `rate_NAME` or `poe_50_NAME` for each quantile. OpenQuake's hazard curves in CSV
+    work too. The measure must be that of the study.
 
     \b
     Example:

@@ -138,7 +138,7 @@ def split_curves(
     beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
     errors (DerSimonian and Laird 1986, Control. Clin. Trials 7, with equal weights);
     beta_record_to_record^2 is the mean of beta^2. `shared`, 0 to below 1, is the correlation of
-    the errors of ln theta between arches, 0 where each has records of its own.
+    the errors of ln theta between arches.
     """
     logs = np.log(theta)
     if logs.size < 2:

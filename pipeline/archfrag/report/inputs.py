@@ -128,7 +128,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     with cube:
         cube.load()
     prepared, intensity = load_prepared(study), study.intensity
-    entries = {member.id: member.entry for member in study.members(len(prepared))}
+    entries = {member.id: member.entry for member in study.members}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     arches = {name: entries[name].build() for name in [list(answers)[i] for i in shown(medians)]}
     return ReportInputs(

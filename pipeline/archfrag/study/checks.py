@@ -1,6 +1,5 @@
 """A study to start from, and checks of a study before anything is computed."""
 
-import contextlib
 import errno
 import math
 import os
@@ -13,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import OutputError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import PreparedRecord, described, read_manifest, read_sources
+from archfrag.study.file.records import PreparedRecord, described, read_sources
 from archfrag.study.file.schema import Study, study_schema
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
@@ -51,11 +50,8 @@ def write_starter(folder: Path) -> Path:
     return study
 
 
-def uncorrected(study: Study, records: Sequence[PreparedRecord] = ()) -> tuple[str, ...]:
-    """Message on raw records that the study does not correct, of those prepared if not given."""
-    if not records:
-        with contextlib.suppress(InputError):
-            records = read_manifest(study)["records"]
+def uncorrected(study: Study, records: Sequence[PreparedRecord]) -> tuple[str, ...]:
+    """Message on raw records that the study does not correct."""
     names = [record.id for record in records if record.raw]
     if not names or CORRECTING & dict(study.motions.steps).keys():
         return ()
@@ -125,10 +121,10 @@ def check_study(study: Study) -> dict[str, Any]:
         others = [about.get("file_transverse"), about.get("vertical_file")]
         if used := " and ".join(name for name in others if name and name != about["file"]):
             partners.append(f"{about['file']} with {used}")
-    found, design, levels = study.members(len(records)), study.design, len(study.intensity.si)
+    found, design, levels = study.members, study.design, len(study.intensity.si)
     some = checked(found)
     check_standing(some)
-    sizes = [design.size(len(records) if m.record is None else 1, levels) for m in found]
+    size, extent = design.size(len(records), levels)
     sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
     cautions = unit_warnings(study, found) + uncorrected(study, records)
     if unchecked := len(found) - len(some):
@@ -136,7 +132,7 @@ def check_study(study: Study) -> dict[str, Any]:
         cautions += (f"{left}; the run checks all of them before it simulates",)
     return {
         "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
-        "design": design.kind, "runs": sum(size for size, _ in sizes), "extent": sizes[0][1],
+        "design": design.kind, "runs": size * len(found), "extent": extent,
         "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
                          if name not in ids),
         "cautions": cautions, "partners": tuple(partners),

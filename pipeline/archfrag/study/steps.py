@@ -4,12 +4,13 @@ A step that is done leaves a stamp: digests of what it was made from, and the SH
 made. Times of modification decide nothing.
 """
 
-import contextlib
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
@@ -51,17 +52,13 @@ def products(study: Study, step: str) -> list[Path]:
         return [study.work / MANIFEST]
     names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
     if step == "report":
-        with contextlib.suppress(InputError):  # before the motions there are no figures
-            ids = [member.id for member in study.members(len(read_manifest(study)["records"]))]
-            own = [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{name}.svg" for name in ids]
-            names[step] += own
+        ids = [member.id for member in study.members]
+        names[step] += [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{each}.svg" for each in ids]
     return [study.folder / name for name in names[step]]
 
 
 def read_timings(study: Study) -> dict[str, list[float]]:
     """Wall times of the runs of each arch [s]; empty if their tables are not there."""
-    import pandas as pd
-
     paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
     if not all(path.is_file() for path in paths):
         return {}
@@ -76,9 +73,8 @@ def make_step(
 ) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `say` takes a line for the user; `plan` is that of the study, if it is known; `cores`
-    processes make runs, in the place of the study's; `compared` is another study's file, for the
-    report.
+    `say` takes a line for the user; `plan` is that of the study, if it is known; `cores` take the
+    place of the study's workers; `compared` is another study's file, for the report.
     """
     if step == "motions":
         if "motions" not in stale_steps(study)[0]:
@@ -221,10 +217,7 @@ def run_study(
     study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
     cores: int | None = None, quiet: bool = False,
 ) -> bool:  # fmt: skip
-    """Do all of a study that is not done yet; whether there was anything to do.
-
-    An ArchfragError of whatever step fails is raised; finished steps and runs are kept.
-    """
+    """Do all of a study that is not done yet; whether there was anything to do."""
     files.check_own(study)
     check_start(study)
     owner = _owner(study, study_file)

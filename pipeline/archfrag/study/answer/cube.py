@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import archfrag
 from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Model, Status
+from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.study import files
 from archfrag.study.file.arches import VARIABLE, ArchEntry
 from archfrag.study.file.members import Members
@@ -35,8 +37,7 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 def write_cube(study: Study, plan: Plan | None = None) -> Path:
     """Gather the parts of a study into its cube, written completely or not at all.
 
-    InputError if results of runs are missing, OutputError if the file cannot be written. `plan`
-    is that of the study, if it is known.
+    InputError if results of runs are missing, OutputError if the file cannot be written.
     """
     files.refuse_foreign_cube(study)
     plan = plan or make_plan(study)
@@ -53,13 +54,8 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
 def build_cube(
     study: Study, plan: Plan, cases: Cases, table: Table, facts: dict[int, dict[str, Any]]
 ) -> "xr.Dataset":
-    """The cube of a study's runs, as `gather` returns them, with facts on arches and records.
-
-    Memory grows by about 600 bytes a run.
-    """
+    """The cube of a study's runs, as `gather` returns them; about 600 bytes of memory a run."""
     import xarray as xr
-
-    from archfrag.motions.measures import measure_unit, scaling_exponent
 
     regular, measure = study.design.on_levels, study.intensity.measure
     names, records = list(plan.records[0].measures), plan.records
@@ -205,8 +201,6 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
 
 
 def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
-    import pandas as pd
-
     from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
 

@@ -1,11 +1,8 @@
-"""Answers from the runs of a cube, for each arch and each class.
-
-Curves with their bands; other shapes and measures; limit states; parts of the dispersion.
-"""
+"""Answers from the runs of a cube: curves, other shapes, measures, limit states, dispersion."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +13,9 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
+from archfrag.fragility.fit import fit_cloud
+from archfrag.fragility.limit_states import fit_limit_states
+from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
 
@@ -40,9 +40,7 @@ class Runs:
     # (n_record,): what rows have in common: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
     unit: str = "event"  # which of the two
-    # (n_record,): numbers of the records in the cube.
-    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
-    cube: Any = None  # of the one arch
+    cube: Any = None  # of these arches
     worded: Worded = str
 
     @property
@@ -56,36 +54,26 @@ class Runs:
         return find_brackets(self.verdict, self.level)
 
 
-def runs_of_cube(cube: "xr.Dataset", worded: Worded = str) -> list[Runs]:
-    """Runs of each arch of a cube."""
+def runs_of_cube(
+    cube: "xr.Dataset", names: Iterable[str] | None = None, worded: Worded = str
+) -> list[Runs]:
+    """Runs of arches or classes of a cube; of each of its arches if no names are given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
-    verdicts = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
-    level, group = cube["intensity"].values, shared_events(cube["event"].values)
-    found = []
-    for i, (name, verdict) in enumerate(zip(cube["arch"].values.astype(str), verdicts)):
-        rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-        at = level[i, rows] if level.ndim == 3 else level
-        own = None if group is None else group[rows]
-        facts: dict[str, Any] = {"rows": rows, "cube": cube.isel(arch=i), "worded": worded}
-        found.append(Runs(str(name), design, verdict[rows], at, own, **facts))
-    return found
-
-
-def classes_of_cube(
-    cube: "xr.Dataset", runs: Sequence[Runs]
-) -> dict[str, tuple[Runs, list[Runs]]]:
-    """Runs of the arches of each class together, and each by itself; classes of several arches."""
-    record, found = cube["record"].values.astype(str), {}
-    names = np.array(list(arch_classes(cube).values()))
-    for name in dict.fromkeys(names.tolist()):
-        own = [runs[i] for i in np.flatnonzero(names == name).tolist()]
-        if len(own) > 1:
-            level, verdict = own[0].level, np.concatenate([each.verdict for each in own])
-            if level.ndim == 2:
-                level = np.concatenate([each.level for each in own])
-            group = np.concatenate([record[each.rows] for each in own])
-            pooled = replace(own[0], name=name, verdict=verdict, level=level, group=group)
-            found[name] = replace(pooled, unit="record", cube=None), own
+    record, event = cube["record"].values.astype(str), shared_events(cube["event"].values)
+    of_class, places = arch_classes(cube), dict[str, list[int]]()
+    for place, both in enumerate(of_class.items()):
+        for name in set(both):
+            places.setdefault(name, []).append(place)
+    found, ordered = [], cube.transpose("arch", "record", "level", ...)
+    for name in of_class if names is None else names:
+        part = ordered.isel(arch=places[name])
+        verdict, level = part["verdict"].values.astype(np.int64), part["intensity"].values
+        n_arch, _, n_level = verdict.shape
+        if level.ndim == 3:
+            level = level.reshape(-1, n_level)
+        group, unit = (event, "event") if n_arch == 1 else (np.tile(record, n_arch), "record")
+        rows = verdict.reshape(-1, n_level)
+        found.append(Runs(name, design, rows, level, group, unit, part, worded))
     return found
 
 
@@ -131,10 +119,7 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
 
 
 def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curves with all runs that no method decided as collapses, and as survivals.
-
-    Empty if there are no such runs; else their number and both curves.
-    """
+    """Number of runs that no method decided, and the curves if all collapse and if all stand."""
     lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE))
     if not lost.any():
         return {}
@@ -155,10 +140,7 @@ def quoted(
     cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
     members: bool = False,
 ) -> dict[str, Answer]:  # fmt: skip
-    """Answers that are handed on: of classes, and of arches that are of none.
-
-    With `members` those of the arches of classes too.
-    """
+    """Answers of classes and of arches that are of none; with `members` of all arches."""
     of_class = arch_classes(cube)
     alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
     return {**classes, **alone}
@@ -189,8 +171,6 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curve of a cloud by logistic regression."""
-    from archfrag.fragility.fit import fit_cloud
-
     decided = runs.decided  # each record has one run
     event = None if runs.group is None else runs.group[decided.any(axis=1)]
     collapsed = runs.verdict[decided] == Verdict.COLLAPSED
@@ -199,31 +179,24 @@ def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
     """The study's measure compared with others in which its motions are known."""
-    from archfrag.fragility.measures import compare_measures
-
-    cube, rows = runs.cube, runs.rows
+    cube = runs.cube
     names = cube["measure"].values.astype(str).tolist()
-    value = cube["record_measure"].transpose("measure", "record").values[:, rows]
+    value = cube["record_measure"].transpose("measure", "record").values
     exponent = dict(zip(names, cube["measure_exponent"].values.tolist()))
     known = {k: v for k, v in zip(names, value) if exponent[k] > 0.0 and (v > 0.0).all()}
     table = compare_measures(
         runs.brackets, known, exponent, str(cube["intensity"].attrs["measure"]),
-        magnitude=cube["magnitude"].values[rows], distance=cube["distance"].values[rows],
+        magnitude=cube["magnitude"].values, distance=cube["distance"].values,
         event=runs.group,
     )  # fmt: skip
     units = dict(zip(names, cube["measure_unit"].values.astype(str).tolist()))
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
 
 
-def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str, Any]:
-    """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
-
-    `keys` are the ``limit_states`` of a study.
-    """
-    from archfrag.fragility.limit_states import fit_limit_states
-
-    limits = [float(each.cube["static_limit"]) for each in members]
-    rad = f", {limits[0]:.3g} rad" if len(members) == 1 else ""
+def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
+    """Curves of damage short of collapse, ordered; `keys` are the ``limit_states`` of a study."""
+    limits = runs.cube["static_limit"].values
+    rad = f", {limits[0]:.3g} rad" if limits.size == 1 else ""
     residual, rotation = keys["residual"], keys["rotation"]
     # By name what a state means, and which runs of an arch exceed it.
     known: dict[str, tuple[str, Callable[[Any], Any]]] = {
@@ -242,22 +215,21 @@ def limit_states(members: Sequence[Runs], keys: Mapping[str, float]) -> dict[str
     if not np.isfinite(limits).all():
         del known["rotation"]
     meanings, conditions = zip(*known.values())
-    exceeded = np.concatenate([_exceeded(each, conditions) for each in members])
-    level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for r in members])
-    found, message = fit_limit_states(exceeded, level, list(known))
-    onset = min(_onset(each.cube) for each in members)
+    level = np.broadcast_to(runs.level, runs.verdict.shape)
+    found, message = fit_limit_states(_exceeded(runs, conditions), level, list(known))
+    onset = _onset(runs.cube)
     states = []
     for name, meaning, (fit, none) in zip(known, meanings, found):
-        reason = members[0].worded(none) if none else ""
+        reason = runs.worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or reason)
         states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
     return {"message": message, "states": states}
 
 
 def _exceeded(runs: Runs, conditions: Sequence[Callable[[Any], Any]]) -> NDArray[np.int64]:
-    """Verdicts on the limit states of an arch, as those on collapse, (n_record, n_level, n)."""
-    part = runs.cube.isel(record=runs.rows).transpose("record", "level", ...)
-    codes = [np.where(holds(part), Verdict.COLLAPSED, Verdict.STANDING) for holds in conditions]
+    """Verdicts on the limit states, as those on collapse, (n_record, n_level, n)."""
+    holds = [condition(runs.cube).values.reshape(runs.verdict.shape) for condition in conditions]
+    codes = [np.where(each, Verdict.COLLAPSED, Verdict.STANDING) for each in holds]
     codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
     if runs.design.adaptive:  # where the runs of a record imply others
         codes = [find_brackets(code, runs.level).filled for code in codes]
@@ -270,7 +242,7 @@ def _onset(cube: "xr.Dataset") -> float:
     if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
         return 0.0
     value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
-    least = STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+    least = STANDARD_GRAVITY * float(min(cube["onset_plus"].min(), cube["onset_minus"].min()))
     power = float(cube["measure_exponent"].values[names.index(own)])
     return float(np.min(value[own] * (least / value["PGA"]) ** power))
 
@@ -286,19 +258,18 @@ def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
     )
 
 
-def dispersion_split(
-    members: Sequence[Runs], answers: Sequence[Answer], beta: float
-) -> dict[str, Any]:
+def dispersion_split(runs: Runs, answers: Sequence[Answer], beta: float) -> dict[str, Any]:
     """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
 
-    By the capacities of all runs; by the likeliest curve of each arch where records withstand the
-    largest level, since without these, the mildest, what is left would differ less.
+    By the capacities of all runs; by the likeliest curve of each arch, whose `answers` are given,
+    where records withstand the largest level, since without these, the mildest, what is left would
+    differ less.
     """
     from archfrag.fragility.curve import split_capacities, split_curves
 
-    if not members[0].design.on_levels or len({len(each.verdict) for each in members}) > 1:
+    if not runs.design.on_levels:
         return {}
-    capacity = np.stack([each.brackets.middle for each in members])
+    capacity = runs.brackets.middle.reshape(len(answers), -1)
     known = ~np.isnan(capacity).any(axis=0)
     if known.all():
         split = split_capacities(capacity)

@@ -1,12 +1,12 @@
 """From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
@@ -16,6 +16,7 @@ from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
+from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, finite, read_json, refuse_foreign_cube, write_text
 
@@ -45,10 +46,7 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> Fitted:
-    """Find the curve of each arch and class of the cube; store all in ``fits.json``, in SI.
-
-    The table ``curve.csv`` and levels in messages are in the unit of the study.
-    """
+    """Find and store the curves of arches and classes: JSON in SI, CSV in the study's unit."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 
@@ -58,28 +56,30 @@ def fit_cube(study: Study) -> Fitted:
 
     with open_cube(study) as opened:
         cube = opened.load()
-    runs = curves.runs_of_cube(cube, worded)
+    runs = curves.runs_of_cube(cube, worded=worded)
     answers = {each.name: curves.answer(each, confidence) for each in runs}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     for each in (runs[number] for number in shown(medians)):
         more = answers[each.name].more
         more["free"] = part(curves.free_shapes, each, confidence)
         more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, [each], keys)
+        more["limit_states"] = part(curves.limit_states, each, keys)
         if not each.design.on_levels:
             more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
         answers[each.name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
     classes = {}
-    for name, (group, alone) in curves.classes_of_cube(cube, runs).items():
-        members = [answers[each.name] for each in alone]
-        classes[name] = curves.of_class(curves.answer(group, confidence), members)
+    sizes = Counter(curves.arch_classes(cube).values())
+    names = [name for name, size in sizes.items() if size > 1]
+    for each in curves.runs_of_cube(cube, names, worded):
+        name, members = each.name, [answers[arch] for arch in each.cube["arch"].values.astype(str)]
+        classes[name] = curves.of_class(curves.answer(each, confidence), members)
         split = {}
         if not isinstance(curve := classes[name].curve, str):
-            split = part(curves.dispersion_split, alone, members, curve.beta)
-        states = part(curves.limit_states, alone, keys)
+            split = part(curves.dispersion_split, each, members, curve.beta)
+        states = part(curves.limit_states, each, keys)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, group, confidence)
+        lost = part(curves.without_verdict, each, confidence)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
     _store(study, answers, classes, cube)
     return answers, classes, cube
@@ -165,32 +165,24 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
 
 def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
-    levels, named = None, ["levels of their own"]
-    if cube["intensity"].ndim == 1:
-        levels = cube["intensity"].values
-        named = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
-    verdicts = cube["verdict"].transpose("arch", "record", "level").values
+    unit, named = study.intensity.unit, ["levels of their own"]
+    if study.design.on_levels:
+        named = [f"{level:.4g} {unit}" for level in study.intensity.given]
     found = [
-        f"{name}: {message}"
-        for name, verdict in zip(cube["arch"].values.astype(str).tolist(), verdicts)
-        for message in arch_cautions(
-            verdict, named, levels, answers[name].curve, study.design.adaptive
-        )
+        f"{runs.name}: {message}"
+        for runs in curves.runs_of_cube(cube)
+        for message in arch_cautions(runs, named, answers[runs.name].curve)
     ]
-    found += unit_warnings(study, study.members(cube.sizes["record"])) + uncorrected(study)
+    found += unit_warnings(study, study.members)
+    found += uncorrected(study, read_manifest(study)["records"])
     found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     return [*found, *record_cautions(cube)]
 
 
-def arch_cautions(
-    verdict: NDArray[np.int8], named: list[str], levels: NDArray[np.float64] | None,
-    curve: Fragility | str, adaptive: bool = False,
-) -> Iterator[str]:  # fmt: skip
-    """Messages on the runs of an arch, (n_record, n_level), at levels as they are `named`.
-
-    `levels` are those of all records, if they have them in common [SI].
-    """
-    counts, ran = count_verdicts(verdict), (verdict != Verdict.NOT_SIMULATED).any(axis=1).sum()
+def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -> Iterator[str]:
+    """Messages on the runs of an arch, at levels as they are `named`."""
+    verdict, levels, n_record = runs.verdict, runs.level, len(runs.verdict)
+    counts = count_verdicts(verdict)
     lost = counts["runs"] - counts["n"]
     fraction = lost / np.maximum(counts["runs"], 1)
     if many := np.count_nonzero(fraction > MOST_UNDECIDED):
@@ -201,21 +193,21 @@ def arch_cautions(
             f"{named[worst]}); they count neither as collapse nor as survival, so the curve may "
             "be wrong by more than its band"
         )
-    if levels is None:
+    if not runs.design.on_levels:
         return
     collapsed, survived = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
     beyond = (survived[:, -1] & ~collapsed.any(axis=1)).sum()
-    if beyond > MOST_SURVIVING * ran and not collapsed.any():
+    if beyond > MOST_SURVIVING * n_record and not collapsed.any():
         yield f"no record caused collapse up to {named[-1]}, the highest level; add higher levels"
-    elif beyond > MOST_SURVIVING * ran:
+    elif beyond > MOST_SURVIVING * n_record:
         yield (
-            f"{beyond} of {ran} records do not cause collapse at {named[-1]}, the highest level, "
-            "so the upper part of the curve is extrapolated; add higher levels"
+            f"{beyond} of {n_record} records do not cause collapse at {named[-1]}, the highest "
+            "level, so the upper part of the curve is extrapolated; add higher levels"
         )
     again = (np.maximum.accumulate(collapsed, axis=1) & survived).any(axis=1).sum()
-    if again > MOST_AGAIN * ran and not adaptive:
+    if again > MOST_AGAIN * n_record and not runs.design.adaptive:
         yield (
-            f"{again} of {ran} records do not cause collapse above a level at which they did "
+            f"{again} of {n_record} records do not cause collapse above a level at which they did "
             "(non-monotone records): near the border a single run proves little, and beta "
             "includes this scatter"
         )

@@ -22,7 +22,7 @@ from archfrag.fragility.risk import (
     value_bins,
 )
 from archfrag.mechanics.status import CollapseMode
-from archfrag.study.answer.curves import arch_classes
+from archfrag.study.answer.curves import Runs, runs_of_cube
 from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.schema import Study
 from archfrag.study.files import finite
@@ -103,36 +103,26 @@ def risk_of(
     cube: xr.Dataset, fits: Mapping[str, Fragility | str], hazard: Hazard,
     years: float = 50.0, confidence: float = 0.9,
 ) -> StudyRisk:  # fmt: skip
-    """Rates of collapse of arches and classes of a study at a site.
+    """Rates of collapse at a site, and probabilities in `years`.
 
-    `fits` are curves by arch or class, or why there is none; the rate of a class is the mean of
-    the rates of its arches. `years` is the time for probabilities of collapse.
+    `fits` are curves by arch or class, or why there is none.
     """
-    names, classes = np.array(list(arch_classes(cube).items())).T
-    places = {name: np.flatnonzero((names == name) | (classes == name)) for name in fits}
+    runs = {each.name: each for each in runs_of_cube(cube, fits)}
     arches = {
-        name: fit if isinstance(fit, str)
-        else _arch_risk(name, cube.isel(arch=places[name]), fit, hazard, confidence)
+        name: fit if isinstance(fit, str) else _arch_risk(runs[name], fit, hazard, confidence)
         for name, fit in fits.items()
-    }  # fmt: skip
-    counts = {name: each.size for name, each in places.items() if each.size > 1}
-    return StudyRisk(hazard, years, arches, counts)
+    }
+    sizes = {name: each.cube.sizes["arch"] for name, each in runs.items()}
+    return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
 
 
-def _arch_risk(
-    name: str, cube: xr.Dataset, fit: Fragility, hazard: Hazard, confidence: float
-) -> ArchRisk:
-    """Rate of the arches that a cube holds, whose runs stand under each other."""
-    part = cube.transpose("arch", "record", "level", ...)
-    verdict, joint, mode = (
-        part[key].values.reshape(-1, part.sizes["level"]).astype(np.int64)
-        for key in ("verdict", "collapse_joint", "collapse_mode")
+def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) -> ArchRisk:
+    cube = runs.cube
+    joint, mode = (
+        cube[key].values.reshape(runs.verdict.shape).astype(np.int64)
+        for key in ("collapse_joint", "collapse_mode")
     )
-    rows = np.flatnonzero((verdict != Verdict.NOT_SIMULATED).any(axis=1))
-    record, at = rows % part.sizes["record"], part["intensity"].values.astype(float)
-    if at.ndim > 1:
-        at = at.reshape(verdict.shape)[rows]
-    levels, collapsed, code, ends = _on_levels(verdict[rows], (joint * _N_MODE + mode)[rows], at)
+    levels, collapsed, code, ends = _on_levels(runs.verdict, joint * _N_MODE + mode, runs.level)
     rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
     level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
     outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
@@ -146,12 +136,12 @@ def _arch_risk(
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     splits = {"mechanism": (category, (*labels, OTHER))}
     for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
-        of_record, of_bins = value_bins(part[key].values[record], bins, unit)
-        splits[key] = np.broadcast_to(of_record[:, None], collapsed.shape), of_bins
+        of_row, of_bins = value_bins(np.tile(cube[key].values, cube.sizes["arch"]), bins, unit)
+        splits[key] = np.broadcast_to(of_row[:, None], collapsed.shape), of_bins
     parts = {key: contributions(level_rate, collapsed, *each) for key, each in splits.items()}
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])
-    return ArchRisk(name, fit, rate, by_curve, levels, level_rate, beyond, parts)
+    return ArchRisk(runs.name, fit, rate, by_curve, levels, level_rate, beyond, parts)
 
 
 def _on_levels(
@@ -183,10 +173,7 @@ def _on_levels(
 
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
-    """Return a result in plain numbers, with intensities in the unit of the study.
-
-    ``arches`` holds classes too; ``classes`` is the number of arches of each.
-    """
+    """Plain numbers, of classes among the arches too, with intensities in the study's unit."""
     factor, hazard = study.intensity.factor, risk.hazard
     arches: dict[str, Any] = {}
     for name, arch in risk.arches.items():

@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
-# Keys of earlier versions, with what to write instead.
-_FORMER = {
-    "synthetic": "make the motions by `archfrag records make --out FOLDER` with the same numbers "
-    "as options, and write index: FOLDER/index.csv",
-    "precision": "add records until the interval of theta in the report is narrow enough",
-}
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
     "union_tag_not_found": "must be given",
@@ -62,8 +56,6 @@ class Section(BaseModel):
         allowed = dict.fromkeys((*own, *cls.common, *needs, *may))
         required = [name for name, about in cls.model_fields.items() if about.is_required()]
         for key in given:
-            if key in _FORMER and key not in allowed:
-                raise refuse(f"no longer exists; {_FORMER[key]}", key)
             if key not in allowed:
                 hint = meant(str(key), allowed) or f"allowed are {', '.join(allowed)}"
                 raise refuse(f"is not a known key; {hint}", _shown(str(key)))

@@ -167,13 +167,11 @@ class Vary(Section):
     """Uncertain keys of an arch, and how arches are sampled."""
 
     samples: Annotated[int, Field(ge=1, le=8192)]
-    """Number of sampled arches: of the study if crossed, of each record if not."""
+    """Number of sampled arches, each of which meets every record."""
     scheme: Literal["sobol", "latin_hypercube"] = "sobol"
     """sobol keeps its first samples when you add samples; latin_hypercube suits any number."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
     """Seed of the random numbers; the same seed gives the same arches."""
-    crossed: bool = True
-    """Whether each sampled arch meets every record; false: each record meets its own arches."""
     of: Annotated[
         dict[str, Distribution], Field(json_schema_extra={"propertyNames": {"enum": VARIABLE}})
     ] = Field(default_factory=dict)
@@ -192,7 +190,7 @@ class Vary(Section):
         for name, distribution in self.joints or ():
             if distribution is not None and distribution.relative:
                 raise refuse("cannot be used for joints", f"joints.{name}.relative")
-        if self.scheme == "sobol" and self.crossed and self.samples & (self.samples - 1):
+        if self.scheme == "sobol" and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
         with at("is not possible", kind=lambda text: refuse(text, "correlation")):

@@ -30,7 +30,6 @@ class Member:
     # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
     arch_class: str
     place: str  # where it comes from and what was drawn for it, for messages
-    record: int | None = None  # place of the one record that it meets, from 0; None: it meets all
     # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float] = field(default_factory=dict)
     attributes: dict[str, str] = field(default_factory=dict)  # text from a table
@@ -70,22 +69,22 @@ def shown(theta: Sequence[float]) -> list[int]:
     return sorted({int(known[0]), int(known[len(known) // 2]), int(known[-1])})
 
 
-def expand(entries: Sequence[ArchEntry], n_record: int | None = None) -> Members:
+def expand(entries: Sequence[ArchEntry]) -> Members:
     """List all arches of the entries of a study file.
 
-    The number of records is needed where a class has `crossed: false`. InputError if a table or
-    drawing cannot be used, two arches have the same id, or there are too many.
+    InputError if a table or drawing cannot be used, two arches have the same id, or there are too
+    many.
     """
     found: list[Member] = []
     seen: dict[str, str] = {}
     for i, entry in enumerate(entries):
-        where, vary = f"arches[{i}] ({entry.id})", entry.vary
+        where = f"arches[{i}] ({entry.id})"
         bases = list(_listed(entry, where))
-        each = 1 if vary is None else vary.samples * (1 if vary.crossed else n_record or 0)
+        each = 1 if entry.vary is None else entry.vary.samples
         if (count := len(found) + each * len(bases)) > MOST_MEMBERS:
             most = f"a study must have at most {MOST_MEMBERS}"
             raise InputError(f"{where}: makes {count} arches with those before it; {most}")
-        new = [member for base in bases for member in _drawn(base, n_record or 0)]
+        new = [member for base in bases for member in _drawn(base)]
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
                 raise InputError(f"{where}: the id {name!r} already belongs to {seen[name]}")
@@ -133,7 +132,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
         yield Member(arch, entry.id, own, values=numbers, attributes=attributes)
 
 
-def _drawn(base: Member, n_record: int) -> Iterator[Member]:
+def _drawn(base: Member) -> Iterator[Member]:
     """The samples of an arch, or itself if it does not vary.
 
     Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from joint to
@@ -146,8 +145,6 @@ def _drawn(base: Member, n_record: int) -> Iterator[Member]:
         return
     from archfrag.arch.uncertain import sample, to_digits
 
-    records = [None] if vary.crossed else range(n_record)
-    owners = [record for record in records for _ in range(vary.samples)]
     seed = [vary.seed]
     if base.id != base.arch_class:  # rows are drawn independently, whatever other rows there are
         seed.append(zlib.crc32(base.id.encode()))
@@ -155,10 +152,10 @@ def _drawn(base: Member, n_record: int) -> Iterator[Member]:
     with at(base.place):
         n_joint = 0 if vary.joints is None else base.entry.build().n_joint
     values = sample(
-        {key: distribution.marginal() for key, distribution in vary.of.items()}, len(owners),
+        {key: distribution.marginal() for key, distribution in vary.of.items()}, vary.samples,
         scheme=vary.scheme, seed=seed, correlation=vary.correlation,
     )  # fmt: skip
-    for i, record in enumerate(owners):
+    for i in range(vary.samples):
         given, own = {**plain, "id": f"{base.id}-{i + 1:04d}"}, dict(base.values)
         for key, distribution in vary.of.items():
             value = given[key] = float(values[key][i])
@@ -178,13 +175,12 @@ def _drawn(base: Member, n_record: int) -> Iterator[Member]:
         place = f"{base.place}: sample {i + 1} ({told})"
         with at(place, given):
             entry = ArchEntry.model_validate(given)
-        yield replace(base, entry=entry, place=place, record=record, values=own)
+        yield replace(base, entry=entry, place=place, values=own)
 
 
 def _joints_drawn(
     joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
 ) -> dict[str, Any]:
-    """Draw the keys of an arch whose joints differ from each other."""
     from archfrag.arch.uncertain import to_digits
 
     keys: dict[str, Any] = {}

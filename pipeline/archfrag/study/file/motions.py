@@ -65,7 +65,6 @@ STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
 
 
 def _mapping(given: Any) -> Any:
-    """A step with its settings, which may be left out, as a mapping."""
     named = {given: {}} if isinstance(given, str) else given
     if not isinstance(named, dict):
         return named
@@ -75,7 +74,6 @@ def _mapping(given: Any) -> Any:
 
 
 def _settings(name: str) -> Any:
-    """Type of the settings of a step."""
     text, settings = STEPS[name]
     fields: dict[str, Any] = {
         key: (kind | None if default is None else kind, Field(default, description=about))

@@ -17,6 +17,7 @@ from archfrag.errors import InputError, RecordError
 from archfrag.files import make_folder, sha256_of
 from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
+from archfrag.motions.measures import measure, scale_factor
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import apply_step
@@ -261,7 +262,6 @@ def read_sources(study: Study) -> Iterator["Motion"]:
 def _with_components(
     study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
-    """Give a motion the components that the study asks for, and no others."""
     from archfrag.motions import partners
     from archfrag.motions.read import read_motions, read_vertical
 
@@ -298,8 +298,6 @@ def _with_components(
 
 def described(study: Study, motion: "Motion") -> PreparedRecord:
     """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
-    from archfrag.motions.measures import measure, scale_factor
-
     own, about = study.intensity.measure, motion.metadata
     measures = {name: measure(motion, name) for name in dict.fromkeys((own, *COMPARED))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import WORK, read_text
+from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 from archfrag.study.file import PathText, Section, at, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
@@ -19,8 +20,6 @@ from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
-# Keys whose values are paths, or lists of them.
-PATHS = {"output", "table", "drawing", "index", "files", "path", "inventory", "hazard"}
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
@@ -72,8 +71,6 @@ class Intensity(Section):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
-
         low, high = PERIODS
         with at(f"= {self.measure}", kind=lambda text: refuse(text, "measure")):
             if not all(low <= period <= high for period in parse_measure(self.measure).periods):
@@ -99,8 +96,6 @@ class Intensity(Section):
     @property
     def factor(self) -> float:
         """SI unit of the measure in multiples of the unit of the levels."""
-        from archfrag.motions.measures import measure_unit
-
         return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
 
 
@@ -201,7 +196,7 @@ class Study(Section):
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
-    _expanded: dict[int | None, tuple[Any, Members]] = {}  # noqa: RUF012  # each has its own
+    _expanded: tuple[Any, Members] = (None, ())
 
     @property
     def folder(self) -> Path:
@@ -213,22 +208,19 @@ class Study(Section):
         """Folder of all that is for archfrag: motions, parts, logs and the state of the run."""
         return self.folder / WORK
 
-    def members(self, n_record: int | None = None) -> Members:
+    @property
+    def members(self) -> Members:
         """The arches that the entries amount to, as `expand`; files are read once."""
-        varied = [entry.vary for entry in self.arches if entry.vary is not None]
-        key = n_record if any(not vary.crossed for vary in varied) else None
-        of, found = self._expanded.get(key, (None, ()))
-        if of is not self.arches:  # not yet, or of the study that this one is a copy of
-            found = expand(self.arches, key)
-            self._expanded[key] = self.arches, found
-        return found
+        if self._expanded[0] is not self.arches:  # not yet, or of the study that this is a copy of
+            self._expanded = self.arches, expand(self.arches)
+        return self._expanded[1]
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     """Read a study file in YAML, whose paths are relative to its folder; those returned are not.
 
-    `overrides` are texts ``key.key=value``, the value in YAML; paths in them are relative to the
-    current folder. InputError is one message with file, key, value and what is allowed.
+    `overrides` are texts ``key.key=value``, the value as the file would give it. InputError is one
+    message with file, key, value and what is allowed.
     """
     path = Path(path)
     folder = Path(os.path.realpath(path)).parent
@@ -240,8 +232,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     with at(path, given):
         study = Study.model_validate(given, context={"folder": folder})
-        # Arches that each record has of its own are known once the records are.
-        check_buildable(checked(study.members(n_record=1)))
+        check_buildable(checked(study.members))
     return study
 
 
@@ -259,29 +250,15 @@ def study_schema() -> str:
 
 
 def _override(given: dict[str, Any], text: str) -> None:
-    """Put the value of an option --set into a raw study."""
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
-    value = parse_value(value_text, f"--set {key}")
-    name = next((part for part in reversed(parts) if not part.isdigit()), "")
-    block: Any = given
+    block, value = given, parse_value(value_text, f"--set {key}")
     try:
         for part in parts[:-1]:
-            block = block.setdefault(part, {}) if isinstance(block, dict) else block[int(part)]
-        last = parts[-1] if isinstance(block, dict) else int(parts[-1])
-        block[last] = _from_here(value, name)
-    except (IndexError, TypeError, ValueError):
-        what = "a list is counted from 0, and only a block or a list has keys"
+            block = block.setdefault(part, {})
+        block[parts[-1]] = value
+    except (AttributeError, TypeError):
+        what = "only a block has keys, and a list is given as a whole"
         raise InputError(f"--set {text}: the study has no such place; {what}") from None
-
-
-def _from_here(value: Any, key: str) -> Any:
-    """The value of a key from the command line, with its paths below the current folder."""
-    if isinstance(value, dict):
-        return {name: _from_here(inner, str(name)) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [_from_here(inner, key) for inner in value]
-    path = isinstance(value, str) and value and key in PATHS and not value.startswith("~")
-    return os.path.abspath(value) if path else value

@@ -1,14 +1,12 @@
-"""The runs of a study, and all designs that ask for them, each in a file of its own."""
+"""The runs of a study, and all designs that ask for them."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from archfrag.study.runs.cloud import Cloud
-from archfrag.study.runs.design import Design
+from archfrag.study.runs.design import Cloud, Design, Stripes
 from archfrag.study.runs.ida import Ida
-from archfrag.study.runs.stripes import Stripes
 
 __all__ = ["AnyDesign", "Design", "Stripes", "design_of"]
 

@@ -1,5 +1,7 @@
 """A design asks for the runs of an arch, and estimates the curve from their verdicts.
 
+Here are the two that ask for all runs at once; `ida` has a module of its own.
+
 It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
 returns facts for the report. What it asks for follows from the verdicts alone: the same study asks
 for the same runs whatever the workers, and a study that was stopped goes on by asking again.
@@ -7,10 +9,11 @@ for the same runs whatever the workers, and a study that was stopped goes on by 
 
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -94,6 +97,51 @@ class Design(Section):
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Messages on what `requests` returned, by arch."""
         return []
+
+
+class Stripes(Design):
+    """Every record at every level."""
+
+    kind: Literal["stripes"] = "stripes"
+    text = "every record at every level"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for all runs at once."""
+        n_record, n_level = grid.records.size, grid.levels.size
+        verdicts = yield grid.cases(*np.divmod(np.arange(n_record * n_level), n_level))
+        return {"runs": len(verdicts)}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch."""
+        return n_record * n_level, "exactly"
+
+
+class Cloud(Design):
+    """Every record once, as it is or by one factor."""
+
+    kind: Literal["cloud"]
+    factor: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    """On every record."""
+    on_levels = False
+    text = "every record once"
+
+    def requests(self, grid: Grid) -> Requests:
+        """Ask for all runs at once."""
+        level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
+        verdicts = yield grid.cases(np.arange(level.size), 0, level)
+        return {"runs": len(verdicts), "records": len(verdicts)}
+
+    def size(self, n_record: int, n_level: int) -> tuple[int, str]:
+        """Runs of an arch."""
+        return n_record, "exactly"
+
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
+        """Curve and band from single runs, each with a motion of its own."""
+        from archfrag.fragility.quoted import quoted_runs
+
+        decided = found.collapsed | found.survived
+        level, collapsed = found.levels[decided], found.collapsed[decided]
+        return quoted_runs(level, collapsed, im, confidence=options["confidence"])
 
 
 def ask(

@@ -183,7 +183,6 @@ class _Makers:
         return made
 
     def _prepare(self) -> None:
-        """See that the kernels are compiled and that all arches stand."""
         from archfrag.warmup import every, kernels_are_compiled, warmup
 
         bar, self.used = self._bar, 1

@@ -24,7 +24,8 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.kernel_cache import kernel_hash
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
-from archfrag.study.file.members import Members, check_buildable
+from archfrag.motions.measures import scaling_exponent
+from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_code
@@ -102,8 +103,6 @@ class Plan:
     @cached_property
     def power(self) -> float:
         """A level grows with the factor to the power 1 / `power`."""
-        from archfrag.motions.measures import scaling_exponent
-
         return 1.0 / scaling_exponent(self.study.intensity.measure)
 
     @cached_property
@@ -113,7 +112,7 @@ class Plan:
         parts = {
             "archfrag": self.identity,
             "study": study.id,
-            "arches": [[m.entry.parameters, m.chain, m.record] for m in self.arches],
+            "arches": [[member.entry.parameters, member.chain] for member in self.arches],
             "records": [asdict(record) for record in self.records],
             "levels": study.intensity.si,
             "measure": study.intensity.measure,
@@ -148,8 +147,6 @@ class Plan:
         """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-        from archfrag.motions.measures import scaling_exponent
-
         design, own = self.study.design, self.study.intensity.measure
         # ln of the records' other measures where the study's own is 1, (n_record, n_measure).
         names = [name for name in self.records[0].measures if name != own]
@@ -158,9 +155,8 @@ class Plan:
         with np.errstate(divide="ignore"):
             logs = np.log(values) + exponents * np.log(self.unscaled)[:, None]
         measures, requests = logs[:, np.isfinite(logs).all(axis=0)], {}
-        for arch, member in enumerate(self.arches):
-            every = member.record is None
-            records = np.arange(len(self.records)) if every else np.array([member.record])
+        for arch in range(len(self.arches)):
+            records = np.arange(len(self.records))
             # What an adaptive design requests follows from all runs of an arch.
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
@@ -173,11 +169,7 @@ class Plan:
 
 def make_plan(study: Study) -> Plan:
     """Plan of a study whose motions are prepared."""
-    records = load_prepared(study)
-    arches = study.members(len(records))
-    if any(member.record is not None for member in arches):
-        check_buildable(arches)  # of which the study's file shows those of one record
-    return Plan(study, arches, tuple(records))
+    return Plan(study, study.members, tuple(load_prepared(study)))
 
 
 def write_part(folder: Path, keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Path:
