@@ -149,12 +149,11 @@ class Brackets:
         return filled
 
     def at_levels(self, filled: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Runs by intensity, with those that the brackets imply if `filled`.
+        """Runs by intensity, with those that the brackets imply if `filled`: without these the
+        collapses of a search would be a biased choice.
 
-        Without these the collapses of a search would be a biased choice. More than 500 distinct
-        intensities are gathered into 500 groups of neighbours, each at its geometric mean.
-        Returns levels (n_level,), rising; 1 where a run collapsed, and where it is decided,
-        (n_record, n_level) each. FitError if no run is.
+        Returns levels (n_level,), rising, at most 500; 1 where a run collapsed, and where it is
+        decided, (n_record, n_level) each. FitError if no run is.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
@@ -181,10 +180,9 @@ class Brackets:
 def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     """Find the border between survival and collapse of each record.
 
-    A record that survives above a level at which it collapsed has no single capacity. Its border
-    is the one that the fewest verdicts contradict, the lowest of several. `verdict`, (n_record,
-    n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are > 0 and
-    in any order.
+    It is the border that the fewest verdicts contradict, the lowest of several. `verdict`,
+    (n_record, n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are
+    > 0 and in any order.
     """
     codes, level = np.asarray(verdict), positive(levels, "levels")
     level = np.broadcast_to(level, codes.shape)

@@ -24,17 +24,15 @@ def fit_limit_states(
 ) -> tuple[list[State], str]:
     """Fit a lognormal curve to each of several limit states, from the least severe to the most.
 
-    A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
-    by one cross within the range of the levels, an ordered probit model with one beta and a theta
-    each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states at once; states that no
-    run separates have one theta in it. Runs count as independent, as in `fit_stripes`. A state
-    whose exceedances are separated in intensity from its other runs is given the medians of
-    `fit_posterior`. One that all runs exceed, or none, has no curve.
+    A state counts as exceeded where it or a more severe one is; runs count as independent. If
+    curves that are fitted one by one cross within the range of the levels, an ordered probit model
+    with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states
+    at once. A state whose exceedances are separated in intensity from its other runs is given the
+    medians of `fit_posterior`.
 
     `exceeded`, (n_record, n_level, n_state), holds 1 exceeded, 0 not, any other number not
     decided; `im`, (n_level,) or (n_record, n_level), intensities > 0. Returns the curve of each
-    state, of kind "stripes", "ordered" or "posterior", and why it has no likeliest one; and how
-    the curves were ordered.
+    state, and why it has no likeliest one; and how the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     intensity, n_state = np.broadcast_to(intensity, codes.shape[:2]), codes.shape[2]
