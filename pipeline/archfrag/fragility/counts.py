@@ -90,17 +90,10 @@ def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int, resamples: int
 ) -> IntArray:
     """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
-    group = event_groups(event, n_record)
+    group = np.unique(np.arange(n_record) if event is None else event, return_inverse=True)[1]
     n = int(group.max()) + 1
     generator = np.random.default_rng(seed)
     return generator.multinomial(n, np.full(n, 1.0 / n), resamples)[:, group]
-
-
-def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
-    """A number for each record, the same for those of one event; its own where `event` is None."""
-    if event is None:
-        return np.arange(n_record)
-    return np.unique(np.asarray(event), return_inverse=True)[1]
 
 
 @dataclass(frozen=True)

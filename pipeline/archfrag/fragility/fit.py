@@ -94,7 +94,6 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
 
 def _fit_moments(values: FloatArray) -> Fragility:
-    """Curve from the mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:

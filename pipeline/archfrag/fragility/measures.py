@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, event_groups
+from archfrag.fragility.counts import Brackets
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.probit import inverse_mills, normal_lines
 
@@ -51,13 +51,14 @@ def compare_measures(
     chosen from (Bonferroni); ``n_test``, tests made; ``message``. FitError if no measure has a
     curve.
     """
-    names, n_record = list(values), len(found.verdict)
+    names = list(values)
     if found.verdict.shape[1] == 1:
         raise FitError("measures are compared by capacities, which single runs do not show")
     mine, known, keep = names.index(own), found.known(), found.decided > 0
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
     power = np.array([[exponent[name]] for name in names], dtype=float)
-    group = np.unique(event_groups(event, n_record)[keep], return_inverse=True)[1]
+    label = np.arange(keep.size) if event is None else np.asarray(event)
+    group = np.unique(label[keep], return_inverse=True)[1]
     covariates: _Covariates = {}
     with np.errstate(divide="ignore", invalid="ignore"):
         for name, given, owner, scale in (

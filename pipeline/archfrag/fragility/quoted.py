@@ -117,7 +117,7 @@ def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> 
 def capacity_posterior(
     found: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
-    """The posterior that `quoted_band` quotes, and the effective number of records."""
+    """Posterior of a curve, and the effective number of records."""
     known = found.known()
     number = float(known.lower.size)
     if groups is not None:
@@ -128,7 +128,7 @@ def capacity_posterior(
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     """Labels of groups from names of earthquakes; a record without a name is its own group.
 
-    None if no two records share an earthquake, or all do.
+    None unless some records share an earthquake and others do not.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]

@@ -149,10 +149,9 @@ def collapse_rate(
 ) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
 
-    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`; the band runs between the
-    quantiles of their rates. What the extension below the first point of the hazard curve adds to
-    each is at most the hazard's rate at this point. Of the curve of a class they are those of its
-    lognormal curve, and their rates are taken in proportion.
+    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`, of a class those of its
+    lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
+    hazard's extension below its first point adds to each is at most its rate at this point.
     """
     at, ends = np.log(hazard.im), tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
@@ -240,11 +239,10 @@ class Contributions:
 def deaggregate(
     verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
 ) -> Contributions:
-    """Divide the collapses at each level by category, as `contributions` divides the rate.
+    """Divide the collapses at each level by category; `verdict` is (n_record, n_level).
 
     The same records collapse at several levels, so that Wilson's interval of the fractions counts
-    ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish 1965, *Survey
-    Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
+    (sum m)^2 / sum m^2 collapses, m being those of a record (Kish 1965, *Survey Sampling*).
     """
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
     of_record = collapsed.sum(axis=1).astype(float)
@@ -258,13 +256,10 @@ def deaggregate(
 def contributions(
     level_rate: ArrayLike, collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str]
 ) -> Contributions:
-    """Divide the rate of collapse of each level by category.
+    """Divide the rate of collapse of each level, (n_level,), by category as its collapses are.
 
-    Rate of a category = sum over levels of rate(level) P(category | collapse, level).
-
-    `level_rate`, (n_level,), is that of collapse by motions of each level [1/year], from
-    `rate_by_level`; `collapsed` and `category`, (n_record, n_level), whether a run collapsed and
-    its position in `categories`.
+    `level_rate` is from `rate_by_level` [1/year]; `collapsed` and `category`, (n_record, n_level),
+    are whether a run collapsed and its position in `categories`.
     """
     collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     rates = np.asarray(level_rate, dtype=float)

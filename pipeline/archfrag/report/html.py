@@ -71,13 +71,6 @@ def cautions(messages: Iterable[str]) -> Markup:
     return Markup("\n").join(paragraph(f"Caution: {each}.", "caution") for each in messages)
 
 
-def folded(title: str, text: str) -> Markup:
-    """Lines that a click on their title shows."""
-    return Markup(
-        '<details><summary>{}</summary><pre tabindex="0">{}</pre></details>'
-    ).format(title, text)  # fmt: skip
-
-
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """A list of labels, each with a value in large digits and remarks on it."""
     shown, start = [], '<div><dt>{}</dt><dd class="large">{}</dd>'

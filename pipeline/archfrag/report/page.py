@@ -1,6 +1,5 @@
 """The report of a study: one HTML file that needs no network, and its numbers for programs."""
 
-import contextlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -278,15 +277,14 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
 
 
 def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
-    """Attributes of the cube; JSON is laid out in lines."""
-    long, short = {}, {}
+    """Attributes of the cube; JSON is laid out in lines, which a click on their title shows."""
+    folded, short = [], {}
+    form = Markup('<details><summary>{}</summary><pre tabindex="0">{}</pre></details>')
     for name, value in attributes.items():
-        found = value
-        with contextlib.suppress(TypeError, ValueError):
-            found = json.loads(value)
-        if isinstance(found, Mapping | list):
-            long[name] = json.dumps(found, indent=2, ensure_ascii=False)
+        if str(value).startswith(("{", "[")):
+            lines = json.dumps(json.loads(value), indent=2, ensure_ascii=False)
+            folded.append(form.format(name, lines))
         else:
             short[name] = value
     yield html.pairs("Provenance", short.items(), "attribute of the cube")
-    yield from (html.folded(name, text) for name, text in long.items())
+    yield from folded
