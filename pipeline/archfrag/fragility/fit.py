@@ -85,10 +85,6 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     known = values <= limit
     if known.all():
         return _fit_moments(values)
-    if not known.any():
-        raise FitError(f"no capacity lies up to truncate_at = {limit:g}: theta lies above it")
-    if np.all(values[known] == limit):
-        raise FitError(f"all known capacities equal truncate_at = {limit:g}, so beta tends to 0")
     fit = fit_brackets(np.where(known, values, limit), np.where(known, values, np.inf))
     return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
 

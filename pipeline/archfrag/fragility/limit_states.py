@@ -84,10 +84,8 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
 
 
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
-    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross.
-
-    States are fitted as one if no run exceeds the milder and spares the more severe one.
-    """
+    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross."""
+    # States are fitted as one if no run exceeds the milder and spares the more severe one.
     group, columns = [0], [nested[:, 0]]
     for codes in nested.T[1:]:
         if np.any((columns[-1] == 1) & (codes == 0)):

@@ -1,12 +1,9 @@
 """Mean annual frequency of collapse: a fragility curve weighted by a hazard curve.
 
 rate = integral of P(collapse | im) |d lambda(im)| (Cornell, Jalayer, Hamburger and Foutch 2002,
-J. Struct. Eng. 128(4)), with lambda a power of im between the points of the hazard curve. On each
-such piece the integral has a closed form, so that nothing is lost by quadrature.
-
-The rate is divided by category as the collapses are, level by level. By magnitude and distance it
-shows which records of the set cause it. This is no deaggregation of the hazard: records are run
-at levels that their earthquakes did not reach.
+J. Struct. Eng. 128(4)), in closed form as lambda is a power of im between its points. It is
+divided by category as the collapses are, level by level. This is no deaggregation of the hazard:
+records are run at levels that their earthquakes did not reach.
 """
 
 from collections.abc import Sequence

@@ -118,10 +118,7 @@ class Sheet:
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
-        """Boxes of panels with headings in rows, or on a narrow sheet in a column.
-
-        `height` is that of a box and `below` the space for labels, title and legend.
-        """
+        """Boxes of panels with headings, `below` apart, in rows or on a narrow sheet a column."""
         columns = 1 if self.narrow else min(columns, count)
         each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step

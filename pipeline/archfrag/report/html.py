@@ -84,9 +84,8 @@ def table(
     label: str, heads: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "",
     numeric_from: int = 1,
 ) -> Markup:  # fmt: skip
-    """A table that scrolls by itself on a narrow screen; the first cell of each row is its head.
-
-    Columns from `numeric_from` on are numbers, written to the right.
+    """A table that scrolls by itself on a narrow screen; the first cell of each row is its head,
+    and columns from `numeric_from` on are numbers, written to the right.
     """
     return template(
         "table.html.j2", label=label, heads=heads, kind=kind, numeric_from=numeric_from,

@@ -38,10 +38,8 @@ _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of a
 
 
 def write_report(inputs: ReportInputs, out: Path) -> Path:
-    """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files.
-
-    Each file is replaced once the new one is complete (else OutputError). ``curve-<arch>.svg``
-    has the curve of each arch; of many arches ``curves.svg`` has all.
+    """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files, or raise
+    OutputError; ``curves.svg`` has those of many arches.
     """
     text, figures = render(inputs)
     for name, shown in figures.items():
