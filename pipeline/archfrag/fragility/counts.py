@@ -108,12 +108,10 @@ class Brackets:
 
     @property
     def collapsed(self) -> BoolArray:
-        """Runs that collapsed, (n_record, n_level)."""
         return self.verdict == Verdict.COLLAPSED
 
     @property
     def survived(self) -> BoolArray:
-        """Runs that survived, (n_record, n_level)."""
         return self.verdict == Verdict.STANDING
 
     @property

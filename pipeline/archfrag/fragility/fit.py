@@ -129,7 +129,6 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
-    """Raise FitError where the data are separated (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]

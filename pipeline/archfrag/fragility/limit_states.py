@@ -106,11 +106,7 @@ def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> lis
 
 
 def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
-    """Likeliest curves with one slope and an intercept each; None without a maximum.
-
-    A run that reached `reached` states and is known to be spared from state `spared` on lies
-    between their two thresholds.
-    """
+    """Likeliest curves with one slope and an intercept each; None without a maximum."""
     n_state = nested.shape[1]
     decided = (nested >= 0).any(axis=1)
     x, nested = x[decided], nested[decided]
@@ -118,7 +114,8 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     cells, count = np.unique(np.column_stack([x, kinds]), axis=0, return_counts=True)
     centre, width = x.mean(), x.std()
     u, (reached, spared) = (cells[:, 0] - centre) / width, cells[:, 1:].astype(int).T
-    # Rows of bounds in (intercepts, slope); without one where no state, or each, is reached.
+    # Rows of bounds in (intercepts, slope): a run lies between the thresholds of the states that
+    # it reached and was spared from, without one where no state, or each, is reached.
     states = np.vstack([np.eye(n_state), np.full(n_state, np.nan)])
     low, high = (np.column_stack([states[place], u]) for place in (spared, reached - 1))
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)

@@ -24,7 +24,6 @@ def _panel(
     sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
-    """Axes of probabilities over levels from 0 to `reach`, below a legend."""
     height = 250.0 if sheet.narrow else 300.0
     panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     panel.axis_y(look.even_ticks(0.0, 1.0), words)

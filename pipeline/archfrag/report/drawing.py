@@ -126,7 +126,6 @@ class Sheet:
         return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
-        """The drawing as an <svg> element with an alternative text."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'

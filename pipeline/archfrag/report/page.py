@@ -98,7 +98,6 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
 
 
 def _answers(inputs: ReportInputs) -> Markup:
-    """Table of classes, of arches that are of none, and of other arches."""
     scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads += [f"dispersion β ({inputs.percent})", "θ, β by maximum likelihood"]
