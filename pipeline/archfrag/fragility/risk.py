@@ -181,8 +181,6 @@ def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[Float
     """theta and beta, (draws,) each: (ln theta, ln beta) normal with the covariance of the fit."""
     jacobian = np.diag([1.0, 1.0 / fit.beta])
     covariance = jacobian @ fit.covariance @ jacobian
-    if not np.isfinite(covariance).all():
-        raise InputError("the fit's covariance is not finite, so its rate has no band")
     generator = np.random.default_rng(seed)
     shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
     return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])

@@ -77,11 +77,14 @@ def _at_onset(
         moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
         if sign < 0:
             moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
-        panel.line(*np.transpose(onset.thrust), look.SOFT, 1.1, "4 2.5")
+        x, y = np.transpose(np.asarray(onset.thrust))
+        panel.line(x, y, look.SOFT, 1.1, "4 2.5")
         if moving is not None:
-            panel.line(*np.transpose(moving), look.VERMILION, 1.5)
+            x, y = moving.T
+            panel.line(x, y, look.VERMILION, 1.5)
         for joint in sliding:
-            panel.line(*np.transpose([arch.intrados[joint], arch.extrados[joint]]), look.ORANGE, 4)
+            x, y = np.transpose([arch.intrados[joint], arch.extrados[joint]])
+            panel.line(x, y, look.ORANGE, 4.0)
         for joint, side in hinges:
             x, y = getattr(arch, side)[joint, :, None]
             panel.dots(x, y, look.BLUE, "hinge", 4.0)
