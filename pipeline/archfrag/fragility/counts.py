@@ -90,17 +90,10 @@ def draws_of_records(
     event: ArrayLike | None, n_record: int, seed: int, resamples: int
 ) -> IntArray:
     """Draw counts of records in a bootstrap by whole events, (resamples, n_record)."""
-    group = event_groups(event, n_record)
+    group = np.unique(np.arange(n_record) if event is None else event, return_inverse=True)[1]
     n = int(group.max()) + 1
     generator = np.random.default_rng(seed)
     return generator.multinomial(n, np.full(n, 1.0 / n), resamples)[:, group]
-
-
-def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
-    """A number for each record, the same for those of one event; its own where `event` is None."""
-    if event is None:
-        return np.arange(n_record)
-    return np.unique(np.asarray(event), return_inverse=True)[1]
 
 
 @dataclass(frozen=True)
@@ -115,12 +108,10 @@ class Brackets:
 
     @property
     def collapsed(self) -> BoolArray:
-        """Runs that collapsed, (n_record, n_level)."""
         return self.verdict == Verdict.COLLAPSED
 
     @property
     def survived(self) -> BoolArray:
-        """Runs that survived, (n_record, n_level)."""
         return self.verdict == Verdict.STANDING
 
     @property
@@ -149,12 +140,11 @@ class Brackets:
         return filled
 
     def at_levels(self, filled: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Runs by intensity, with those that the brackets imply if `filled`.
+        """Runs by intensity, with those that the brackets imply if `filled`: without these the
+        collapses of a search would be a biased choice.
 
-        Without these the collapses of a search would be a biased choice. More than 500 distinct
-        intensities are gathered into 500 groups of neighbours, each at its geometric mean.
-        Returns levels (n_level,), rising; 1 where a run collapsed, and where it is decided,
-        (n_record, n_level) each. FitError if no run is.
+        Returns levels (n_level,), rising, at most 500; 1 where a run collapsed, and where it is
+        decided, (n_record, n_level) each. FitError if no run is.
         """
         codes = self.filled if filled else self.verdict
         row, column = np.nonzero(np.isin(codes, (Verdict.COLLAPSED, Verdict.STANDING)))
@@ -181,10 +171,9 @@ class Brackets:
 def find_brackets(verdict: ArrayLike, levels: ArrayLike) -> Brackets:
     """Find the border between survival and collapse of each record.
 
-    A record that survives above a level at which it collapsed has no single capacity. Its border
-    is the one that the fewest verdicts contradict, the lowest of several. `verdict`, (n_record,
-    n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are > 0 and
-    in any order.
+    It is the border that the fewest verdicts contradict, the lowest of several. `verdict`,
+    (n_record, n_level), holds codes of `Verdict`; `levels`, (n_level,) or (n_record, n_level), are
+    > 0 and in any order.
     """
     codes, level = np.asarray(verdict), positive(levels, "levels")
     level = np.broadcast_to(level, codes.shape)

@@ -53,12 +53,10 @@ class Fragility:
         return ndtr(deviation).mean(axis=-1)
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-        """Pointwise band of the curve at intensities >= 0, by the delta method.
-
-        On the probit scale, z = (ln im - ln theta) / beta, var z = g C g with g = -(1, z) / beta.
-        """
+        """Pointwise band of the curve at intensities >= 0, by the delta method."""
         quantile = ndtri(tails(confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
+        # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
             reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / self.beta
@@ -83,15 +81,12 @@ class Fragility:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":
-        """Inverse of `to_dict`; InputError if a key is missing."""
-        try:
-            given = {key: values[key] for key in ("theta", "beta", "n_levels", "n_total", "kind")}
-            covariance = np.array(values["covariance_ln_theta_beta"], dtype=float)
-            likelihood = float(values["log_likelihood"])
-        except KeyError as error:
-            raise InputError(f"a stored fragility lacks the key {error}") from error
-        members = np.array(values["members"], dtype=float) if "members" in values else None
-        return cls(**given, covariance=covariance, log_likelihood=likelihood, members=members)
+        """Inverse of `to_dict`."""
+        given = dict(values)
+        given["covariance"] = np.array(given.pop("covariance_ln_theta_beta"), dtype=float)
+        if "members" in given:
+            given["members"] = np.array(given["members"], dtype=float)
+        return cls(**given)
 
 
 def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
@@ -109,12 +104,11 @@ def mixture(pooled: Fragility, curves: Sequence[Fragility]) -> Fragility:
 def split_capacities(capacity: ArrayLike) -> tuple[float, float]:
     """Divide the dispersion of capacities, (n_arch, n_record), into two betas.
 
-    By the law of total variance on ln capacity, with A the arch, var ln C = E[var(ln C | A)] +
-    var(E[ln C | A]): beta_record_to_record^2, with what records do to some arches only and the
-    scatter of single runs, and beta_model^2. A negative estimate counts as 0. Analysis of
-    variance by moments with two factors, since all arches meet the same records (Searle, Casella
-    and McCulloch 1992, *Variance Components*, chapters 3 and 4). Records with an unknown capacity
-    (nan) are left out. FitError if fewer than two arches, or two records of each, remain.
+    With A the arch, var ln C = E[var(ln C | A)] + var(E[ln C | A]): beta_record_to_record^2, with
+    what records do to some arches only, and beta_model^2; by analysis of variance with two factors
+    (Searle, Casella and McCulloch 1992, *Variance Components*, chapters 3 and 4). A negative
+    estimate counts as 0. Records with an unknown capacity (nan) are left out. FitError if fewer
+    than two arches, or two records of each, remain.
     """
     logs = np.log(capacity)
     logs = logs[:, ~np.isnan(logs).any(axis=0)]

@@ -27,12 +27,9 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     """Fit a lognormal curve to collapse counts at several intensity levels.
 
     Binomial maximum likelihood (Baker 2015, Earthquake Spectra 31(1), 579-599); runs at one level
-    count as independent. FitError if the likelihood has no maximum with beta > 0: the message
-    states what is known instead.
-
-    `im`, (n_level,), is the intensity of each level, any unit, > 0; `collapses`, (n_level,), the
-    number of runs that collapsed; `n`, int or (n_level,), of those that collapsed or survived.
-    Unfinished runs and solver failures belong to neither. Levels with n = 0 are left out.
+    count as independent. `im`, (n_level,), is the intensity of each level, any unit, > 0;
+    `collapses`, (n_level,), the number of runs that collapsed; `n`, int or (n_level,), of those
+    that collapsed or survived. FitError if the likelihood has no maximum with beta > 0.
 
     Examples
     --------
@@ -66,11 +63,10 @@ def _parameters(a: float, b: float, information: FloatArray) -> tuple[float, flo
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:
     """Fit a lognormal curve to the intensities at which records cause collapse.
 
-    Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
-    n - 1. With `truncate_at`, the highest intensity that was tried: maximum likelihood with the
-    records above it censored; one equal to it is a collapse. `capacities`, (n_record,), are the
-    least intensities at which each record causes collapse, any unit, > 0, inf where no collapse
-    was seen. FitError if the data do not determine a dispersion > 0.
+    `capacities`, (n_record,), are the least intensities at which each record causes collapse, any
+    unit, > 0, inf where no collapse was seen. Mean and standard deviation of the logarithms, the
+    latter with n - 1 (Baker 2015); with `truncate_at`, the highest intensity that was tried,
+    maximum likelihood with the records above it censored. FitError if no beta > 0 follows.
 
     Examples
     --------
@@ -89,16 +85,11 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     known = values <= limit
     if known.all():
         return _fit_moments(values)
-    if not known.any():
-        raise FitError(f"no capacity lies up to truncate_at = {limit:g}: theta lies above it")
-    if np.all(values[known] == limit):
-        raise FitError(f"all known capacities equal truncate_at = {limit:g}, so beta tends to 0")
     fit = fit_brackets(np.where(known, values, limit), np.where(known, values, np.inf))
     return replace(fit, n_levels=int(np.unique(values[known]).size), kind="ida_truncated")
 
 
 def _fit_moments(values: FloatArray) -> Fragility:
-    """Curve from the mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:
@@ -113,9 +104,8 @@ def _fit_moments(values: FloatArray) -> Fragility:
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     """Fit a lognormal curve to capacities that each lie in (lower, upper], (n_record,).
 
-    Maximum likelihood of interval-censored data. `lower` may be 0 (collapse at the lowest level
-    tried) or else `upper` inf (none up to the highest); equal values are a capacity known exactly.
-    FitError if the likelihood has no maximum with beta > 0.
+    Maximum likelihood of interval-censored data. `lower` may be 0 or else `upper` inf; equal
+    values are a capacity known exactly. FitError if there is no maximum with beta > 0.
     """
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     last, first = lower.max(), upper.min()
@@ -139,7 +129,6 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
-    """Raise FitError where the data are separated (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]
@@ -167,11 +156,10 @@ def fit_cloud(
 ) -> dict[str, Any]:  # fmt: skip
     """Fit collapse by logistic regression on ln im, one run a record (a cloud).
 
-    `im` is the intensity of each record at its own amplitude, any unit, > 0, `collapsed` 1 or 0,
-    `event` the earthquake of each record, whose records are resampled together; (n_run,) each.
-    Returns ``intercept`` and ``slope`` of logit P = intercept + slope ln im; ``theta``, the 50 %
-    point, and ``beta``, ln(84 % point / 16 % point) / 2; ``theta_interval`` and
-    ``beta_interval`` by the bootstrap. FitError if no rising curve is likeliest.
+    `im` is the intensity of each record, any unit, > 0, `collapsed` 1 or 0, `event` its
+    earthquake, whose records are resampled together; (n_run,) each. Returns ``intercept`` and
+    ``slope`` of logit P; ``theta``, the 50 % point, and ``beta``, ln(84 % point / 16 % point) / 2,
+    with their intervals by the bootstrap. FitError if no rising curve is likeliest.
     """
     values = positive(im, "im")
     codes = np.asarray(collapsed, dtype=float)

@@ -24,17 +24,15 @@ def fit_limit_states(
 ) -> tuple[list[State], str]:
     """Fit a lognormal curve to each of several limit states, from the least severe to the most.
 
-    A state counts as exceeded where it or a more severe one is. If two curves that are fitted one
-    by one cross within the range of the levels, an ordered probit model with one beta and a theta
-    each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states at once; states that no
-    run separates have one theta in it. Runs count as independent, as in `fit_stripes`. A state
-    whose exceedances are separated in intensity from its other runs is given the medians of
-    `fit_posterior`. One that all runs exceed, or none, has no curve.
+    A state counts as exceeded where it or a more severe one is; runs count as independent. If
+    curves that are fitted one by one cross within the range of the levels, an ordered probit model
+    with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42) is fitted to all states
+    at once. A state whose exceedances are separated in intensity from its other runs is given the
+    medians of `fit_posterior`.
 
     `exceeded`, (n_record, n_level, n_state), holds 1 exceeded, 0 not, any other number not
     decided; `im`, (n_level,) or (n_record, n_level), intensities > 0. Returns the curve of each
-    state, of kind "stripes", "ordered" or "posterior", and why it has no likeliest one; and how
-    the curves were ordered.
+    state, and why it has no likeliest one; and how the curves were ordered.
     """
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     intensity, n_state = np.broadcast_to(intensity, codes.shape[:2]), codes.shape[2]
@@ -86,10 +84,8 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
 
 
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
-    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross.
-
-    States are fitted as one if no run exceeds the milder and spares the more severe one.
-    """
+    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross."""
+    # States are fitted as one if no run exceeds the milder and spares the more severe one.
     group, columns = [0], [nested[:, 0]]
     for codes in nested.T[1:]:
         if np.any((columns[-1] == 1) & (codes == 0)):
@@ -110,11 +106,7 @@ def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> lis
 
 
 def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
-    """Likeliest curves with one slope and an intercept each; None without a maximum.
-
-    A run that reached `reached` states and is known to be spared from state `spared` on lies
-    between their two thresholds.
-    """
+    """Likeliest curves with one slope and an intercept each; None without a maximum."""
     n_state = nested.shape[1]
     decided = (nested >= 0).any(axis=1)
     x, nested = x[decided], nested[decided]
@@ -122,7 +114,8 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     cells, count = np.unique(np.column_stack([x, kinds]), axis=0, return_counts=True)
     centre, width = x.mean(), x.std()
     u, (reached, spared) = (cells[:, 0] - centre) / width, cells[:, 1:].astype(int).T
-    # Rows of bounds in (intercepts, slope); without one where no state, or each, is reached.
+    # Rows of bounds in (intercepts, slope): a run lies between the thresholds of the states that
+    # it reached and was spared from, without one where no state, or each, is reached.
     states = np.vstack([np.eye(n_state), np.full(n_state, np.nan)])
     low, high = (np.column_stack([states[place], u]) for place in (spared, reached - 1))
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)

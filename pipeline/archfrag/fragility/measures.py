@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, event_groups
+from archfrag.fragility.counts import Brackets
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.probit import inverse_mills, normal_lines
 
@@ -35,35 +35,30 @@ def compare_measures(
 ) -> dict[str, Any]:  # fmt: skip
     """Curve and qualities of each measure, from the runs of one arch.
 
-    The capacity of a record is taken at the middle of its bracket in logarithms; a record that
-    collapses at its lowest level, or at none, enters as a bound. FitError for single runs, which
-    show no capacities, and if no measure has a curve.
-
-    Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
-    measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
-    distance, by t tests at 5 % of the slopes: of magnitude, which belongs to the earthquake, on
-    means of events, of distance on records.
+    Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
+    t tests at 5 %, ln capacity depends neither on magnitude (of means of events) nor on ln
+    distance. The capacity of a record is at the middle of its bracket in logarithms; one that
+    collapses at its lowest level, or at none, enters as a bound.
 
     `found` holds brackets in the measure `own`, by which the study was scaled; `values` those of
-    the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each (2
-    for Arias intensity); `magnitude`, `distance` and `event` are of the records, nan where not
-    known; (n_record,) each.
+    the unscaled motions in each measure, > 0, `exponent` the power of the scale factor in each;
+    `magnitude`, `distance` and `event` are of the records, nan where not known; (n_record,) each.
 
     Returned are ``rows``, one for each measure, nan where not known (``efficiency`` is beta /
-    exponent, ``sufficient`` None without a test, ``none`` why there is no curve); ``best``, of the
-    sufficient measures (if there is none, of those not tested; else of all) the one of least
-    efficiency; ``ratio`` of its efficiency to that of `own`; ``p_value``, the probability that a
-    measure no better than `own` seems so much better by chance (`scatter_by_chance`), times the
-    number of measures that the best was chosen from (Bonferroni); ``n_test``, tests of sufficiency
-    made; ``message``.
+    exponent, ``sufficient`` None without a test, ``none`` why there is no curve); ``best``, the
+    one of least efficiency, sufficient if one is; ``ratio`` of its efficiency to that of `own`;
+    ``p_value``, that chance explains it (`scatter_by_chance`), times the number of measures it was
+    chosen from (Bonferroni); ``n_test``, tests made; ``message``. FitError if no measure has a
+    curve.
     """
-    names, n_record = list(values), len(found.verdict)
+    names = list(values)
     if found.verdict.shape[1] == 1:
         raise FitError("measures are compared by capacities, which single runs do not show")
     mine, known, keep = names.index(own), found.known(), found.decided > 0
     log_value = np.log([np.asarray(each)[keep] for each in values.values()])
     power = np.array([[exponent[name]] for name in names], dtype=float)
-    group = np.unique(event_groups(event, n_record)[keep], return_inverse=True)[1]
+    label = np.arange(keep.size) if event is None else np.asarray(event)
+    group = np.unique(label[keep], return_inverse=True)[1]
     covariates: _Covariates = {}
     with np.errstate(divide="ignore", invalid="ignore"):
         for name, given, owner, scale in (
@@ -141,8 +136,7 @@ def _compare_records(
     """Values of `_COLUMNS` by measure, and ln capacities with expected ones in place of bounds.
 
     Bounds of ln capacities, (n_measure, n_record), are equal where a capacity is known. `rounding`
-    is the variance that the width of a bracket adds; it is taken out of that of ln capacity
-    (Sheppard's correction) unless nothing would be left.
+    is the variance that the width of a bracket adds (Sheppard's correction).
     """
     low, high = bounds
     exact = low[0] == high[0]
@@ -193,9 +187,8 @@ def _slope_test(
 def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> float:
     """Probability that `one` scatters so much more than `other` if both scatter alike.
 
-    They are known of the same records, (n_record,): their sum and difference are then not
-    correlated (Pitman 1939, Morgan 1939, Biometrika 31). Where both resemble each other within
-    events, which `place` numbers from 0, the records count as less.
+    They are of the same records, (n_record,), whose events `place` numbers from 0: their sum and
+    difference are then not correlated (Pitman 1939, Morgan 1939, Biometrika 31).
     """
     difference, total = (part - part.mean() for part in (one - other, one + other))
     squares, n = (difference @ difference) * (total @ total), one.size

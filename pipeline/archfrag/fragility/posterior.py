@@ -108,13 +108,11 @@ class Posterior:
 def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
     """Posterior of the curve of runs that are independent, each with a motion of its own.
 
-    Prior: Jeffreys' for the levels and numbers of runs that were made, which is proper for a
-    probit line at two levels or more (Ibrahim and Laud 1991, J. Am. Stat. Assoc. 86; Chen,
-    Ibrahim and Kim 2008, the same 103); restricted to rising curves (beta > 0), times
+    Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
+    1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
     1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest level. Jeffreys' alone
     lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes beta too small.
-    Arguments as for `fit_stripes`; all runs may have collapsed, or none, but they must be at two
-    levels or more (else FitError).
+    Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more.
     """
     im, collapses, n = checked_stripes(im, collapses, n)
     x, place = np.unique(np.log(im[n > 0]), return_inverse=True)
@@ -147,15 +145,13 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
     normal sample are exact, times beta^2 / (beta^2 + d^2 / 12) with d the median width of the
-    brackets in ln im, so that it stays proper where one capacity would agree with all records,
-    and times 1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where hardly a
-    record is bracketed from both sides. The likelihood is raised to the power `n_effective` / n
-    where records count as fewer independent ones. FitError if nothing bounds theta from one side.
+    brackets in ln im, and times 1 / (1 + (beta / r)^2) with r that of all their ends, so that it
+    stays proper. The likelihood is raised to the power `n_effective` / n. FitError if nothing
+    bounds theta from one side.
 
-    If some records survive above a level at which they collapsed, it is a probit with a record
-    effect: ln capacity of a run is that of its record, normal about ln theta, and an error of the
-    run, normal with standard deviation s. beta^2 is the sum of both variances, as
-    P(collapse | im) is that of a single run, and s / beta is uniform from 0 to 1.
+    If some records survive above a level at which they collapsed, ln capacity of a run is that of
+    its record, normal about ln theta, and an error of the run, normal with standard deviation s:
+    beta^2 is the sum of both variances, and s / beta is uniform from 0 to 1.
     """
     why = "nothing bounds theta from"
     if not found.lower.any():

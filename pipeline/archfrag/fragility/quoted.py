@@ -74,10 +74,10 @@ def quoted_band(
 ) -> Answer:  # fmt: skip
     """Curve of records that were run at several levels, with its band and intervals.
 
-    Records are independent and their runs are not. Rows with one label in `groups`, (n_record,),
-    such as the event of each record, count as fewer, by how alike their capacities are; `unit` is
-    what a group is. The band is at intensities `im` >= 0 of any shape. FitError if no run is
-    decided, there is one group only, or nothing bounds theta from one side.
+    Rows with one label in `groups`, (n_record,), such as the event of each record, count as fewer,
+    by how alike their capacities are; `unit` is what a group is. The band is at intensities
+    `im` >= 0 of any shape. FitError if there is one group only, or nothing bounds theta from one
+    side.
     """
     known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"
@@ -117,7 +117,7 @@ def _answer(known: Posterior, im: ArrayLike, confidence: float, *words: Any) -> 
 def capacity_posterior(
     found: Brackets, groups: ArrayLike | None = None
 ) -> tuple[Posterior, float]:
-    """The posterior that `quoted_band` quotes, and the effective number of records."""
+    """Posterior of a curve, and the effective number of records."""
     known = found.known()
     number = float(known.lower.size)
     if groups is not None:
@@ -128,7 +128,7 @@ def capacity_posterior(
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     """Labels of groups from names of earthquakes; a record without a name is its own group.
 
-    None if no two records share an earthquake, or all do.
+    None unless some records share an earthquake and others do not.
     """
     names = np.asarray(event).astype(str)
     known = names[names != ""]
@@ -182,13 +182,12 @@ def isotonic_curve(
 ) -> dict[str, FloatArray]:  # fmt: skip
     """Likeliest curve that never falls with intensity, and its band, (n_level,) by name.
 
-    Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
-    likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
-    Math. Stat. 26). The band is from the bootstrap of records, or of earthquakes `event`,
-    (n_record,), with all their records. It has no width where all runs of a level agree, and is
+    Pool adjacent violators is the maximum of the binomial likelihood under that condition alone
+    (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann. Math. Stat. 26). The band is from the
+    bootstrap of records, or of earthquakes `event`, (n_record,), with all their records. It is
     somewhat too narrow: a nominal 90 % held a lognormal curve (beta 0.4, 15 levels, 24 records,
-    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError if no run is
-    decided, or all are at one level.
+    200 studies) at p = 0.1, 0.25, 0.5, 0.75, 0.9 in 86, 90, 88, 87, 79 %. FitError without two
+    levels.
     """
     levels, collapses, n = found.at_levels(filled=True)
     if levels.size < 2:
@@ -215,14 +214,11 @@ def check_lognormal(
     """Test the lognormal curve against any curve that rises with intensity.
 
     The likelihood ratio of the isotonic and the lognormal curve is compared with its values in
-    studies drawn from the fitted curve, each fitted anew (parametric bootstrap; Davison and
-    Hinkley 1997, section 4.2), in the same cells as the study's runs. ln capacity of a run is
-    ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one normal number per record, e one
-    per run, and rho from the scatter between runs of a record. Events are not taken into account.
-
-    Returns the probability of so large a ratio if the lognormal curve is the true one; rho, 1
-    where no verdicts contradict each other, nan where each record serves once. FitError if the
-    runs have no lognormal curve.
+    studies drawn from the fitted curve (parametric bootstrap; Davison and Hinkley 1997, section
+    4.2). ln capacity of a run is ln theta + beta (sqrt(rho) a + sqrt(1 - rho) e), with a one
+    normal number per record and e one per run. Returns the probability of so large a ratio if the
+    lognormal curve is the true one; rho, 1 where no verdicts contradict each other, nan where each
+    record serves once. FitError if the runs have no lognormal curve.
     """
     levels, collapses, made = found.at_levels(filled=True)
     x, total, n = np.log(levels), collapses.sum(axis=0), made.sum(axis=0)

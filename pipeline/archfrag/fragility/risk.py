@@ -1,12 +1,9 @@
 """Mean annual frequency of collapse: a fragility curve weighted by a hazard curve.
 
 rate = integral of P(collapse | im) |d lambda(im)| (Cornell, Jalayer, Hamburger and Foutch 2002,
-J. Struct. Eng. 128(4)), with lambda a power of im between the points of the hazard curve. On each
-such piece the integral has a closed form, so that nothing is lost by quadrature.
-
-The rate is divided by category as the collapses are, level by level. By magnitude and distance it
-shows which records of the set cause it. This is no deaggregation of the hazard: records are run
-at levels that their earthquakes did not reach.
+J. Struct. Eng. 128(4)), in closed form as lambda is a power of im between its points. It is
+divided by category as the collapses are, level by level. This is no deaggregation of the hazard:
+records are run at levels that their earthquakes did not reach.
 """
 
 from collections.abc import Sequence
@@ -149,10 +146,9 @@ def collapse_rate(
 ) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
 
-    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`; the band runs between the
-    quantiles of their rates. What the extension below the first point of the hazard curve adds to
-    each is at most the hazard's rate at this point. Of the curve of a class they are those of its
-    lognormal curve, and their rates are taken in proportion.
+    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`, of a class those of its
+    lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
+    hazard's extension below its first point adds to each is at most its rate at this point.
     """
     at, ends = np.log(hazard.im), tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
@@ -185,8 +181,6 @@ def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[Float
     """theta and beta, (draws,) each: (ln theta, ln beta) normal with the covariance of the fit."""
     jacobian = np.diag([1.0, 1.0 / fit.beta])
     covariance = jacobian @ fit.covariance @ jacobian
-    if not np.isfinite(covariance).all():
-        raise InputError("the fit's covariance is not finite, so its rate has no band")
     generator = np.random.default_rng(seed)
     shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
     return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
@@ -240,11 +234,10 @@ class Contributions:
 def deaggregate(
     verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
 ) -> Contributions:
-    """Divide the collapses at each level by category, as `contributions` divides the rate.
+    """Divide the collapses at each level by category; `verdict` is (n_record, n_level).
 
     The same records collapse at several levels, so that Wilson's interval of the fractions counts
-    ``(sum m)^2 / sum m^2`` collapses, where m are those of the records (Kish 1965, *Survey
-    Sampling*). `verdict`, (n_record, n_level), holds codes of `Verdict`.
+    (sum m)^2 / sum m^2 collapses, m being those of a record (Kish 1965, *Survey Sampling*).
     """
     collapsed = np.asarray(verdict) == Verdict.COLLAPSED
     of_record = collapsed.sum(axis=1).astype(float)
@@ -258,13 +251,10 @@ def deaggregate(
 def contributions(
     level_rate: ArrayLike, collapsed: ArrayLike, category: ArrayLike, categories: Sequence[str]
 ) -> Contributions:
-    """Divide the rate of collapse of each level by category.
+    """Divide the rate of collapse of each level, (n_level,), by category as its collapses are.
 
-    Rate of a category = sum over levels of rate(level) P(category | collapse, level).
-
-    `level_rate`, (n_level,), is that of collapse by motions of each level [1/year], from
-    `rate_by_level`; `collapsed` and `category`, (n_record, n_level), whether a run collapsed and
-    its position in `categories`.
+    `level_rate` is from `rate_by_level` [1/year]; `collapsed` and `category`, (n_record, n_level),
+    are whether a run collapsed and its position in `categories`.
     """
     collapse, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
     rates = np.asarray(level_rate, dtype=float)

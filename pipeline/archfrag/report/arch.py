@@ -5,7 +5,6 @@ for reduced motion, get four still frames.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -78,15 +77,14 @@ def _at_onset(
         moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
         if sign < 0:
             moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
-        lines: list[tuple[Any, str, float]] = [(moving, look.VERMILION, 1.5)]
-        for joint in sliding:
-            lines.append(([arch.intrados[joint], arch.extrados[joint]], look.ORANGE, 4.0))
         x, y = np.transpose(np.asarray(onset.thrust))
         panel.line(x, y, look.SOFT, 1.1, "4 2.5")
-        for ends, colour, thickness in lines:
-            if ends is not None:
-                x, y = np.transpose(ends)
-                panel.line(x, y, colour, thickness)
+        if moving is not None:
+            x, y = moving.T
+            panel.line(x, y, look.VERMILION, 1.5)
+        for joint in sliding:
+            x, y = np.transpose([arch.intrados[joint], arch.extrados[joint]])
+            panel.line(x, y, look.ORANGE, 4.0)
         for joint, side in hinges:
             x, y = getattr(arch, side)[joint, :, None]
             panel.dots(x, y, look.BLUE, "hinge", 4.0)
@@ -118,9 +116,8 @@ class Example:
 
 
 def choose(results: ArchResults, median: float | None) -> Chosen | None:
-    """Run whose capacity, the lowest collapsing level, is nearest the median of the arch.
-
-    Without a curve the median of these capacities counts. If nothing collapsed, as `farthest`.
+    """Run whose lowest collapsing level is nearest the median of the arch, or of these levels if
+    it has none; `farthest` if nothing collapsed.
     """
     collapsed = results.verdict == Verdict.COLLAPSED
     records = np.flatnonzero(collapsed.any(axis=1))

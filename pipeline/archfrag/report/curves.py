@@ -24,7 +24,6 @@ def _panel(
     sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
-    """Axes of probabilities over levels from 0 to `reach`, below a legend."""
     height = 250.0 if sheet.narrow else 300.0
     panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     panel.axis_y(look.even_ticks(0.0, 1.0), words)
@@ -85,11 +84,7 @@ def _band_words(answer: Answer) -> str:
 
 @figure
 def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]:
-    """Fragility curve of an arch with its band, and the data behind it.
-
-    The data are the distribution of the capacities of the records if the design searched for
-    them, else observed fractions with exact intervals.
-    """
+    """Fragility curve of an arch with its band, and the capacities or fractions behind it."""
     scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
     texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
     if results.design.adaptive:
@@ -172,11 +167,7 @@ def _several(
 def all_curves(
     inputs: ReportInputs, answers: Mapping[str, Answer], classes: Mapping[str, Answer]
 ) -> Picture | None:
-    """Curves of some arches and classes in one figure; None if there are fewer than two.
-
-    Classes are drawn with their bands, their arches thinly; other arches by name if they are not
-    many.
-    """
+    """Curves of some arches and classes in one figure; None if there are fewer than two."""
     known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
     if len(known) + len(named) < 2:
         return None

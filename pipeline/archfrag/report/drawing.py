@@ -118,10 +118,7 @@ class Sheet:
         return y + (rows[-1][0] + 1) * LINE + 3.0 if rows else y
 
     def grid(self, count: int, columns: int, height: float, below: float) -> list[Box]:
-        """Boxes of panels with headings in rows, or on a narrow sheet in a column.
-
-        `height` is that of a box and `below` the space for labels, title and legend.
-        """
+        """Boxes of panels with headings, `below` apart, in rows or on a narrow sheet a column."""
         columns = 1 if self.narrow else min(columns, count)
         each, step = (self.width - 4.0) / columns, LINE + 3.0 + height + below
         self.height = -(-count // columns) * step
@@ -129,7 +126,6 @@ class Sheet:
         return [(x + LEFT, y, x + each - 10.0, y + height) for x, y in corners]
 
     def svg(self, alternative: str) -> str:
-        """The drawing as an <svg> element with an alternative text."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'

@@ -71,13 +71,6 @@ def cautions(messages: Iterable[str]) -> Markup:
     return Markup("\n").join(paragraph(f"Caution: {each}.", "caution") for each in messages)
 
 
-def folded(title: str, text: str) -> Markup:
-    """Lines that a click on their title shows."""
-    return Markup(
-        '<details><summary>{}</summary><pre tabindex="0">{}</pre></details>'
-    ).format(title, text)  # fmt: skip
-
-
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """A list of labels, each with a value in large digits and remarks on it."""
     shown, start = [], '<div><dt>{}</dt><dd class="large">{}</dd>'
@@ -91,9 +84,8 @@ def table(
     label: str, heads: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "",
     numeric_from: int = 1,
 ) -> Markup:  # fmt: skip
-    """A table that scrolls by itself on a narrow screen; the first cell of each row is its head.
-
-    Columns from `numeric_from` on are numbers, written to the right.
+    """A table that scrolls by itself on a narrow screen; the first cell of each row is its head,
+    and columns from `numeric_from` on are numbers, written to the right.
     """
     return template(
         "table.html.j2", label=label, heads=heads, kind=kind, numeric_from=numeric_from,

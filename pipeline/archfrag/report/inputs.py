@@ -55,7 +55,6 @@ class Scale:
         return digits(value_si * self.factor)
 
     def text(self, value_si: float) -> str:
-        """Value with its unit, three digits."""
         return f"{self.digits(value_si)} {self.unit}"
 
 
@@ -114,7 +113,6 @@ class ArchResults:
 
     @property
     def verdict(self) -> IntArray:
-        """Codes of `Verdict`."""
         return self.tables["verdict"]
 
 

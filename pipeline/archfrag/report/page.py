@@ -1,6 +1,5 @@
 """The report of a study: one HTML file that needs no network, and its numbers for programs."""
 
-import contextlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -39,10 +38,8 @@ _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of a
 
 
 def write_report(inputs: ReportInputs, out: Path) -> Path:
-    """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files.
-
-    Each file is replaced once the new one is complete (else OutputError). ``curve-<arch>.svg``
-    has the curve of each arch; of many arches ``curves.svg`` has all.
+    """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files, or raise
+    OutputError; ``curves.svg`` has those of many arches.
     """
     text, figures = render(inputs)
     for name, shown in figures.items():
@@ -101,7 +98,6 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
 
 
 def _answers(inputs: ReportInputs) -> Markup:
-    """Table of classes, of arches that are of none, and of other arches."""
     scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
     heads += [f"dispersion β ({inputs.percent})", "θ, β by maximum likelihood"]
@@ -278,15 +274,14 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
 
 
 def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
-    """Attributes of the cube; JSON is laid out in lines."""
-    long, short = {}, {}
+    """Attributes of the cube; JSON is laid out in lines, which a click on their title shows."""
+    folded, short = [], {}
+    form = Markup('<details><summary>{}</summary><pre tabindex="0">{}</pre></details>')
     for name, value in attributes.items():
-        found = value
-        with contextlib.suppress(TypeError, ValueError):
-            found = json.loads(value)
-        if isinstance(found, Mapping | list):
-            long[name] = json.dumps(found, indent=2, ensure_ascii=False)
+        if str(value).startswith(("{", "[")):
+            lines = json.dumps(json.loads(value), indent=2, ensure_ascii=False)
+            folded.append(form.format(name, lines))
         else:
             short[name] = value
     yield html.pairs("Provenance", short.items(), "attribute of the cube")
-    yield from (html.folded(name, text) for name, text in long.items())
+    yield from folded

@@ -116,9 +116,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     lost = results["collapse_joint"]
     counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
     own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
-    joint = np.full(lost.shape, len(own))
-    for place, each in enumerate(own):
-        joint[lost == each] = place
+    joint = np.where(np.isin(lost, own), np.searchsorted(own, lost), len(own))
     return [
         deaggregate(results.verdict, category, names, confidence=confidence)
         for category, names in (
@@ -132,10 +130,7 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 def fractions(
     sheet: Sheet, groups: Sequence[Contributions], results: ArchResults
 ) -> tuple[str, str]:
-    """Fraction of collapses at each level, split by two criteria.
-
-    Of all runs where every record was run at every level, else of the collapses.
-    """
+    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria."""
     every = bool(results.simulated.all())
     divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]

@@ -155,7 +155,6 @@ def _cloud(fit: Mapping[str, Any], scale: Scale) -> str:
 
 
 def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
-    """Limit states with median and dispersion, or why they have none."""
     states = answer.more["limit_states"]
     yield heading("Limit states")
     if "none" in states:
@@ -177,7 +176,6 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
 
 
 def _measures(found: Mapping[str, Any], name: str) -> Parts:
-    """Intensity measures, the most efficient first, those without efficiency last."""
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -227,7 +225,6 @@ def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: 
 
 
 def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
-    """Models, time and accuracy of the simulations."""
     models = inputs.cube["model"].values.astype(str)
     time = dict(zip(models, results["model_time"].sum(axis=(0, 1)).tolist()))
     total = sum(time.values())
