@@ -66,13 +66,30 @@ def cleared(study, step):
     return changed(study, "method", dt=step)
 
 
-def test_a_worker_loads_nothing_heavy():
-    code = (
-        "import sys, archfrag.study.runs.execute, archfrag.simulate\n"
-        "print({'obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask'} & set(sys.modules))"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert found.stdout.strip() == "set()", found.stderr
+@pytest.mark.parametrize(
+    ("code", "printed"),
+    [
+        (
+            "import sys, archfrag.study.runs.execute, archfrag.simulate\n"
+            "print({'obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask'} & set(sys.modules))",
+            "set()",
+        ),
+        (
+            "import sys; from archfrag.study.running import without_dask\n"
+            "for _ in range(2):\n"
+            "    with without_dask():\n"
+            "        import xarray; xarray.Dataset({'a': ('x', [1.0])}).to_netcdf(sys.argv[1])\n"
+            "    print('dask' in sys.modules)\n"
+            "    import dask.base\n",
+            "False\nTrue",
+        ),
+    ],
+    ids=["a worker", "a run without a scheduler, which hides dask from nobody else"],
+)
+def test_what_is_heavy_is_not_loaded(tmp_path, code, printed):
+    asked = [sys.executable, "-c", code, tmp_path / "a.nc"]
+    found = subprocess.run(asked, capture_output=True, text=True)
+    assert found.stdout.strip() == printed, found.stderr
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):

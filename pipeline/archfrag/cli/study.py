@@ -72,12 +72,14 @@ def run(
     disk the same command continues.
     """
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import stoppable
+    from archfrag.study.running import stoppable, without_dask
     from archfrag.study.steps import run_study
 
     try:
-        with stoppable() as check:
+        with stoppable() as check, contextlib.ExitStack() as stack:
             study = load_study(study_file, overrides)
+            if study.execution.scheduler is None:
+                stack.enter_context(without_dask())
             anything = run_study(study, study_file, check, _report, cores, quiet)
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name

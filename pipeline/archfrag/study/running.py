@@ -5,6 +5,7 @@ import errno
 import fcntl
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -64,6 +65,19 @@ def stoppable() -> Iterator[Callable[[], None]]:
         os.close(writer)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def without_dask() -> Iterator[None]:
+    """Hide dask from xarray, which would take half a second to import it."""
+    hidden = not {"dask", "xarray"} & sys.modules.keys()
+    if hidden:
+        sys.modules["dask"] = None  # type: ignore[assignment]  # imports of it fail
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules["dask"]
 
 
 @contextlib.contextmanager
