@@ -1,11 +1,10 @@
-"""Samples of parameters that are not known exactly: marginals, correlation, designs of points."""
+"""Samples of parameters that are not known exactly: marginals, designs of points."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from archfrag.arch.uncertain import Marginal, correlation_factor, sample
-from archfrag.errors import InputError
+from archfrag.arch.uncertain import Marginal, sample
 from archfrag.study.file.arches import JointScatter
 
 # A distribution as a study gives it, and the one of scipy that it is to be.
@@ -45,31 +44,3 @@ def test_each_slice_of_each_coordinate_has_one_point(scheme):
     if scheme == "sobol":  # they stay when more are asked for
         for count in (1, 4, 11, 32):
             np.testing.assert_array_equal(unit_points(count, scheme), points[:count])
-
-
-def test_ranks_and_logarithms_are_correlated_as_asked():
-    marginals = {"a": Marginal(stats.lognorm(0.3)), "b": Marginal(stats.lognorm(0.1))}
-    values = sample(marginals, 4096, correlation={"a": {"b": -0.6}})
-    spearman = stats.spearmanr(values["a"], values["b"]).statistic
-    assert spearman == pytest.approx(6.0 / np.pi * np.arcsin(-0.3), abs=0.005)
-    logs = np.corrcoef(np.log(values["a"]), np.log(values["b"]))[0, 1]
-    assert logs == pytest.approx(-0.6, abs=0.005)
-
-
-@pytest.mark.parametrize(
-    ("correlation", "message"),
-    [
-        (
-            {"a": {"d": 0.1}},
-            "a and d = 0.1 must be greater than -1 and less than 1, of two",
-        ),
-        ({"a": {"a": 0.1}}, "correlation of a and a = 0.1 must be"),
-        ({"a": {"b": 0.1}, "b": {"a": 0.1}}, "correlation of b and a: is given twice"),
-        ({"a": {"b": 1.0}}, "= 1 must be greater than -1 and less than 1"),
-        ({"a": {"b": 0.9, "c": 0.9}, "b": {"c": -0.9}}, "cannot hold together"),
-    ],
-)
-def test_correlations_that_cannot_be_are_refused(correlation, message):
-    with pytest.raises(InputError) as refusal:
-        correlation_factor("abc", correlation)
-    assert message in str(refusal.value)

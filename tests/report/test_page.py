@@ -11,12 +11,12 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
+from archfrag.hazard import Hazard
 from archfrag.report.html import digits
 from archfrag.report.inputs import Scale, arch_results
 from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.risk import risk_of
-from archfrag.study.file.hazard import Hazard
 from tests.report import synthetic
 from tests.report.test_figures import overlaps
 

@@ -8,9 +8,9 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
+from archfrag.hazard import Hazard, load_hazard
 from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.risk import risk_of
-from archfrag.study.file.hazard import Hazard, load_hazard
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
 from tests.study.small import command, made, small_study
@@ -131,9 +131,9 @@ class TestGridOfRuns:
         assert found.rate.lower < rate < found.rate.mean < found.rate.upper
         assert found.rate.outside < 0.05
         assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
-        for split in found.splits.values():
-            assert split.rate.sum() + split.unassigned.sum() == pytest.approx(rate, rel=1e-12)
-            assert split.counts.sum() == (data["verdict"].values == 1).sum()
+        parts = found.by_mechanism
+        assert parts.rate.sum() + parts.unassigned.sum() == pytest.approx(rate, rel=1e-12)
+        assert parts.counts.sum() == (data["verdict"].values == 1).sum()
 
     def test_short_hazard_curve_is_cautioned(self, data):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
@@ -159,7 +159,7 @@ class TestDesigns:
             risk_of(with_verdicts(data, verdict, joint), {"ring": FIT}, HAZARD)
             for verdict in (full, np.where(seen, full, 4))
         )
-        one, other = (found.arches["ring"].splits["mechanism"] for found in (one, other))
+        one, other = (found.arches["ring"].by_mechanism for found in (one, other))
         assert one.categories == other.categories
         np.testing.assert_array_equal(one.rate, other.rate)
 
@@ -171,7 +171,7 @@ class TestDesigns:
         units = {"units": "m s-2", "measure": "PGA"}
         one = one.assign(intensity=(data["verdict"].dims, at[None], units))
         found = risk_of(one, {"ring": FIT}, HAZARD).arches["ring"]
-        assert found.splits["mechanism"].counts.sum() == verdict.sum()
+        assert found.by_mechanism.counts.sum() == verdict.sum()
         assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
         assert at.min() < found.levels[0] < found.levels[-1] < at.max()
 

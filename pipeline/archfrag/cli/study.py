@@ -232,9 +232,9 @@ def risk(
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
     from archfrag.errors import FitError
+    from archfrag.hazard import load_hazard
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
-    from archfrag.study.file.hazard import load_hazard
     from archfrag.study.steps import finished
 
     hazard = load_hazard(hazards, study.intensity.measure, unit, site)

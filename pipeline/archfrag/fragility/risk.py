@@ -8,7 +8,6 @@ records are run at levels that their earthquakes did not reach.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +29,6 @@ from archfrag.fragility.probit import log_between
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
-NOT_KNOWN = "not known"
 _LARGEST_LOG = 600.0  # of a rate: a steep first slope of the hazard and a wide curve overflow
 
 
@@ -270,16 +268,3 @@ def level_edges(levels: ArrayLike) -> FloatArray:
     """Edges between levels that increase, at their geometric means, (n_level - 1,)."""
     given = rising(levels, "levels")
     return np.sqrt(given[1:] * given[:-1])
-
-
-def value_bins(
-    values: ArrayLike, edges: Sequence[float], unit: str = ""
-) -> tuple[IntArray, tuple[str, ...]]:
-    """Bin of each value, (n,), below, between or from the last of the rising edges on, and the
-    names of the bins; nan has a bin of its own.
-    """
-    values, unit = np.asarray(values, dtype=float), f" {unit}" if unit else ""
-    between = (f"{a:g} to {b:g}{unit}" for a, b in pairwise(edges))
-    names = f"below {edges[0]:g}{unit}", *between, f"{edges[-1]:g}{unit} and more", NOT_KNOWN
-    place = np.where(np.isnan(values), len(edges) + 1, np.searchsorted(edges, values, "right"))
-    return place.astype(np.int64), names

@@ -31,6 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 
+# Units in which levels may be given, by the SI unit of their measure.
+LEVEL_UNITS: dict[str, dict[str, float]] = {
+    "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
+    "m/s": {"m/s": 1.0, "cm/s": 0.01},
+    "m": {"m": 1.0, "cm": 0.01},
+}
 Samples = NDArray[np.float64]
 _DAMPING = 0.05  # fraction of critical
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function

@@ -17,6 +17,7 @@ from archfrag.errors import InputError, attempt
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.fragility.quoted import Answer
+from archfrag.hazard import load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.html import digits
@@ -24,7 +25,6 @@ from archfrag.simulate import Onset, onset
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
-from archfrag.study.file.hazard import load_hazard
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from archfrag.fragility.risk import NOT_KNOWN
+from archfrag.hazard import Hazard
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import level_axis, stacked
 from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
-from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.members import SHOWN
 
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
@@ -69,14 +68,14 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
 
 
 def _contribution_table(arch: ArchRisk) -> Markup:
+    parts = arch.by_mechanism
     rows = [
-        (by, name, f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
-        for by, parts in arch.splits.items()
-        for i, name in enumerate(parts.categories) if parts.shown[i] and name != NOT_KNOWN
+        (name, f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
+        for i, name in enumerate(parts.categories) if parts.shown[i]
     ]  # fmt: skip
-    heads = ["by", "category", "fraction of the rate", "collapses"]
+    heads = ["mechanism", "fraction of the rate", "collapses"]
     label = f"Contributions to the rate of collapse of {arch.arch}"
-    return html.table(label, heads, rows, "compact", 2)
+    return html.table(label, heads, rows, "compact")
 
 
 @figure
@@ -125,7 +124,7 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
 @figure
 def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     """The rate by level and mechanism; None if no run collapsed."""
-    found = arch.splits["mechanism"]
+    found = arch.by_mechanism
     if not found.counts.any():
         return None
     parts = stacked(found.categories, found.rate)

@@ -90,7 +90,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 def check_start(study: Study) -> None:
     """Check a hazard, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
-        from archfrag.study.file.hazard import load_hazard
+        from archfrag.hazard import load_hazard
 
         load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
     folder = study.folder

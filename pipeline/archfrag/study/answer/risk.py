@@ -19,19 +19,16 @@ from archfrag.fragility.risk import (
     level_edges,
     parameter_draws,
     rate_by_level,
-    value_bins,
 )
+from archfrag.hazard import Hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import Runs, runs_of_cube
-from archfrag.study.file.hazard import Hazard
 from archfrag.study.file.schema import Study
 from archfrag.study.files import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
 MOST_CATEGORIES = 8
-MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
-DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
 OTHER = "others"
 ASSUMPTIONS = (
     "hazard: ln rate linear in ln intensity between its points, the first and the last slope "
@@ -42,8 +39,7 @@ ASSUMPTIONS = (
     "each is at most the hazard's rate at that point",
     "collapses: a Poisson process, the arch being put up again each time",
     "a class: the mean of the rates of its arches, if all of them have a curve",
-    "by mechanism, magnitude and distance: as the collapses of this set of records, level by "
-    "level; this is no deaggregation of the hazard",
+    "by mechanism: as the collapses of this set of records, level by level",
 )
 _SCATTERED_BINS = 10
 _N_MODE = len(CollapseMode)
@@ -62,13 +58,13 @@ class ArchRisk:
     # Fractions of the rate from intensities below the least and above the greatest level that was
     # simulated, where the fitted curve is extrapolated.
     beyond: tuple[float, float]
-    splits: dict[str, Contributions]  # by mechanism, magnitude and distance
+    by_mechanism: Contributions
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """Messages on parts of the rate of which little is known."""
         level = "level that was simulated, where the fragility curve is extrapolated"
-        unknown = self.splits["mechanism"].unassigned.sum() / (self.rate.rate or 1.0)
+        unknown = self.by_mechanism.unassigned.sum() / (self.rate.rate or 1.0)
         parts = {
             "below the first point of the hazard curve, whose first slope goes on there":
                 self.rate.below,
@@ -134,11 +130,7 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
         for kind in kept.tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    splits = {"mechanism": (category, (*labels, OTHER))}
-    for key, bins, unit in (("magnitude", MAGNITUDES, ""), ("distance", DISTANCES, "km")):
-        of_row, of_bins = value_bins(np.tile(cube[key].values, cube.sizes["arch"]), bins, unit)
-        splits[key] = np.broadcast_to(of_row[:, None], collapsed.shape), of_bins
-    parts = {key: contributions(level_rate, collapsed, *each) for key, each in splits.items()}
+    parts = contributions(level_rate, collapsed, category, (*labels, OTHER))
     by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(runs.name, fit, rate, by_curve, levels, level_rate, beyond, parts)
@@ -195,15 +187,14 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
             "edges": (level_edges(arch.levels) / factor).tolist(),
             "rate_by_level": arch.level_rate.tolist(),
         }  # fmt: skip
-        for key, found in arch.splits.items():
-            arches[name][f"by_{key}"] = [
-                {
-                    "category": label, "collapses": int(found.counts[i].sum()),
-                    "fraction": float(found.fraction[i]),
-                    "rate_by_level": found.rate[i].tolist(),
-                }
-                for i, label in enumerate(found.categories) if found.shown[i]
-            ]  # fmt: skip
+        found = arch.by_mechanism
+        arches[name]["by_mechanism"] = [
+            {
+                "category": label, "collapses": int(found.counts[i].sum()),
+                "fraction": float(found.fraction[i]), "rate_by_level": found.rate[i].tolist(),
+            }
+            for i, label in enumerate(found.categories) if found.shown[i]
+        ]  # fmt: skip
         arches[name]["cautions"] = list(arch.cautions)
     curves = {
         name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
@@ -219,7 +210,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
 
 
 def risk_text(facts: dict[str, Any]) -> str:
-    """Write `risk_facts` for a terminal, without parts by level, magnitude and distance."""
+    """Write `risk_facts` for a terminal, without parts by level."""
     hazard = facts["hazard"]
     lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
     lines += [f"note: {message}" for message in hazard["notes"]]

@@ -15,9 +15,6 @@ from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
@@ -169,17 +166,3 @@ def parse_value(text: str, place: str) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
         raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error
-
-
-def read_csv(text: str) -> "pd.DataFrame":
-    """CSV as a table of text, lines that begin with # left out; InputError if it is not CSV."""
-    import pandas as pd  # takes a third of a second
-
-    content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
-    try:
-        table = pd.read_csv(content, dtype=str, keep_default_na=False)
-        if not isinstance(table.index, pd.RangeIndex):
-            raise pd.errors.ParserError("its rows have more cells than its first line")
-    except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
-        raise InputError(f"is not a table in CSV ({' '.join(str(error).split())})") from None
-    return table.fillna("").apply(lambda column: column.str.strip()).rename(columns=str.strip)

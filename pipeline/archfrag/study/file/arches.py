@@ -178,13 +178,9 @@ class Vary(Section):
     """Distribution of each uncertain key, in the unit of the key."""
     joints: JointScatter | None = None
     """Differences between the joints of one arch."""
-    correlation: dict[str, dict[str, float]] = Field(default_factory=dict)
-    """Coefficients of the Gaussian copula between keys: correlations of normal scores."""
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
-        from archfrag.arch.uncertain import correlation_factor
-
         if not self.of and (self.joints is None or not self.joints.model_fields_set):
             raise refuse("must have a key of or joints: nothing varies")
         for name, distribution in self.joints or ():
@@ -193,8 +189,6 @@ class Vary(Section):
         if self.scheme == "sobol" and self.samples & (self.samples - 1):
             text = "must be a power of two with scheme sobol; latin_hypercube takes any number"
             raise refuse(f"= {self.samples} {text}", "samples")
-        with at("is not possible", kind=lambda text: refuse(text, "correlation")):
-            correlation_factor(list(self.of), self.correlation)
         return self
 
 

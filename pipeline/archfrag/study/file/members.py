@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import read_text
-from archfrag.study.file import at, meant, parse_value, read_csv
+from archfrag.files import read_csv, read_text
+from archfrag.study.file import at, meant, parse_value
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
@@ -153,7 +153,7 @@ def _drawn(base: Member) -> Iterator[Member]:
         n_joint = 0 if vary.joints is None else base.entry.build().n_joint
     values = sample(
         {key: distribution.marginal() for key, distribution in vary.of.items()}, vary.samples,
-        scheme=vary.scheme, seed=seed, correlation=vary.correlation,
+        scheme=vary.scheme, seed=seed,
     )  # fmt: skip
     for i in range(vary.samples):
         given, own = {**plain, "id": f"{base.id}-{i + 1:04d}"}, dict(base.values)

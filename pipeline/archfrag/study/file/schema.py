@@ -9,10 +9,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.files import WORK, read_text
-from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
+from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
 from archfrag.study.file import PathText, Section, at, parse_value, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
@@ -21,11 +20,6 @@ from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
-LEVEL_UNITS: dict[str, dict[str, float]] = {
-    "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
-    "m/s": {"m/s": 1.0, "cm/s": 0.01},
-    "m": {"m": 1.0, "cm": 0.01},
-}
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 MOST_LEVELS = 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]

@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import read_text
+from archfrag.files import read_csv, read_text
 from archfrag.fragility.risk import HazardCurve
-from archfrag.motions.measures import Measure, measure_unit, parse_measure
-from archfrag.study.file import read_csv
-from archfrag.study.file.schema import LEVEL_UNITS
+from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
 
 if TYPE_CHECKING:
     import pandas as pd
