@@ -248,7 +248,8 @@ class TestRepeated:
 
     def test_film(self, fallen):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
-        shown = arches.film(fallen, "fall0", "A collapse")
+        shown, strip = arches.film(fallen, "fall0", "A collapse")
+        assert strip.svg.count("<text") == 4
         assert len(shown.svg) < 150_000
         assert not re.search(r"<script|\son\w+=", shown.svg)
         used = set(re.findall(r'href="#([^"]+)"', shown.svg))

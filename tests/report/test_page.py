@@ -1,5 +1,7 @@
 """The page shows what the cube holds, needs nothing but itself, and is written or not."""
 
+import base64
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -12,7 +14,8 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.hazard import Hazard
-from archfrag.report.html import digits
+from archfrag.report.first_page import leading, site_levels
+from archfrag.report.html import digits, percentage
 from archfrag.report.inputs import Scale, arch_results
 from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
@@ -155,6 +158,44 @@ class TestAnswer:
         assert both["arches"] == 2
 
 
+class TestFirstPage:
+    def lead(self, given):
+        (found,) = read(given).xpath('//section[@id="first"]/p[@class="lead"]')
+        return text(found)
+
+    def test_says_the_median_or_the_probability_that_is_asked_for(self, study):
+        answer, scale = study.answers["ring"], study.scale
+        low, high = map(scale.digits, answer.theta)
+        start = "Half of the ground motions make the arch collapse at PGA"
+        start += f" {scale.text(answer.curve.theta)}"
+        assert self.lead(study) == f"{start} (90 %: {low} to {high} g)."
+        value, low, high = map(percentage, answer.probability(0.35 * GRAVITY))
+        start = f"Under PGA 0.350 g, the arch collapses with probability {value}"
+        assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {low} to {high})."
+
+    def test_says_what_the_475_year_motion_of_the_site_does(self, study):
+        fit = study.answers["ring"].curve
+        curve = hazard(8)
+        given = replace(study, risk=risk_of(study.cube, {"ring": fit}, curve))
+        # The first hazard curve is 2e-3 im^-2, so that 1/475 a year is at (0.95)^0.5 m/s2.
+        at = (2e-3 * 475.0) ** 0.5
+        assert site_levels(given)["475-year"] == pytest.approx(at, rel=1e-9)
+        words = self.lead(given)
+        assert words.startswith(
+            f"Under the 475-year motion of the site, PGA {at / GRAVITY:#.3g} g, "
+        )
+        assert percentage(fit.probability(at)) in words
+        years = given.risk.arches["ring"].rate.return_period
+        assert f"return period of {float(f'{years:.2g}'):,.0f} years" in words
+
+    def test_leads_with_the_weakest_arch_or_the_only_class(self, full):
+        given, _, _ = full
+        assert leading(given)[0] == "both"
+        several = replace(given, classes={})
+        weakest = min(several.answers, key=lambda name: several.answers[name].curve.theta)
+        assert leading(several)[0] == weakest
+
+
 def hazard(points):
     """A hazard curve up to so many points, and a fractile of it."""
     im = np.geomspace(0.2, 20.0, 8)[:points]
@@ -207,10 +248,13 @@ class TestOffline:
     def test_nothing_is_fetched_and_links_lead_somewhere(self, study, page):
         html, _ = render(study)
         assert not re.search(r"https?:|@import|url\((?!#)", html)
-        assert not page.xpath("//script | //link | //img | //iframe | //object | //embed")
+        assert not page.xpath("//link | //img | //iframe | //object | //embed")
         assert not [name for name in page.xpath("//@*") if str(name).startswith("javascript")]
         (policy,) = page.xpath('//meta[@http-equiv="Content-Security-Policy"]/@content')
         assert policy.startswith("default-src 'none'")
+        (script,) = page.xpath("//script/text()")  # no other one may run
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert policy.endswith(f"script-src 'sha256-{digest}'")
         identifiers = re.findall(r'\bid="([^"]+)"', html)
         assert len(identifiers) == len(set(identifiers))
         used = set(re.findall(r'href="#([^"]+)"', html) + re.findall(r"url\(#([^)]+)\)", html))
@@ -219,7 +263,7 @@ class TestOffline:
 
     def test_figures_and_tables_have_a_text_alternative(self, page):
         pictures = page.xpath('//svg[not(@aria-hidden="true")]')
-        assert len(pictures) == 2 * 5  # each drawn twice
+        assert len(pictures) == 2 * 8 + 1  # each drawn twice but the arch of the first page
         assert all(p.get("role") == "img" and len(p.get("aria-label")) > 20 for p in pictures)
         assert len(page.xpath('//*[@class="thumbnails"]/@aria-label')) == 1
         assert all(t.get("aria-label") for t in page.xpath("//table"))
@@ -228,7 +272,8 @@ class TestOffline:
     def test_names_are_text_not_markup(self):
         name = "<script>alert(1)</script> & $x_1$"
         html, _ = render(synthetic.inputs((name,)))
-        assert "<script" not in html
+        assert html.count("<script") == 1
+        assert "alert(1)</script>" not in html
         assert name in map(text, lxml.html.document_fromstring(html).xpath("//h2"))
 
 

@@ -4,6 +4,7 @@ CSS moves each voussoir from key frame to key frame without a script. Paper, and
 for reduced motion, get four still frames.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,22 +62,15 @@ def _at_onset(
 ) -> None:
     """An arch in a box (left, top, width [px]) with the mechanism of a direction, if it stands."""
     left, top, width = box
-    points = np.concatenate(arch.outlines)
-    low, high = points.min(axis=0), points.max(axis=0)
-    span, height = np.maximum(high - low, 1e-9).tolist()
     # Numbers of joints stand beside the springings.
-    scale = min(min(width - 46.0, 330.0) / span, 260.0 / height)
-    middle, reach, ground = left + 0.5 * width, 0.5 * scale * span, top + 16.0 + scale * height
-    place = (middle - reach, top + 16.0, middle + reach, ground)
-    panel = Panel(sheet, place, (low[0], low[0] + span), (low[1], low[1] + height))
-    for outline in arch.outlines:
-        x, y = np.transpose(outline)
-        d = look.trace(panel.at_x(x), panel.at_y(y))
-        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
+    most = min(width - 46.0, 330.0), 260.0
+    panel = arch_panel(sheet, arch, left + 0.5 * width, top + 16.0, most)
+    reach, ground = 0.5 * (panel.box[2] - panel.box[0]), panel.box[3]
+    middle = panel.box[0] + reach
     if sign:
-        moving, sliding, hinges = onset.thrust_plus, onset.sliding, onset.hinges
+        moving, sliding = onset.thrust_plus, onset.sliding
         if sign < 0:
-            moving, sliding, hinges = onset.thrust_minus, onset.sliding_minus, onset.hinges_minus
+            moving, sliding = onset.thrust_minus, onset.sliding_minus
         x, y = np.transpose(np.asarray(onset.thrust))
         panel.line(x, y, look.SOFT, 1.1, "4 2.5")
         if moving is not None:
@@ -85,10 +79,8 @@ def _at_onset(
         for joint in sliding:
             x, y = np.transpose([arch.intrados[joint], arch.extrados[joint]])
             panel.line(x, y, look.ORANGE, 4.0)
-        for joint, side in hinges:
-            x, y = getattr(arch, side)[joint, :, None]
-            panel.dots(x, y, look.BLUE, "hinge", 4.0)
-        y, half = ground + 13.0, sign * 0.16 * scale * span
+        draw_hinges(panel, arch, onset.hinges if sign > 0 else onset.hinges_minus)
+        y, half = ground + 13.0, sign * 0.32 * reach
         sheet.path(f"M{middle - reach:.1f} {ground:.1f}h{2 * reach:.1f}", kind="ax")
         line = f"M{middle - half:.1f} {y:.1f}H{middle + half:.1f}"
         sheet.path(line, stroke=look.INK, stroke_width=1.3)
@@ -100,6 +92,28 @@ def _at_onset(
         (x, y), (right, up) = arch.extrados[joint], outward[joint]
         sheet.text(panel.at_x(x) + right, panel.at_y(y) - up + 3.5, str(joint), "s m q")
     sheet.height = max(sheet.height, ground + 24.0)
+
+
+def arch_panel(
+    sheet: Sheet, arch: Arch, middle: float, top: float, most: tuple[float, float]
+) -> Panel:
+    """Draw the voussoirs to scale below `top`, at most so wide and high [px]."""
+    points = np.concatenate(arch.outlines)
+    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    wide, high = (min(np.divide(most, size)) * size).tolist()
+    box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
+    panel = Panel(sheet, box, (low[0], low[0] + size[0]), (low[1], low[1] + size[1]))
+    for outline in arch.outlines:
+        x, y = np.transpose(outline)
+        d = look.trace(panel.at_x(x), panel.at_y(y))
+        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
+    return panel
+
+
+def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
+    for joint, side in hinges:
+        x, y = getattr(arch, side)[joint, :, None]
+        panel.dots(x, y, look.BLUE, "hinge", 4.0)
 
 
 @dataclass(frozen=True)
@@ -137,6 +151,16 @@ def farthest(results: ArchResults) -> Chosen | None:
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
     reason = "the standing run with the largest rotation of a voussoir"
     return (int(record), int(level), reason) if reach.any() else None
+
+
+def typical_collapse(inputs: ReportInputs, results: ArchResults, place: int) -> Example | None:
+    """The run with the capacity nearest the median, simulated again; None if nothing moves."""
+    name, arch, onset = inputs.arches[place]
+    if not onset.stands:
+        return None
+    fit = inputs.answers[name].curve
+    median = None if isinstance(fit, str) else fit.theta * results.scale.factor
+    return repeat(inputs, results, arch, choose(results, median))
 
 
 def repeat(
@@ -204,8 +228,8 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     return kept
 
 
-def film(example: Example, name: str, title: str) -> Picture | None:
-    """A run in motion, with its still frames and a box to stop it; None if nothing moves."""
+def film(example: Example, name: str, title: str) -> tuple[Picture, Picture] | None:
+    """A run in motion, and four frames of it side by side; None if nothing moves."""
     frames = key_frames(example)
     if frames is None:
         return None
@@ -233,16 +257,17 @@ def film(example: Example, name: str, title: str) -> Picture | None:
     peak = f"{draw_ground(panel, example, 240):.2g} g"
     panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
     outlines = zip(map(np.asarray, arch.outlines), centroid)
-    svg = html.template(
-        "film.html.j2", name=name, label=what, width=NARROW, height=height, strip=_STRIP,
-        shapes=[look.trace(*pixels(outline, at).T) for outline, at in outlines],
-        rest=pixels(centroid, origin).tolist(), moves=moves.swapaxes(0, 1).tolist(),
-        percent=(100.0 * (time - time[0]) / duration).tolist(), duration=duration, time=time,
-        stills=stills, ground=Markup("".join(sheet.parts)),
-    )  # fmt: skip
+    drawn = {
+        "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
+        "shapes": [look.trace(*pixels(outline, at).T) for outline, at in outlines],
+        "rest": pixels(centroid, origin).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
+        "percent": (100.0 * (time - time[0]) / duration).tolist(), "duration": duration,
+        "time": time, "stills": stills, "ground": Markup("".join(sheet.parts)),
+    }  # fmt: skip
     facts = {"what": what, "reason": example.reason, "frames": time.size}
     caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
-    return Picture(svg, caption)
+    strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
+    return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
+SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
 TEXTS: Mapping[str, Any] = tomllib.loads((_TEMPLATES / "texts.toml").read_text("utf-8"))
 _ENVIRONMENT = Environment(
     loader=PackageLoader("archfrag.report"), autoescape=True, undefined=StrictUndefined,
@@ -71,6 +72,12 @@ def cautions(messages: Iterable[str]) -> Markup:
     return Markup("\n").join(paragraph(f"Caution: {each}.", "caution") for each in messages)
 
 
+def folded(title: str, *parts: Markup | Picture) -> Markup:
+    """Parts that a click on their title shows."""
+    inside = Markup("\n").join(map(Markup.escape, parts))
+    return Markup("<details><summary>{}</summary>{}</details>").format(title, inside)
+
+
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """A list of labels, each with a value in large digits and remarks on it."""
     shown, start = [], '<div><dt>{}</dt><dd class="large">{}</dd>'
@@ -123,6 +130,13 @@ def chance(value: float) -> str:
     if not 0.001 <= value <= 0.999:
         return "< 0.001" if value < 0.001 else "> 0.999"
     return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
+
+
+def percentage(value: float) -> str:
+    """A probability in percent with two digits."""
+    if not 0.0005 <= value <= 0.9995:
+        return "< 0.1 %" if value < 0.0005 else "> 99.9 %"
+    return f"{100.0 * value:.{3 if value > 0.99 else 2}g} %"
 
 
 def median_and_largest(values: NDArray[np.float64]) -> str:

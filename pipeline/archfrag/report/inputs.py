@@ -25,6 +25,7 @@ from archfrag.simulate import Onset, onset
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of
+from archfrag.study.checks import logo_url
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
@@ -78,6 +79,8 @@ class ReportInputs:
     compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
     at: float | None = None  #: level at which the probability is asked for, in the study's unit
     risk: StudyRisk | str | None = None  #: or why there are no rates
+    #: Project, client and author, and a picture as a data URL, as far as they are given.
+    about: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def percent(self) -> str:
@@ -143,6 +146,8 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
         risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
+        about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
+        | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )
 
 

@@ -1,5 +1,7 @@
 """The report of a study: one HTML file that needs no network, and its numbers for programs."""
 
+import base64
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +21,9 @@ from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
 from archfrag.report import drawing as look
+from archfrag.report.arch import typical_collapse
 from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
+from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary
 from archfrag.report.risk import risk_parts
@@ -54,20 +58,22 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """The page as text, and by file name the figures that are files too."""
     cube, answers, classes = inputs.cube, inputs.answers, inputs.classes
     every = curves.all_curves(inputs, answers, classes)
+    results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
+    examples = [typical_collapse(inputs, own, i) for i, own in enumerate(results)]
+    leads = leading_arch(inputs)
     sections: list[tuple[str, str, Iterable[Any]]] = []
+    if inputs.risk is not None:
+        parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
+        sections.append(("risk", "Risk", parts))
     if every is not None and len(quoted(cube, answers, classes)) > 1:
         sections.append(("all", "All arches", [every]))
     for i, name in enumerate(classes):
         sections.append((f"class{i}", f"Class {name}", _parts(class_parts, inputs, name)))
     figures = {}
     for i, (name, _, _) in enumerate(inputs.arches):
-        results = arch_results(cube, name, inputs.scale)
-        shown = list(arch_parts(inputs, results, i, i < _MOST_ANIMATED))
-        sections.append((f"arch{i}", name, shown))
-        figures[f"curve-{name}.svg"] = curves.curve(results, answers[name])
-    if inputs.risk is not None:
-        parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
-        sections.append(("risk", "Risk", parts))
+        shown = arch_parts(inputs, results[i], i, examples[i], i < _MOST_ANIMATED, i == leads)
+        sections.append((f"arch{i}", name, list(shown)))
+        figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
     if inputs.compared is not None:
         title = f"Compared with study {inputs.compared[0].attrs['archfrag_study']}"
         sections.append(("compared", title, list(_compared(inputs, *inputs.compared))))
@@ -77,9 +83,13 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     ]
     named = [name for name, _, _ in inputs.arches]
     of_none = [c for c in inputs.cautions if not any(cautions_of([c], name) for name in named)]
+    digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
     text = html.template(
         "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
-        n_level=cube.sizes["level"], n_arch=len(answers), answers=_answers(inputs),
+        n_level=cube.sizes["level"], n_arch=len(answers),
+        script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
+        first=first_page(inputs, examples[leads]),
+        answers=_answers(inputs) if len(answers) > 1 else "",
         cautions=html.cautions(of_none),
         methods=dict.fromkeys(a.method for a in answers.values() if a.method),
         loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",  # gap over joint length

@@ -11,7 +11,8 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
 from archfrag.report import arch as arch_figures
-from archfrag.report import curves, html, runs
+from archfrag.report import curves, demand, html, runs
+from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.simulate import Onset
@@ -29,13 +30,36 @@ _UNITS = {
 }  # fmt: skip
 
 
-def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
-    """Yield the parts of an arch's section; with films if it is `animated`."""
+def arch_parts(
+    inputs: ReportInputs, results: ArchResults, place: int, example: Example | None,
+    animated: bool, leads: bool,
+) -> Parts:  # fmt: skip
+    """Yield the parts of an arch's section; with films if it is `animated`.
+
+    `example` is a collapse; that of the arch that `leads` the report moves on the first page.
+    """
     name, arch, onset = inputs.arches[place]
     answer, percent = inputs.answers[name], inputs.percent
     more, cautions = answer.more, cautions_of(inputs.cautions, name)
     yield card(answer, inputs.scale, percent, cautions, results, onset)
-    yield heading("Fragility curve")
+    groups = runs.groupings(results, inputs.confidence)
+    yield heading("How it falls")
+    yield demand.lost_joints(arch, results)
+    yield from _mechanisms(groups, results)
+    if animated and onset.stands:
+        yield from _films(inputs, results, place, None if leads else example)
+    if picture := demand.ida_curves(results):
+        yield heading("How far it moves")
+        yield picture
+    yield heading("Every run")
+    yield (runs.verdict_map if results.own_levels is None else runs.single_runs)(results)
+    if more.get("limit_states"):
+        yield from _limit_states(inputs, answer, name)
+    if more.get("measures"):
+        yield from _measures(more["measures"], name)
+    yield heading("The arch and its onset")
+    yield arch_figures.arch_at_onset(arch, onset, name)
+    yield heading("Checks")
     yield curves.curve(results, answer)
     free = more.get("free", {})
     if "test_of_fit" in free:
@@ -43,23 +67,16 @@ def arch_parts(inputs: ReportInputs, results: ArchResults, place: int, animated:
     elif "none" in free:
         yield paragraph(f"There is no isotonic curve and no test of fit: {free['none']}.")
     yield paragraph(f"Design {results.design.kind}: {results.design.text}.")
-    yield _levels(results, answer, percent)
     if "cloud" in more:
         yield paragraph(_cloud(more["cloud"]["logistic"], inputs.scale), "note")
-    if more.get("limit_states"):
-        yield from _limit_states(inputs, answer, name)
-    if more.get("measures"):
-        yield from _measures(more["measures"], name)
-    yield heading("Every run")
-    yield (runs.verdict_map if results.own_levels is None else runs.single_runs)(results)
-    yield heading("The arch and its onset")
-    yield arch_figures.arch_at_onset(arch, onset, name)
-    yield html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
-    yield heading("Mechanisms of collapse")
-    yield from _mechanisms(runs.groupings(results, inputs.confidence), results, percent)
-    yield from _repeated(inputs, results, place, animated)
-    yield heading("How it was computed")
-    yield html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
+    yield html.folded("Verdicts by level", _levels(results, answer, percent))
+    yield html.folded("Collapses by mechanism", *_mechanism_table(groups, results, percent))
+    geometry = html.pairs(f"Geometry of {name}", _geometry(arch.parameters), "parameter")
+    yield html.folded("Geometry", geometry)
+    computed = html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
+    yield html.folded("How it was computed", computed)
+    if example is not None and (picture := runs.timeline(example)):
+        yield html.folded("The mechanism in one run", picture)
 
 
 def class_parts(inputs: ReportInputs, name: str) -> Parts:
@@ -81,10 +98,11 @@ def class_parts(inputs: ReportInputs, name: str) -> Parts:
             values = variable.values[own].astype(float)
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    panels = runs.theta_panels(list(members.values()), differences, name, inputs.scale)
-    if panels:
+    given = list(members.values()), differences, name, inputs.scale
+    figures = [figure for figure in (demand.tornado(*given), runs.theta_panels(*given)) if figure]
+    if figures:
         yield heading("What θ depends on")
-        yield panels
+        yield from figures
 
 
 def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
@@ -205,13 +223,18 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
         yield "dead load", "none: the ring alone, without fill and spandrels"
 
 
-def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: str) -> Parts:
-    collapsed = results.counts["collapsed"]
-    if not collapsed.any():
+def _mechanisms(groups: Sequence[Contributions], results: ArchResults) -> Parts:
+    if results.counts["collapsed"].any():
+        yield runs.fractions(groups, results)
+    else:
         yield paragraph("No run collapsed.")
-        return
-    yield runs.fractions(groups, results)
-    rows = [["all", collapsed.sum(), "", ""]]
+
+
+def _mechanism_table(
+    groups: Sequence[Contributions], results: ArchResults, percent: str
+) -> Iterator[Markup]:
+    collapsed = results.counts["collapsed"].sum()
+    rows = [["all", collapsed, "", ""]]
     for group in groups:
         for i in np.flatnonzero(group.counts.any(axis=1)):
             limits = html.interval((group.lower[i], group.upper[i]))
@@ -219,8 +242,8 @@ def _mechanisms(groups: Sequence[Contributions], results: ArchResults, percent: 
             rows.append([group.categories[i], group.counts[i].sum(), fraction, limits])
     heads = ["motion or joint", "collapses", "fraction", f"{percent} interval"]
     yield table(f"Collapses of {results.arch} by mechanism", heads, rows, "compact")
-    if results.own_levels is None:
-        numbers = {"collapses": collapsed.sum(), "effective": groups[0].n_effective}
+    if results.own_levels is None and collapsed:
+        numbers = {"collapses": collapsed, "effective": groups[0].n_effective}
         yield paragraph(TEXTS["notes"]["effective"].format(**numbers), "note")
 
 
@@ -255,24 +278,14 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
         yield label, html.median_and_largest(residual[failed])
 
 
-def _repeated(inputs: ReportInputs, results: ArchResults, place: int, animated: bool) -> Parts:
-    """Runs simulated again: a collapse and a near miss in motion, and the log of the first."""
-    name, arch, onset = inputs.arches[place]
-    fit, films = inputs.answers[name].curve, []
-    if not onset.stands:
-        return
-    median = fit.theta * results.scale.factor if isinstance(fit, Fragility) else None
-    first = arch_figures.repeat(inputs, results, arch, arch_figures.choose(results, median))
-    if animated:
-        if first is not None and first.response.collapsed:
-            films.append(arch_figures.film(first, f"fall{place}", "A collapse"))
-        second = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
-        if second is not None and not second.response.collapsed:
-            films.append(arch_figures.film(second, f"miss{place}", "A near miss"))
+def _films(inputs: ReportInputs, results: ArchResults, place: int, fall: Example | None) -> Parts:
+    """Runs simulated again: a collapse, if it is not shown elsewhere, and a near miss."""
+    films, arch = [], inputs.arches[place][1]
+    if fall is not None and fall.response.collapsed:
+        films.append(arch_figures.film(fall, f"fall{place}", "A collapse"))
+    miss = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
+    if miss is not None and not miss.response.collapsed:
+        films.append(arch_figures.film(miss, f"miss{place}", "A near miss"))
     if any(films):
-        yield heading("Runs in motion")
-        shown = Markup("\n").join(filter(None, films))
+        shown = Markup("\n").join(film[0] for film in films if film is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)
-    if first is not None and (picture := runs.timeline(first)):
-        yield heading("The mechanism in one run")
-        yield picture

@@ -1,5 +1,6 @@
 """A study to start from, and checks of a study before anything is computed."""
 
+import base64
 import errno
 import math
 import os
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import OutputError
+from archfrag.errors import InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import PreparedRecord, described, read_sources
@@ -21,6 +22,7 @@ from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
+LARGEST_LOGO = 500_000  # [bytes]
 MOST_ASKED = 12  # arches, records
 CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
@@ -87,12 +89,27 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     return tuple(messages)
 
 
+def logo_url(logo: str) -> str:
+    """A picture as a data URL; InputError if it is missing, too large or of another kind."""
+    path = Path(logo)
+    kind = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".svg": "svg+xml"}.get(path.suffix)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"report.logo: {path}: {error.strerror}") from None
+    if kind is None or len(content) > LARGEST_LOGO:
+        raise InputError(f"report.logo: {path}: must be PNG, JPEG or SVG of at most 500 kB")
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
 def check_start(study: Study) -> None:
-    """Check a hazard, and that the output folder may take results; nothing is created."""
+    """Check a hazard and a logo, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
         from archfrag.hazard import load_hazard
 
         load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
+    if study.report.logo is not None:
+        logo_url(study.report.logo)
     folder = study.folder
     try:
         place = next(path for path in (folder, *folder.parents) if path.exists())

@@ -205,7 +205,8 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
     if step in ("cube", "report"):
         found["motions"] = files.sha256_if_there(study.work / MANIFEST)
     if step == "report":
-        found["report.at"] = study.report.at
+        found["report"] = study.report.model_dump(exclude={"confidence", "logo"})
+        found["logo"] = files.sha256_if_there(Path(study.report.logo or ""))
         if study.risk is not None:
             hazard = Path(study.risk.hazard)
             given = study.risk.model_dump(exclude={"hazard"})

@@ -64,7 +64,6 @@ class ArchRisk:
     def cautions(self) -> tuple[str, ...]:
         """Messages on parts of the rate of which little is known."""
         level = "level that was simulated, where the fragility curve is extrapolated"
-        unknown = self.by_mechanism.unassigned.sum() / (self.rate.rate or 1.0)
         parts = {
             "below the first point of the hazard curve, whose first slope goes on there":
                 self.rate.below,
@@ -72,8 +71,6 @@ class ArchRisk:
                 self.rate.above,
             f"below the least {level}": self.beyond[0],
             f"above the greatest {level}": self.beyond[1],
-            "at which no run collapsed, so that it is of no known mechanism; fractions by "
-            "category are of what is left": unknown,
         }  # fmt: skip
         bound = (
             "most of the rate is from outside the hazard curve, so the part within it is quoted, "

@@ -93,6 +93,9 @@ class Intensity(Section):
         return LEVEL_UNITS[measure_unit(self.measure)][self.unit]
 
 
+Line = Annotated[str, Field(min_length=1, max_length=200)]
+
+
 class Method(Section):
     """Method that integrates the equations of motion."""
 
@@ -133,8 +136,16 @@ class LimitStates(Section):
 
 
 class ReportKeys(Section):
-    """The first numbers of the report."""
+    """What stands on the first page of the report."""
 
+    project: Line | None = None
+    """Name of the project."""
+    client: Line | None = None
+    """For whom the report is."""
+    author: Line | None = None
+    """Who answers for it."""
+    logo: PathText | None = None
+    """Picture for the head of the page: PNG, JPEG or SVG, at most 500 kB."""
     at: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     """Level whose probability of collapse the report gives first, in the study's unit."""
     confidence: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.9

@@ -1,0 +1,147 @@
+"""Figures of how far arches move: IDA curves, where they fall apart, what theta depends on."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch import Arch
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.quoted import Answer
+from archfrag.report import drawing as look
+from archfrag.report.arch import arch_panel
+from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, figure
+from archfrag.report.inputs import ArchResults, Scale
+
+_FRACTILES = (0.16, 0.5, 0.84)
+_MEASURED = {"peak_rotation": "peak rotation [°]", "residual_rotation": "residual rotation [°]"}
+_MOST_BARS = 10
+
+
+@figure
+def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
+    """Peak and residual rotation of each record against intensity; None without standing runs.
+
+    A record ends in a flat line at its capacity.
+    """
+    if results.own_levels is not None or not (results.verdict == Verdict.STANDING).any():
+        return None
+    entries = [
+        Entry("a record", look.GREY, "line"), Entry("median", look.BLUE, "line"),
+        Entry("16 and 84 %", look.BLUE, "dash"),
+    ]  # fmt: skip
+    top = sheet.legend(look.LEFT, 0.0, entries)
+    boxes = sheet.grid(len(_MEASURED), 2, 260.0, look.BELOW)
+    sheet.height += top
+    for (name, title), (left, up, right, down) in zip(_MEASURED.items(), boxes):
+        curves = demand(results, name)
+        shown = np.where(np.isfinite(curves), curves, np.nan)
+        reach = 1.15 * float(np.nanmax(shown, initial=1e-6))
+        box, highest = (left, up + top, right, down + top), 1.05 * float(results.levels.max())
+        panel = Panel(sheet, box, (0.0, reach), (0.0, highest))
+        panel.axis_x(look.even_ticks(0.0, reach, 5), title, grid=True)
+        panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
+        for row, capacity in zip(curves, results.capacities):
+            _draw_record(panel, results.levels, row, float(capacity), look.GREY, 0.7)
+        ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
+        capacities = np.sort(results.capacities)
+        for part in _FRACTILES:
+            # The 84 % fractile of demand ends at the 16 % fractile of capacity.
+            row = ranked[min(int(part * len(ranked)), len(ranked) - 1)]
+            end = float(capacities[min(int((1.0 - part) * len(ranked)), len(ranked) - 1)])
+            dash = "" if part == 0.5 else "5 2.5"
+            _draw_record(
+                panel, results.levels, row, end, look.BLUE, 2.0 if part == 0.5 else 1.3, dash
+            )
+    return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
+
+
+def demand(results: ArchResults, name: str) -> FloatArray:
+    """Rotations at the levels [degrees], (n_record, n_level); inf above the capacity of a record.
+
+    Between the levels that were run they are interpolated.
+    """
+    levels, standing = results.levels, results.verdict == Verdict.STANDING
+    degrees = np.rad2deg(results[name])
+    found = np.full(degrees.shape, np.nan)
+    for row, (own, value, capacity) in enumerate(zip(standing, degrees, results.capacities)):
+        own = own & (levels < capacity)
+        if own.any():
+            x, y = np.append(0.0, levels[own]), np.append(0.0, value[own])
+            found[row] = np.interp(levels, x, y)
+    return np.where(levels > results.capacities[:, None], np.inf, found)
+
+
+def _draw_record(
+    panel: Panel, levels: FloatArray, row: FloatArray, capacity: float, colour: str,
+    width: float, dash: str = "",
+) -> None:  # fmt: skip
+    """A line from the origin, and flat from its last finite rotation on."""
+    seen = np.isfinite(row)
+    x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
+    if np.isfinite(capacity):
+        x, y = np.append(x, [x[-1], panel.x[1]]), np.append(y, [capacity, capacity])
+    panel.line(x, y, colour, width, dash)
+
+
+@figure
+def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
+    """The arch with a dot at each joint that lost contact, by how often; None without collapse."""
+    collapsed = results.verdict == Verdict.COLLAPSED
+    joints, counts = np.unique(results["collapse_joint"][collapsed], return_counts=True)
+    if not collapsed.any():
+        return None
+    panel = arch_panel(
+        sheet, arch, 0.5 * sheet.width, 28.0, (min(sheet.width, 480.0) - 70.0, 240.0)
+    )
+    middle, outward = 0.5 * (arch.intrados + arch.extrados), arch.extrados - arch.intrados
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    for joint, count in zip(joints, counts):
+        x, y = middle[joint, :, None]
+        panel.dots(x, y, look.VERMILION, "hinge", float(2.0 + 8.0 * np.sqrt(count / counts.max())))
+        right, up = 24.0 * outward[joint]
+        words = f"{100 * count / counts.sum():.0f} %"
+        sheet.text(
+            float(panel.at_x(x[0])) + right, float(panel.at_y(y[0])) - up + 3.5, words, "s m"
+        )
+    sheet.height = panel.box[3] + 14.0
+    return f"Joints of {results.arch} that lost contact for good, by how often"
+
+
+@figure
+def tornado(
+    sheet: Sheet, members: Sequence[Answer], differences: Mapping[str, NDArray], name: str,
+    scale: Scale,
+) -> str | None:  # fmt: skip
+    """How far theta moves with one standard deviation of each value that differs between arches.
+
+    From a linear regression of ln theta on the values; None if arches are too few for it.
+    """
+    theta = np.array([np.nan if isinstance(a.curve, str) else a.curve.theta for a in members])
+    names = [key for key, values in differences.items() if np.isfinite(values).all()]
+    known = np.isfinite(theta)
+    if known.sum() < len(names) + 2 or not names:
+        return None
+    values = np.column_stack([differences[key] for key in names])[known]
+    unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
+    logs = np.log(theta[known])
+    fitted = np.linalg.lstsq(np.column_stack([np.ones(len(unit)), unit]), logs, rcond=None)[0]
+    middle, effect = scale.factor * np.exp(fitted[0]), fitted[1:]
+    order = np.argsort(-np.abs(effect))[:_MOST_BARS]
+    ends = middle * np.exp(np.outer(effect[order], (-1.0, 1.0)))
+    margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
+    reach = float(ends.min()) - margin, float(ends.max()) + margin
+    left = 170.0 if not sheet.narrow else 110.0
+    height = 24.0 * len(order)
+    sheet.height = height + look.BELOW + 8.0
+    box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
+    panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))
+    panel.axis_x(look.even_ticks(*reach, 6), f"θ [{scale.unit}]", grid=True)
+    for row, (key, (low, high)) in enumerate(zip(order, ends)):
+        for end, colour in ((low, look.SKY), (high, look.BLUE)):
+            near, far = sorted((middle, end))
+            panel.boxes([near], [far], [row - 0.35], [row + 0.35], colour)
+        label = look.shortened(names[key], left - 12.0)
+        sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
+    panel.line([middle, middle], panel.y, look.INK, 1.0)
+    return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"

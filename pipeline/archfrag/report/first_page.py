@@ -1,0 +1,219 @@
+"""First page of the report: the answer in a sentence, the arch to scale, the curve, a collapse."""
+
+import datetime
+
+import numpy as np
+from markupsafe import Markup
+
+import archfrag
+from archfrag.arch import Arch
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
+from archfrag.report import drawing as look
+from archfrag.report import html
+from archfrag.report.arch import Example, arch_panel, draw_hinges, film
+from archfrag.report.curves import draw_curve
+from archfrag.report.drawing import Entry, Panel, Sheet
+from archfrag.report.html import Picture
+from archfrag.report.inputs import ReportInputs
+from archfrag.simulate import Onset
+
+PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
+_HALF = 560.0  # width of the curve [px]
+_MOST_WIDE, _MOST_HIGH = 270.0, 180.0  # of the arch [px]
+
+
+def leading(inputs: ReportInputs) -> tuple[str, Answer]:
+    """The answer that stands first: of the only class or arch, else of the weakest by median."""
+    known = {
+        name: fit.theta for name, each in inputs.answers.items()
+        if isinstance(fit := each.curve, Fragility)
+    }  # fmt: skip
+    if len(inputs.classes) == 1:
+        return next(iter(inputs.classes.items()))
+    name = min(known, key=known.__getitem__, default=next(iter(inputs.answers)))
+    return name, inputs.answers[name]
+
+
+def leading_arch(inputs: ReportInputs) -> int:
+    """Place among `inputs.arches` of the arch that is drawn first: that of the leading answer, or
+    of its class the one with the nearest median.
+    """
+    name, answer = leading(inputs)
+    names = [each for each, _, _ in inputs.arches]
+    if name in names or isinstance(answer.curve, str):
+        return names.index(name) if name in names else 0
+    fits = [inputs.answers[each].curve for each in names]
+    away = [abs(np.log(fit.theta / answer.curve.theta)) if isinstance(fit, Fragility) else np.inf
+            for fit in fits]  # fmt: skip
+    return int(np.argmin(away))
+
+
+def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
+    """The page; `example` is a collapse of the arch that is drawn."""
+    name, arch, onset = inputs.arches[leading_arch(inputs)]
+    moving = film(example, "first", "A collapse") if example is not None else None
+    return html.template(
+        "first.html.j2", inputs=inputs, heading=_heading(inputs), sentence=_sentence(inputs),
+        arch=_arch(arch, onset, name), curve=_curve(inputs), film=moving, facts=_facts(inputs),
+    )  # fmt: skip
+
+
+def site_levels(inputs: ReportInputs) -> dict[str, float]:
+    """Intensities [SI] of the site for the return periods that its hazard curve covers."""
+    if inputs.risk is None or isinstance(inputs.risk, str):
+        return {}
+    curve = inputs.risk.hazard.main
+    known = curve.rate > 0.0
+    years, im = 1.0 / curve.rate[known], curve.im[known]
+    found = np.exp(np.interp(np.log(PERIODS), np.log(years), np.log(im), np.nan, np.nan))
+    return {f"{each:g}-year": float(x) for each, x in zip(PERIODS, found) if np.isfinite(x)}
+
+
+def _heading(inputs: ReportInputs) -> list[str]:
+    about = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    return [*about, date, f"archfrag {archfrag.__version__}"]
+
+
+def _sentence(inputs: ReportInputs) -> Markup:
+    """A probability at a level that somebody asked for or at one of the site, or the median."""
+    name, answer = leading(inputs)
+    scale, fit, levels = inputs.scale, answer.curve, site_levels(inputs)
+    if isinstance(fit, str):
+        return html.paragraph(f"There is no fragility curve: {fit}.", "lead")
+    whose = name if len(inputs.answers) > 1 else "the arch"
+    whose = f"an arch of class {name}" if name in inputs.classes else whose
+    form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
+    if inputs.at is None and not levels:
+        low, high = map(scale.digits, answer.theta)
+        start = f"Half of the ground motions make {whose} collapse at"
+        end = f"({inputs.percent}: {low} to {high} {scale.unit})."
+        return form.format(start, f"{scale.measure} {scale.text(fit.theta)}", end)
+    word, at = next(iter(levels.items()), ("", 0.0))
+    site = f"the {word} motion of the site, " if inputs.at is None else ""
+    at = at if inputs.at is None else inputs.at / scale.factor
+    value, low, high = map(html.percentage, answer.probability(at))
+    start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
+    return form.format(
+        start, value, f"({inputs.percent}: {low} to {high}).{_return(inputs, name)}"
+    )
+
+
+def _return(inputs: ReportInputs, name: str) -> str:
+    """The return period of collapse in a sentence, if it is known."""
+    risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
+    if isinstance(risk, str | None) or risk.rate.is_bound or not risk.rate.quoted > 0.0:
+        return ""
+    years = float(f"{risk.rate.return_period:.2g}")
+    return f" Collapse has a return period of {years:,.0f} years."
+
+
+def _facts(inputs: ReportInputs) -> str:
+    cube, verdict = inputs.cube, inputs.cube["verdict"].values
+    runs, collapsed = (
+        (verdict != Verdict.NOT_SIMULATED).sum(),
+        (verdict == Verdict.COLLAPSED).sum(),
+    )
+    words = f"{runs:,} runs of {cube.sizes['record']} ground motions, {collapsed:,} collapses."
+    if len(inputs.answers) == 1 and (answer := leading(inputs)[1]).n_independent:
+        low, high = answer.beta
+        fit = answer.curve
+        if isinstance(fit, Fragility):
+            words += f" Dispersion β {fit.beta:.2f} ({inputs.percent}: {low:.2f} to {high:.2f})."
+    return words
+
+
+def _arch(arch: Arch, onset: Onset, name: str) -> Picture:
+    """The arch to scale with its dimensions, and with the hinges with which it begins to move."""
+    sheet = Sheet(look.NARROW)
+    most = _MOST_WIDE, _MOST_HIGH
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
+    sheet.height = panel.box[3] + 8.0
+    words = _dimensions(panel, arch)
+    if not onset.stands:
+        return Picture(sheet.svg(f"{name}: {words}"), "It does not stand under its own weight.")
+    draw_hinges(panel, arch, onset.hinges)
+    caption = f"Motion begins at {html.onset_text(onset.plus)} of ground acceleration"
+    caption += " with these hinges." if len(onset.hinges) else "."
+    return Picture(sheet.svg(f"{name} to scale: {words}"), caption)
+
+
+def _dimensions(panel: Panel, arch: Arch) -> str:
+    """Draw span, rise and thickness, or width and height; return them in words."""
+    sheet, (left, top, right, bottom) = panel.sheet, panel.box
+    if arch.free_end:
+        width, height = panel.x[1] - panel.x[0], panel.y[1] - panel.y[0]
+        _measure(sheet, (left, bottom + 12.0), (right, bottom + 12.0), f"{width:.3g} m")
+        _measure(sheet, (right + 12.0, bottom), (right + 12.0, top), f"{height:.3g} m")
+        return f"width {width:.3g} m, height {height:.3g} m"
+    line = 0.5 * (arch.intrados + arch.extrados)
+    if arch.parameters.get("span") is None:  # clear dimensions, as a drawing gives them
+        line = arch.intrados
+    ends, crown = line[[0, -1]], line[line[:, 1].argmax()]
+    span, springing = float(np.ptp(ends[:, 0])), float(ends[:, 1].min())
+    rise = float(arch.parameters.get("rise") or crown[1] - springing)
+    thickness = float(np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean())
+    (start, end), base = panel.at_x(np.sort(ends[:, 0])), float(panel.at_y(springing))
+    _measure(sheet, (start, base + 16.0), (end, base + 16.0), f"span {span:.3g} m")
+    middle = float(panel.at_x(crown[0]))
+    if rise > 0.0:
+        over = float(panel.at_y(springing + rise))
+        _measure(sheet, (middle, base), (middle, over), f"rise {rise:.3g} m")
+    sheet.text(middle, top - 8.0, f"thickness {thickness:.3g} m", "m")
+    return f"span {span:.3g} m, rise {rise:.3g} m, thickness {thickness:.3g} m"
+
+
+def _measure(
+    sheet: Sheet, start: tuple[float, float], end: tuple[float, float], words: str
+) -> None:
+    """A dimension line with its number: below a level one, right of an upright one."""
+    (a, b), (c, d) = start, end
+    tick = "m-4 0h8" if a == c else "m0 -4v8"
+    line = f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}M{a:.1f} {b:.1f}{tick}M{c:.1f} {d:.1f}{tick}"
+    sheet.path(line, kind="ax")
+    if a == c:
+        sheet.text(a + 6.0, 0.5 * (b + d) + 4.0, words)
+    else:
+        sheet.text(0.5 * (a + c), b + 14.0, words, "m")
+        sheet.height = max(sheet.height, b + 20.0)
+
+
+def _curve(inputs: ReportInputs) -> Picture:
+    """The curve with its band, theta on the axis, and the levels of the site or of the reader."""
+    (name, answer), scale, sheets = leading(inputs), inputs.scale, []
+    for width, height in ((_HALF, 280.0), (look.NARROW, 210.0)):
+        sheet = Sheet(width)
+        _draw_curve(sheet, inputs, answer, height)
+        sheets.append(sheet)
+    what = f"Probability of collapse of {name} against {scale.label}"
+    if isinstance(answer.curve, Fragility):
+        what += f": median {scale.text(answer.curve.theta)}, dispersion {answer.curve.beta:.2f}"
+    wide, narrow = (sheet.svg(what) for sheet in sheets)
+    return Picture(
+        wide, f"Line: lognormal curve of {name}. Shaded: {inputs.percent} band.", narrow
+    )
+
+
+def _draw_curve(sheet: Sheet, inputs: ReportInputs, answer: Answer, height: float) -> None:
+    scale, fit, reach = inputs.scale, answer.curve, 1.05 * inputs.highest
+    panel = look.panel_below(sheet, [], height, (0.0, reach), (0.0, 1.0))
+    panel.axis_y(look.even_ticks(0.0, 1.0, 5), "probability of collapse")
+    panel.axis_x(look.even_ticks(0.0, reach, 6), scale.label, grid=True)
+    if isinstance(fit, str):
+        return
+    marked = {word: scale.factor * level for word, level in site_levels(inputs).items()}
+    marked |= {} if inputs.at is None else {"asked for": inputs.at}
+    for row, (word, level) in enumerate(marked.items()):
+        if level < reach:
+            panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
+            place = float(panel.at_x(level)) + 4.0
+            sheet.text(place, panel.box[1] + 12.0 + 14.0 * row, word, "b")
+    draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"), 2.4)
+    theta = scale.factor * fit.theta
+    if theta < reach:
+        panel.line([0.0, theta, theta], [0.5, 0.5, 0.0], look.INK, 0.9, "4 3")
+        panel.dots([theta], [0.5], look.BLUE, "hinge", 4.5)
+        place = float(panel.at_x(theta)) + 5.0
+        sheet.text(place, panel.box[3] - 7.0, f"θ = {scale.text(fit.theta)}", "b")
