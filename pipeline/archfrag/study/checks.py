@@ -103,7 +103,7 @@ def logo_url(logo: str) -> str:
 
 
 def check_start(study: Study) -> None:
-    """Check a hazard and a logo, and that the output folder may take results; nothing is created."""
+    """Check hazard, logo, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
         from archfrag.hazard import load_hazard
 
