@@ -37,7 +37,7 @@ def study(tmp_path, monkeypatch):
     cube = synthetic.cube(("ring", "slab")).assign_coords(level=range(9))
     cube.attrs |= {"archfrag_study": "small", "archfrag_commit": "0123abcd"}
     loaded.folder.mkdir()
-    cube.to_netcdf(loaded.folder / "cube.nc")
+    cube.assign(intensity_si=cube["intensity"]).to_netcdf(loaded.folder / "cube.nc")
     answers = {"ring": synthetic.answers_of(cube)["ring"], "slab": synthetic.none("it fell")}
     answers["ring"].more["limit_states"] = {"states": STATES}
     stored = {"classes": {}, "arches": {name: found.to_dict() for name, found in answers.items()}}

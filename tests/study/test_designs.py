@@ -10,6 +10,7 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.mechanics.status import CollapseMode
+from archfrag.study.answer.cube import in_si
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
@@ -175,6 +176,10 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     log, cube = cube_of(study)
     assert log["runs"] == log["kept"] == sum(each["runs"] for each in logs)
     assert sum(each["kept"] for each in logs) == 0
+    stored, cube = cube, in_si(cube)
+    assert stored["verdict"].dims[2] == ("level" if design == "cloud" else "intensity")
+    assert stored["intensity"].attrs["unit"] == "g"
+    np.testing.assert_allclose(stored["intensity"] * 9.80665, stored["intensity_si"], rtol=1e-15)
     made = cube["verdict"].values != 4
     note = json.loads(cube.attrs["archfrag_design"])
     assert note["kind"] == design

@@ -31,7 +31,10 @@ _ARCH_UNITS = dict.fromkeys(VARIABLE, "m") | {
     "embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N",
 }  # fmt: skip
 _CODES: dict[str, Any] = {"Verdict": Verdict, "Status": Status, "CollapseMode": CollapseMode}
-_UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
+_UDUNITS = {
+    "m/s2": "m s-2", "cm/s2": "cm s-2", "gal": "cm s-2", "g": "9.80665 m s-2", "m/s": "m s-1",
+    "cm/s": "cm s-1", "m": "m", "cm": "cm", "s": "s",
+}  # fmt: skip
 
 
 def write_cube(study: Study, plan: Plan | None = None) -> Path:
@@ -41,7 +44,7 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
     """
     files.refuse_foreign_cube(study)
     plan = plan or make_plan(study)
-    cube = build_cube(study, plan, *gather(plan))
+    cube = in_unit(build_cube(study, plan, *gather(plan)), study)
     path = make_folder(study.folder) / files.CUBE
     with replacing(path) as temporary:
         try:
@@ -99,6 +102,24 @@ def build_cube(
     design = study.design.model_dump(mode="json") | {"arches": of_arches}
     stated = attributes(study, plan) | {"archfrag_design": strict_json(design)}
     return xr.Dataset(variables, attrs=stated)
+
+
+def in_unit(cube: "xr.Dataset", study: Study) -> "xr.Dataset":
+    """A cube as it is stored: along intensity in the study's unit, with ``intensity_si`` beside it.
+
+    Each run of a design without levels has an intensity of its own, and the dimension is level.
+    """
+    known, unit = cube["intensity"], study.intensity.unit
+    own = study.intensity.given if known.ndim == 1 else known.values / study.intensity.factor
+    attrs = known.attrs | {"units": _UDUNITS[unit], "unit": unit}
+    stored = cube.rename(intensity="intensity_si").assign(intensity=(known.dims, [*own], attrs))
+    return stored.swap_dims(level="intensity") if known.ndim == 1 else stored
+
+
+def in_si(cube: "xr.Dataset") -> "xr.Dataset":
+    """A stored cube as this package works with it: along level, with intensity in SI units."""
+    along = cube.swap_dims(intensity="level") if "intensity" in cube.dims else cube
+    return along.drop_vars("intensity").rename(intensity_si="intensity")
 
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
@@ -174,9 +195,8 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
     dimensions = about.dimensions.replace("run", "arch record level").split()
     stated = {"long_name": about.long_name, "units": about.units, "comment": about.comment}
     attrs: dict[str, Any] = {name: text for name, text in stated.items() if text}
-    level = "intensity" if "record" in dimensions else "level"
-    labels = [level if name == "level" else name for name in dimensions]
-    labels = [name for name in labels if name != about.name]
+    labels = [name for name in dimensions if name not in (about.name, "level")]
+    labels += ["intensity_si", "level"] * ("level" in dimensions and "record" in dimensions)
     encoding: dict[str, Any] = {"coordinates": " ".join(labels) or None}
     if about.dtype == "S":
         # Text as characters: CF's form that every version of every reader knows.

@@ -14,6 +14,7 @@ from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
+from archfrag.study.answer.cube import in_si
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
@@ -39,7 +40,7 @@ def open_cube(study: Study) -> "xr.Dataset":
     path = study.folder / CUBE
     refuse_foreign_cube(study)
     try:
-        return xr.open_dataset(path)
+        return in_si(xr.open_dataset(path))
     except (OSError, ValueError) as error:
         how = "`archfrag cube` on the study file makes it"
         raise InputError(f"{path}: is missing or damaged; {how}") from error
