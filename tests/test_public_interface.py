@@ -1,6 +1,9 @@
 """What `import archfrag` offers, what it does not cost, and what docstrings show."""
 
+import doctest
 import inspect
+import pydoc
+import re
 import subprocess
 import sys
 
@@ -35,8 +38,26 @@ def test_a_new_process(code, printed):
     assert done.stdout.strip() == printed
 
 
-@pytest.mark.parametrize(
-    "name", sorted({*af.__all__} - {"Arch", "Fragility", "Onset", "Response", "__version__"})
-)
-def test_public_function_has_an_example(name):
-    assert ">>>" in inspect.getdoc(getattr(af, name))
+PUBLIC = [name for name in af.__all__ if not isinstance(getattr(af, name), str)]
+SCREEN = (50, 100)  # lines, columns
+
+
+def help_lines(thing):
+    """Lines of a screen that `help` fills, of a class up to its methods."""
+    text = pydoc.plain(pydoc.render_doc(thing)).rstrip()
+    head = re.split(r" \|  (?:Class m|Static m|M)ethods defined here:", text)[0]
+    return sum(max(1, -(-len(line) // SCREEN[1])) for line in head.rstrip(" |\n").split("\n"))
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_help_fits_a_screen_and_its_example_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing = getattr(af, name)
+    own = vars(thing) if inspect.isclass(thing) else {}
+    methods = [getattr(thing, key) for key in own if not key.startswith("_")]
+    for each in (thing, *filter(inspect.isroutine, methods)):
+        assert help_lines(each) <= SCREEN[0], each
+        assert "numpy._typing" not in str(inspect.signature(each))
+    (test,) = doctest.DocTestFinder(recurse=False).find(thing, name)
+    assert test.examples or thing in (af.Curve, af.Results)  # what a run of a study returns
+    assert doctest.DocTestRunner(verbose=False).run(test).failed == 0

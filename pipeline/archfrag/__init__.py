@@ -14,11 +14,15 @@ _NAMES = {
     "archfrag.motions.read": ("read_motion",),
     "archfrag.simulate": ("Onset", "Response", "onset", "simulate", "simulate_many"),
     "archfrag.fragility.fit": ("Fragility", "fit_ida", "fit_stripes"),
+    "archfrag.study.reading": ("read_motions",),
+    "archfrag.studies": ("Study",),
+    "archfrag.results": ("Curve", "Results", "open"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arch", "Block", "Columns", "Fragility", "Motion", "Onset", "Response", "__version__",
-    "fit_ida", "fit_stripes", "onset", "read_motion", "simulate", "simulate_many",
+    "Arch", "Block", "Columns", "Curve", "Fragility", "Motion", "Onset", "Response", "Results",
+    "Study", "__version__", "fit_ida", "fit_stripes", "onset", "open", "read_motion",
+    "read_motions", "simulate", "simulate_many",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -27,7 +31,10 @@ if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
+    from archfrag.results import Curve, Results, open
     from archfrag.simulate import Onset, Response, onset, simulate, simulate_many
+    from archfrag.studies import Study
+    from archfrag.study.reading import read_motions
 
 
 def __getattr__(name: str):

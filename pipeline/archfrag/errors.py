@@ -77,6 +77,10 @@ class ServiceError(ArchfragError):
     exit_code = 7
 
 
+class UnitWarning(UserWarning):
+    """A value so unusual that it may be in another unit than the documented one."""
+
+
 def reason_of(error: Exception) -> str:
     """First line of somebody else's error."""
     return [*str(error).strip().splitlines(), type(error).__name__][0]

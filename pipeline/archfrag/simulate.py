@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch
-from archfrag.errors import InputError
+from archfrag.errors import InputError, UnitWarning
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.mechanics.ground import grounds_of
 from archfrag.mechanics.status import Count
@@ -28,7 +29,15 @@ from archfrag.simulation.response import (
     mechanism_of,
     response_of,
 )
-from archfrag.simulation.rest import Onset, at_rest, check_initial, check_stands, onset, own_time
+from archfrag.simulation.rest import (
+    Onset,
+    at_rest,
+    check_initial,
+    check_stands,
+    onset,
+    own_time,
+    warn_if_in_g,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -43,6 +52,7 @@ COARSEST_FRAMES = 0.01
 # Fields of a response that a data set of many runs does not have.
 _LEFT_OUT = {
     "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
+    "arch", "motion", "scale",
 }  # fmt: skip
 
 
@@ -56,9 +66,7 @@ def simulate(
 
     Parameters
     ----------
-    arch : Arch
-    motion : Motion
-        Ground acceleration [m/s2].
+    arch, motion : Arch, Motion
     scale : float
         Factor on the motion, vertical component included.
     method : str
@@ -82,16 +90,13 @@ def simulate(
     settings : mapping of str to float, optional
         Parameters of the method that differ from their defaults, such as a joint stiffness.
     loss_limit : float
-        Gap at both corners of a joint, over its length, beyond which its contact cannot be
-        regained: the run ends as a collapse. It also does if a joint has slid past its end or
-        rotated by 90 degrees, or has no contact when `follow` ends.
+        Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
+        a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
 
     Raises
     ------
-    InputError
-        If an argument cannot be used; the message names it.
-    StabilityError
-        If the arch does not stand under its own weight and no initial state is given.
+    InputError, StabilityError
+        If an argument cannot be used, or the arch does not stand and no initial state is given.
 
     Examples
     --------
@@ -107,7 +112,7 @@ def simulate(
     )
     position, velocity = at_rest(arch)
     if initial is None:
-        check_stands(arch)
+        warn_if_in_g(motion, scale, check_stands(arch))
     else:
         shift, velocity = check_initial(initial, arch)
         position += shift
@@ -123,13 +128,14 @@ def simulate(
         if not history or count[Count.FRAMES] < n_frame:
             break
         n_frame *= 2
-    wall_time = time.perf_counter() - started
+    response = response_of(results, 0, info.name, time.perf_counter() - started)
+    response = replace(response, arch=arch, motion=motion, scale=float(scale))
     if not history:
-        return response_of(results, 0, info.name, wall_time)
+        return response
     n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
     changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
     kept = history_of(arch, frames, int(count[Count.FRAMES]))
-    return response_of(results, 0, info.name, wall_time, changes, kept)
+    return replace(response, mechanism=changes, history=kept)
 
 
 def _checked_call(
@@ -198,7 +204,9 @@ def simulate_runs(
     """As `simulate_many`, a response for each run."""
     if checks.check_method(method).load_many is None:
         pairs = zip(motions, factors, strict=True)
-        return [simulate(arch, *each, method=method, **given) for each in pairs]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnitWarning)
+            return [simulate(arch, *each, method=method, **given) for each in pairs]
     results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
     return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
 
@@ -245,6 +253,9 @@ def simulate_many(
             "motion for each factor, or one for all"
         )
     responses = simulate_runs(arch, each, scales.tolist(), method, rtol=rtol, dt=dt, **more)
+    strongest = max(range(len(each)), key=lambda i: abs(scales[i]) * each[i].pga, default=None)
+    if strongest is not None:
+        warn_if_in_g(each[strongest], scales[strongest], onset(arch))
     names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
     columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
     columns["status"] = [response.status.name.lower() for response in responses]

@@ -1,7 +1,9 @@
 def record_files(wildcards):
     from archfrag.study.file.records import find_sources
 
-    return [str(source.path) for source in find_sources(study_of(wildcards.study))]
+    study = study_of(wildcards.study)
+    sources = find_sources(study.motions, study.intensity.measure)
+    return [str(source.path) for source in sources]
 
 
 rule motions:

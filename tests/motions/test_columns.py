@@ -104,5 +104,6 @@ def test_keys_of_a_file_in_a_study(tmp_path):
     files = '{path: "records/*.txt", unit: g, columns: "time=1,acceleration=2"}'
     path = small_study(tmp_path, TEXT.replace('"records/*.AT2"', files))
     write(path.parent / "records", rows())
-    (motion,) = read_sources(load_study(path))
+    study = load_study(path)
+    (motion,) = read_sources(study.motions, study.intensity.measure)
     assert pga(motion) == pytest.approx(np.abs(SAMPLES).max() * G)

@@ -10,7 +10,7 @@ from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
 from archfrag.errors import RecordError
 from archfrag.motions.formats import OWN, plug_in, recognise
-from archfrag.motions.read import read_motion, read_motions, read_vertical
+from archfrag.motions.read import read_horizontals, read_motion, read_vertical
 
 from .helpers import FOURTH_LINES, at2_text, pga, refused, wave
 from .samples import (
@@ -45,12 +45,12 @@ def put(folder, text, name="record.txt"):
 
 
 def read_all(folder, text, **options):
-    return read_motions(put(folder, text), **options)
+    return read_horizontals(put(folder, text), **options)
 
 
 def refuse(folder, text, *parts, name="record.txt"):
     path = put(folder, text, name)
-    refused(lambda: read_motions(path), *parts, start=path)
+    refused(lambda: read_horizontals(path), *parts, start=path)
 
 
 class TestClaims:
@@ -153,7 +153,7 @@ class TestHeaders:
     @pytest.mark.parametrize(("text", "facts"), HEADERS.values(), ids=HEADERS)
     def test_event_and_station_are_kept(self, tmp_path, text, facts):
         (tmp_path / "a.txt").write_text(text, encoding="utf-8")
-        metadata = read_motions(tmp_path / "a.txt")[0].metadata
+        metadata = read_horizontals(tmp_path / "a.txt")[0].metadata
         assert {key: metadata.get(key) for key in facts} == facts
 
     @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])

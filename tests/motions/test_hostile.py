@@ -24,7 +24,7 @@ from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions import formats
 from archfrag.motions.formats import read_apart
-from archfrag.motions.read import read_motion, read_motions
+from archfrag.motions.read import read_horizontals, read_motion
 
 from .helpers import Payload, wave
 from .samples import MADE_UP
@@ -162,7 +162,7 @@ def test_each_spoiled_file_is_read_or_refused_in_one_line_in_time(tmp_path):
         path.write_bytes(content)
         begun, message = time.process_time(), f"{path}"
         try:
-            read_motions(path, accept="samples,pga,time_step,header")
+            read_horizontals(path, accept="samples,pga,time_step,header")
             found["motion"] += 1
         except RecordError as error:
             found["refusal"] += 1

@@ -14,7 +14,7 @@ from archfrag.motions.formats.columns import Columns
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.process import bandpass
-from archfrag.motions.read import load_motion, read_motion, read_motions
+from archfrag.motions.read import load_motion, read_horizontals, read_motion
 
 from .fdsn_server import SENSITIVITY, station_xml
 from .helpers import REAL_RECORDS, at2_text, manifest, needs_real_records, pga, refused, wave
@@ -99,7 +99,7 @@ class TestComponents:
         north, vertical = trace("HNN", data=-COUNTS), trace("HNZ", data=RAMP)
         path = write(tmp_path / "three.mseed", trace(), north, vertical)
         read = {"unit": "m/s2", "accept": ["pga"]}
-        first, motions = read_motion(path, **read), read_motions(path, **read)
+        first, motions = read_motion(path, **read), read_horizontals(path, **read)
         assert "Horizontal HNE taken, the first of HNE, HNN." in first.log
         assert [m.id for m in motions] == ["three:HNE", "three:HNN"]
         assert all(np.array_equal(m.vertical, RAMP) for m in (first, *motions))

@@ -154,7 +154,9 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
     for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
         assert lost[name] == curves_with(verdict)["ring"].curve.to_dict()
     assert lost["collapsed"]["theta"] < lost["standing"]["theta"]
-    assert "1 run has no verdict: the median is" in fit_text(copied.study, "ring", found["ring"])
+    assert "1 run has no verdict: the median is" in fit_text(
+        copied.study.intensity, "ring", found["ring"]
+    )
 
 
 def page_of(study, place):

@@ -8,7 +8,7 @@ import pytest
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.motions.index import load_index
-from archfrag.motions.read import load_motion, read_motion, read_motions
+from archfrag.motions.read import load_motion, read_horizontals, read_motion
 from archfrag.motions.selection import read_flatfile
 from archfrag.motions.synthetic import make_motion, plan_motions
 from tests.motions.fdsn_server import EVENT, data_centre
@@ -151,7 +151,7 @@ class TestConvert:
         out = tmp_path / "o"
         (entry,) = facts("convert", three, "--unit", "cm/s2", "--in", unit, "--out", out)
         assert entry == {"file": str(out / "three.mseed"), "source": str(three)}
-        before, after = read_motions(three, unit="cm/s2"), read_motions(entry["file"])
+        before, after = read_horizontals(three, unit="cm/s2"), read_horizontals(entry["file"])
         assert [motion.metadata["component"] for motion in after] == ["HNE", "HNN"]
         for old, new in zip(before, after, strict=True):
             assert (new.dt, new.metadata["start_time"]) == (old.dt, old.metadata["start_time"])
@@ -163,7 +163,7 @@ class TestConvert:
         done("convert", three, "--unit", "m/s2", "--to", "text", "--in", "g", "--out", out)
         done("convert", at2, "--out", out)
         entries = {entry.id: entry for entry in load_index(out)}
-        old, new = read_motions(three, unit="m/s2")[1], load_motion(entries["three.HNN"])
+        old, new = read_horizontals(three, unit="m/s2")[1], load_motion(entries["three.HNN"])
         assert np.allclose(new.acceleration, old.acceleration, rtol=3e-16, atol=0.0)
         assert new.dt == 0.005
         assert sorted(entries) == ["record", "three.HNE", "three.HNN"]

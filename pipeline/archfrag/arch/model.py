@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.arch import checks
 from archfrag.arch import ring as rings
 from archfrag.errors import GeometryError
+from archfrag.files import counted
 from archfrag.mechanics.types import Chain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Profiles over a span: least and largest rise over span (below 1e-6 rounding shows), and the ring.
 _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
@@ -24,18 +28,18 @@ _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
     "elliptic": (1e-6, math.inf, partial(rings.normal_ring, rings.ellipse)),
     "catenary": (1e-6, math.inf, partial(rings.normal_ring, rings.catenary)),
 }
+_SHOWN = ("radius", "span", "rise", "thickness", "width", "height")  # in the repr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arch:
     """Rigid voussoirs in a row between two rigid springings, or on one.
 
-    Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic` and `catenary` for
-    ready-made profiles, `from_joints`, `from_polygons` or `from_dxf` for any other. If no arch can
-    be built, they raise `GeometryError`, which names the parameter, its value and what is allowed.
-    Ready-made profiles are symmetric about x = 0 with the springings of their centre line at
-    height 0 (`circular`: the centre of the circle at the origin), and run from the left springing,
-    joint 0, over the crown. All share these parameters:
+    Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`,
+    `from_joints`, `from_polygons` or `from_dxf`. If no arch can be built, they raise
+    `GeometryError`, which names the parameter, its value and what is allowed. Ready-made profiles
+    are symmetric about x = 0 with the springings of their centre line at height 0 (`circular`: the
+    centre of the circle at the origin). Joint 0 is the left springing. All share these parameters:
 
     Other Parameters
     ----------------
@@ -49,12 +53,10 @@ class Arch:
     density, depth : float
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
-        Positions of the joints, increasing from 0 at the left springing: in degrees up to
-        `embrace` for `circular`, as fractions of the centre line's length up to 1 for the others.
-        Without it all voussoirs are equal.
+        Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
+        `circular`, up to 1, as fractions of the centre line, for the others. Equal if not given.
     dead_load : float or (voussoirs,) array_like, optional
-        Weight on the back of all voussoirs or of each [N]: a point mass, with inertia, fixed to
-        the middle of the voussoir's extrados.
+        Weight on all voussoirs or on each [N]: a point mass in the middle of its extrados.
 
     Attributes
     ----------
@@ -65,19 +67,15 @@ class Arch:
     outlines : tuple of (m, 2) ndarray
         Of the voussoirs, for drawing; not closed [m].
     free_end, flipped : bool
-        Whether the last voussoir touches no ground, and whether corner 0 of the chain's joints is
-        the user's extrados.
+        The last voussoir touches no ground; corner 0 of the chain's joints is the extrados.
     parameters : dict
-        What the user gave, with defaults, ready for strict JSON (infinite friction: "inf").
+        What the user gave, with defaults, for strict JSON.
 
     Examples
     --------
     >>> import archfrag as af
-    >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=0.7)
-    >>> af.onset(bridge).stands
-    True
     >>> af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
-    <Arch pointed: 12 voussoirs, 13 joints>
+    <Arch pointed: 12 voussoirs, 13 joints; span 6 m, rise 4 m, thickness 0.6 m; 125 kN>
     """
 
     chain: Chain
@@ -103,8 +101,23 @@ class Arch:
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:
-        name = self.parameters["profile"]
-        return f"<Arch {name}: {self.n_voussoir} voussoirs, {self.n_joint} joints>"
+        given, (width, height) = self.parameters, np.ptp(np.concatenate(self.outlines), axis=0)
+        facts = [f"{key} {given[key]:g} m" for key in _SHOWN if key in given]
+        facts = facts or [f"{width:.3g} m wide", f"{height:.3g} m high"]
+        weight = self.chain.mass.sum() * self.chain.gravity / 1e3
+        counts = f"{counted(self.n_voussoir, 'voussoir')}, {counted(self.n_joint, 'joint')}"
+        return f"<Arch {given['profile']}: {counts}; {', '.join(facts)}; {weight:.3g} kN>"
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the arch to scale with the numbers of its joints, in `ax` or in new axes."""
+        from archfrag.plots import plot_arch
+
+        return plot_arch(self, ax)
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of
+
+        return html_of(self)
 
     @classmethod
     def circular(

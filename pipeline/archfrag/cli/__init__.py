@@ -85,7 +85,7 @@ def warmup(method: str | None) -> None:
 
 
 for command in (
-    records.records, study.export, study.risk, arch.onset, arch.simulate,
+    records.records, study.export, study.film, study.risk, arch.onset, arch.simulate,
     study.validate, study.run, study.clean, *study.STEPS,
 ):  # fmt: skip
     main.add_command(command)

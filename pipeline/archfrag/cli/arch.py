@@ -150,7 +150,8 @@ def simulate(
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = {**vars(response), "steps": response.steps, "fallbacks": response.fallbacks}
-    del facts["history"]
+    for name in ("history", "arch", "motion", "scale"):
+        del facts[name]
     if response.mechanism is not None:
         facts["mechanism"] = [asdict(change) for change in response.mechanism]
     facts = finite(facts | {"status": response.status.name.lower(), "scale": scale}, None)

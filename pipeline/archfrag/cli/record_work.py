@@ -4,7 +4,6 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from archfrag.motions import target as targets
 from archfrag.motions.formats import TEXT, recognise
 from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
-from archfrag.motions.read import read_motions
+from archfrag.motions.read import read_horizontals
 from archfrag.motions.synthetic import make_suite, plan_motions
 from archfrag.study.file.schema import PERIODS as PERIOD_ENDS
 
@@ -67,7 +66,7 @@ def measure_files(
     for file in [path for path in dict.fromkeys(files) if path not in verticals]:
         options, name = reading_of(file, reading), os.path.relpath(file, out.parent)
         motions = [replace(motion, metadata={**motion.metadata, "file": name})
-                   for motion in read_motions(file, **options)]  # fmt: skip
+                   for motion in read_horizontals(file, **options)]  # fmt: skip
         known = {"unit": options["unit"], "accept": " ".join(options["accept"]),
                  "columns": str(options["columns"] or "")}  # fmt: skip
         table = selection.measure_records(motions, periods)
@@ -115,38 +114,23 @@ def make_chosen(out: Path, requested: dict[str, Any]) -> list[Path]:
 
 
 def measured_spectra(table: pd.DataFrame) -> str:
-    """Figure of the response spectra of a flatfile."""
+    """Figure of the response spectra of a flatfile, 16 to 84 % shaded."""
+    from archfrag.plots import BLUE, plot_spectra, svg_of
+
     columns = selection.spectrum_columns(table)
     periods = sorted(columns)
     rows = table[[columns[period] for period in periods]].to_numpy(float)
-    low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=0)
-    return _figure(periods, rows, {"median, 16 to 84 %": (median, low, high)})
+    band = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=0)
+    return svg_of(plot_spectra(periods, rows, [(band, BLUE, "median, 16 to 84 %")]).figure)
 
 
 def selected_spectra(found: selection.Selection) -> str:
     """Figure of selected, scaled records and their target: medians, 2.5 and 97.5 %."""
-    target, selected = found.target, (found.ln_sa.mean(axis=0), found.sd)
-    shown = {}
-    for label, (mean, sd) in {"selected": selected, "target": (target.ln_mean, target.sd)}.items():
-        shown[label] = np.exp(mean + 1.96 * np.outer([0.0, -1.0, 1.0], np.nan_to_num(sd)))
-    return _figure(target.periods, np.exp(found.ln_sa), shown)
+    from archfrag.plots import BLUE, VERMILION, plot_spectra, svg_of
 
-
-def _figure(periods: Any, rows: Any, shown: dict[str, Any]) -> str:
-    """SVG of spectra in grey, and of median, low and high end by their label."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    chart = Figure(figsize=(9.0, 4.5), layout="constrained")
-    axes = chart.add_subplot()
-    axes.set(xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]")
-    axes.grid(alpha=0.3)
-    axes.plot(periods, rows.T, color="grey", linewidth=0.5)
-    for colour, (label, (median, *ends)) in zip(("tab:orange", "tab:blue"), shown.items()):
-        axes.plot(periods, median, color=colour, linewidth=2.0, label=label)
-        axes.plot(periods, np.transpose(ends), color=colour, linewidth=0.8)
-    axes.legend(frameon=False)
-    text = StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "archfrag"}):
-        chart.savefig(text, format="svg", metadata={"Date": None})
-    return text.getvalue()
+    target, bands = found.target, []
+    selected = found.ln_sa.mean(axis=0), found.sd, VERMILION, "selected"
+    for mean, sd, colour, label in (selected, (target.ln_mean, target.sd, BLUE, "target")):
+        rows = np.exp(mean + 1.96 * np.array([[-1.0], [0.0], [1.0]]) * np.nan_to_num(sd))
+        bands.append((rows, colour, f"{label}, 2.5 to 97.5 %"))
+    return svg_of(plot_spectra(target.periods, np.exp(found.ln_sa), bands).figure)

@@ -1,4 +1,4 @@
-"""The commands for a study: `validate`, `run` and its steps, `clean`, `export` and `risk`."""
+"""The commands for a study: `validate`, `run` and its steps, `clean`, `export`, `film`, `risk`."""
 
 import contextlib
 import functools
@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn
+from archfrag.report import make_report
 
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 members_option = click.option("--members", is_flag=True,
@@ -80,7 +81,7 @@ def run(
             study = load_study(study_file, overrides)
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
-            anything = run_study(study, study_file, check, _report, cores, quiet)
+            anything = run_study(study, study_file, check, make_report, cores, quiet)
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
         words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
@@ -91,13 +92,6 @@ def run(
         if not anything:
             warn("nothing to do: all results are up to date")
         echo(f"report: {study.folder / 'report.html'}")
-
-
-def _report(study: Any, compared: Path | None) -> Path:
-    from archfrag.report.inputs import report_inputs
-    from archfrag.report.page import write_report
-
-    return write_report(report_inputs(study, compared), study.folder / "report.html")
 
 
 @click.command()
@@ -137,7 +131,7 @@ def _step(name: str, help_: str, *options: Callable) -> None:
 
         check_own(study)
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
-        make_step(study, step, warn, report=_report, **given)
+        make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):
             path.touch()
         if as_json:
@@ -191,6 +185,33 @@ def export(
     for message in made["notes"]:
         warn(f"note: {message}")
     show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
+
+
+@click.command()
+@_with_study(
+    click.option("--run", "run_name", default="median", show_default=True,
+                 metavar="RECORD@LEVEL",
+                 help="Run to show, its level in the study's unit; or median: the record with "
+                 "the capacity nearest the median."),
+    click.option("--arch", metavar="ID", help="Id of the arch; the first one if not given."),
+    click.option("--to", "path", type=PATH, default="film.gif", show_default=True,
+                 metavar="FILE", help="File to write: .gif, .mp4 or .svg."),
+)  # fmt: skip
+def film(study: Any, run_name: str, arch: str | None, path: Path) -> None:
+    """Film one run of a finished study, simulated again.
+
+    A browser plays .svg; .mp4 needs ffmpeg.
+
+    \b
+    Example:
+      archfrag film study.yaml --run syn-m75-r015@0.5 --to fall.gif
+    """
+    from archfrag.report.film import check_target, example_of, save_film
+
+    check_target(path)
+    example = example_of(study, run_name, arch)
+    save_film(example, path)
+    echo(f"film: {path}: {example.motion.id} at {example.level}, {example.reason}")
 
 
 def _site(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:

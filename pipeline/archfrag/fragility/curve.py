@@ -1,5 +1,7 @@
 """The lognormal fragility curve, its band and its parts in a class; checks for all modules."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,9 +17,19 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fragility:
-    """A lognormal fragility curve; bands and intervals are from the covariance."""
+    """A lognormal fragility curve; bands and intervals are from the covariance.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> curve = af.fit_ida([0.5, 0.7, 0.9, 1.3])
+    >>> curve
+    <Fragility theta 0.8, beta 0.403: ida, 4 runs or records>
+    >>> curve.probability([0.4, 0.8]).round(3).tolist()
+    [0.043, 0.5]
+    """
 
     theta: float  #: median capacity, in the unit of the intensity it was fitted to
     beta: float  #: dispersion: standard deviation of the logarithm of capacity [1]
@@ -30,6 +42,10 @@ class Fragility:
     kind: str
     #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs.
     members: FloatArray | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        about = f"{self.kind}, {self.n_total} runs or records"
+        return f"<Fragility theta {self.theta:.3g}, beta {self.beta:.3g}: {about}>"
 
     @property
     def parts(self) -> FloatArray:
@@ -80,7 +96,7 @@ class Fragility:
         return plain if self.members is None else plain | {"members": self.members.tolist()}
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> "Fragility":
+    def from_dict(cls, values: dict[str, Any]) -> Fragility:
         """Inverse of `to_dict`."""
         given = dict(values)
         given["covariance"] = np.array(given.pop("covariance_ln_theta_beta"), dtype=float)

@@ -18,7 +18,7 @@ from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 from archfrag.errors import ArchfragError, InputError, RecordError, ServiceError
 from archfrag.files import make_folder, sha256_of, sweep, temporary_folder
 from archfrag.motions.index import index_table, write_index
-from archfrag.motions.read import read_motions
+from archfrag.motions.read import read_horizontals
 
 _KINDS = {ServiceError: "service", RecordError: "unusable", InputError: "no data"}
 # What obspy raises and what it means here: no data, refused, or a service that fails for now.
@@ -136,7 +136,7 @@ def _fetched(archive: Client, site: dict[str, Any], place: Path) -> dict[str, An
         _ask(archive, "get_waveforms", filename=str(record), **query)
         _ask(archive, "get_stations", filename=str(xml), level="response", **query)
         try:
-            motions = read_motions(record)
+            motions = read_horizontals(record)
         except RecordError as error:
             raise RecordError(str(error).replace(part, str(place))) from None
         for path in (xml, record):

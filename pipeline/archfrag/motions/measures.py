@@ -118,8 +118,8 @@ _KINDS: dict[str, tuple[str, int, int, Callable[..., float]]] = {
     "Sa": ("m/s2", 1, 1, lambda m, period: float(spectral_acceleration(m, period)[0])),
     "AvgSA": ("m/s2", 1, 2, _average),
 }  # fmt: skip
-_PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
-_ALLOWED = f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
+PLAIN = [name for name, (_, _, count, _) in _KINDS.items() if not count]
+_ALLOWED = f"{', '.join(PLAIN)}, Sa(T), AvgSA(T1,T2), RotD50() or RotD100() of PGA, PGV or Sa(T)"
 
 
 def parse_measure(name: str) -> Measure:

@@ -1,17 +1,22 @@
 """One ground motion, the units it may be given in, and motions in a file."""
 
+from __future__ import annotations
+
 import json
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _FORMAT = "archfrag motions 1"
 STANDARD_GRAVITY = 9.80665  # [m/s2]
@@ -28,7 +33,7 @@ def unit_factor(unit: str, place: str) -> float:
     return METRES_PER_SECOND_SQUARED[unit]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """Ground acceleration in one horizontal direction, with the vertical if there is one.
 
@@ -58,8 +63,10 @@ class Motion:
     --------
     >>> import numpy as np, archfrag as af
     >>> motion = af.Motion(np.sin(np.arange(100) / 10.0), dt=0.01, id="sine")
-    >>> float(round(motion.duration, 2)), motion.scaled(2.0).log
-    (0.99, ('Multiplied by 2.',))
+    >>> motion
+    <Motion sine: PGA 0.102 g, 0.99 s at 0.01 s, horizontal>
+    >>> (2 * motion).log, round((2 * motion).pga, 3), motion.spectrum([0.1, 0.5]).round(3).tolist()
+    (('Multiplied by 2.',), 2.0, [1.107, 3.457])
     """
 
     acceleration: NDArray[np.float64]
@@ -90,13 +97,13 @@ class Motion:
         for key, value in (arrays | about).items():
             object.__setattr__(self, key, value)
 
-    def _replaced(self, **changes: Any) -> "Motion":
+    def _replaced(self, **changes: Any) -> Motion:
         """Return this motion with other fields."""
         return replace(self, **changes)
 
     def _changed(
         self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
-    ) -> "Motion":
+    ) -> Motion:
         """Do the same to each component, and add a line about it to the log."""
         changed = {key: None if samples is None else change(samples)
                    for key, samples in self.components.items()}  # fmt: skip
@@ -117,12 +124,78 @@ class Motion:
         """Time of each sample from the first, shape (n_sample,) [s]."""
         return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
-    def scaled(self, factor: float) -> "Motion":
+    def scaled(self, factor: float) -> Motion:
         """Return the motion with all components multiplied by `factor`, a finite number."""
         if not np.isfinite(factor):
             name = self.id or "motion"
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
         return self._changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
+
+    def __mul__(self, factor: float) -> Motion:
+        if not isinstance(factor, float | int | np.number):
+            return NotImplemented
+        return self.scaled(float(factor))
+
+    __rmul__ = __mul__
+
+    @property
+    def pga(self) -> float:
+        """Peak of the horizontal acceleration [m/s2]."""
+        return float(np.abs(self.acceleration).max())
+
+    def spectrum(self, periods: ArrayLike) -> NDArray[np.float64]:
+        """Pseudo-spectral acceleration at some periods [s], 5 % damping, (n_period,) [m/s2]."""
+        from archfrag.motions.measures import spectral_acceleration
+
+        return spectral_acceleration(self, periods)
+
+    def measures(self, *names: str) -> dict[str, float]:
+        """Intensity measures by name, in SI units.
+
+        Those asked for, such as "PGV", "Sa(0.5)" and "AvgSA(0.2,1)"; without names all that need
+        no period: PGA [m/s2], PGV, Arias, CAV and CAVstd [m/s], PGD and HI [m], D5_95 [s].
+        """
+        from archfrag.motions.measures import PLAIN, measure
+
+        return {name: measure(self, name) for name in names or PLAIN}
+
+    @classmethod
+    def from_obspy(
+        cls, stream: Any, unit: str = "m/s2", component: str | None = None,
+        accept: Sequence[str] = (),
+    ) -> Motion:  # fmt: skip
+        """Take one horizontal component of an obspy Stream, and the vertical if it has one.
+
+        Parameters
+        ----------
+        stream : obspy.Stream or obspy.Trace
+            Of one record, each channel in one piece. It stays as it is.
+        unit : str
+            Of its samples: m/s2, cm/s2, gal, mm/s2 or g. They are never counts.
+        component, accept
+            As of `archfrag.read_motion`.
+        """
+        from archfrag.motions.read import motion_of_stream
+
+        return motion_of_stream(stream, unit, component, accept)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the acceleration over time [g], in `ax` or in new axes."""
+        from archfrag.plots import plot_motion
+
+        return plot_motion(self, ax)
+
+    def __repr__(self) -> str:
+        parts = [key.replace("acceleration", "horizontal")
+                 for key, samples in self.components.items() if samples is not None]  # fmt: skip
+        peak = f"PGA {self.pga / STANDARD_GRAVITY:.3g} g"
+        size = f"{self.duration:g} s at {self.dt:g} s"
+        return f"<Motion {self.id or '(no id)'}: {peak}, {size}, {' and '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of
+
+        return html_of(self, (6.4, 2.2))
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:

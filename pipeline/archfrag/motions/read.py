@@ -5,12 +5,15 @@ A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``
 is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from obspy import Inventory, Stream, Trace
+from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.motions import calibrate, partners
@@ -19,7 +22,7 @@ from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.common import known
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.motion import Motion
+from archfrag.motions.motion import Motion, unit_factor
 from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
@@ -50,17 +53,16 @@ def read_motion(
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
-        What to let pass: ``pga`` (peak outside 1e-5 to 5 g), ``time_step`` (outside 1e-4 to
-        0.1 s), ``samples`` (another number than the header announces), ``header`` (states a peak
-        that is off by more than a tenth).
+        What to let pass: ``pga`` (1e-5 to 5 g), ``time_step`` (1e-4 to 0.1 s), ``samples`` (other
+        than announced), ``header`` (its peak is off by a tenth).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
     Returns
     -------
     Motion
-        In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        states, what was ``accepted``, and the ``errors``: contradictions in the file.
+        In m/s2. Its log has every step from the file to it, its metadata what the header states,
+        what was ``accepted``, and the ``errors``: contradictions in the file.
 
     Raises
     ------
@@ -91,6 +93,15 @@ def _read_one(
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `listed` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, **options)
+    chosen, verticals = _chosen(channels, source, component, listed)
+    name = entry.id if entry else record_name(source)
+    return _motion(source, chosen, name, entry, verticals if own_vertical else ())
+
+
+def _chosen(
+    channels: Sequence[Trace], source: Path, component: str | None, listed: str | None = None
+) -> tuple[Trace, list[Trace]]:
+    """The horizontal channel to take, its log saying so, and the verticals."""
     horizontals, verticals = _by_direction(channels, source, not (component or listed))
     several, codes = len(horizontals) > 1, [channel_code(channel) for channel in horizontals]
     names = ", ".join(code or "(no code)" for code in codes)
@@ -107,11 +118,33 @@ def _read_one(
     elif not is_horizontal(chosen):
         taken = f"Channel code {codes[0]!r} taken to be horizontal: the only one."
         record.log = (taken, *record.log)
-    name = entry.id if entry else record_name(source)
-    return _motion(source, chosen, name, entry, verticals if own_vertical else ())
+    return chosen, verticals
 
 
-def read_motions(
+def motion_of_stream(
+    stream: Stream | Trace, unit: str, component: str | None, accept: Iterable[str]
+) -> Motion:
+    """See `archfrag.Motion.from_obspy`."""
+    channels = [trace.copy() for trace in ([stream] if isinstance(stream, Trace) else stream)]
+    if not channels:
+        raise RecordError("the stream has no trace")
+    first, names = channels[0].stats, [channel.id for channel in channels]
+    source = Path(".".join(filter(None, (first.network, first.station))) or "stream")
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise RecordError(f"{twice}: is there in several pieces; join them by `stream.merge()`")
+    factor, words = unit_factor(unit, str(source)), calibrate.accepted_words(accept, str(source))
+    for channel in channels:
+        held, channel.stats._format = len(channel.data), "obspy"
+        done = f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."
+        record = {"announced": held, "held": held, "unit_in_file": unit, "log": (done,)}
+        channel.stats.record = AttribDict({**record, "accept": words, "errors": ()})
+        channel.stats.record.accepted = accept_or_refuse(source, words, _warnings(channel))
+        channel.data = np.asarray(channel.data, dtype=np.float64) * factor
+    chosen, verticals = _chosen(channels, source, component)
+    return _motion(source, chosen, chosen.id, None, verticals)
+
+
+def read_horizontals(
     path: str | Path, unit: str | None = None, *, name: str | None = None, **options: Any
 ) -> list[Motion]:
     """As `read_motion`, each horizontal of a file with its vertical; `name` begins their ids."""

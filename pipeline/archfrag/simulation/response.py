@@ -16,6 +16,10 @@ from archfrag.mechanics.types import Frames, MechanismLog, Results
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.axes import Axes
+
+    from archfrag.motions.motion import Motion
+    from archfrag.plots import Film
 
 _EVENTS = {
     "impacts": Count.IMPACTS, "openings": Count.OPENINGS, "slides": Count.SLIDES,
@@ -93,7 +97,7 @@ mega-voussoirs
         return f"{self.time:.4f} s  {why}{where}: {'; '.join(parts)}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Response:
     """Result of one arch under one ground motion.
 
@@ -103,48 +107,36 @@ class Response:
         How the run ended; `archfrag.errors.STATUS_MESSAGE` has its text.
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
-    collapse_time, collapse_joint
-        When [s] and where contact was lost for good, nan and -1 if it was not. If a joint
-        collapsed with contact kept, the instant of the verdict.
-    collapse_mode : str
-        "hinging" or "sliding" if the rotation [rad] of that joint, or its slip over its length,
-        was larger when it lost contact; "lift_off" if it had neither; "overturning" if a joint
-        rotated by 90 degrees with contact kept; else "none".
+    collapse_time, collapse_joint, collapse_mode
+        When [s] and where contact was lost for good, else nan and -1. "hinging" or "sliding" if
+        rotation [rad] or slip over length was larger there, "lift_off", "overturning", "none".
     lost_contact_time, lost_contact_joint, lost_contact_mode
-        The same for the first loss of contact that opened a joint at both corners by more than 2 %
-        of its length, regained or not.
-    widest_gap : float
-        Largest gap at both corners of a joint at once, over its length [1].
+        The same for the first gap at both corners of a joint of more than 2 % of its length.
     peak_rotation, peak_displacement, residual_rotation, residual_displacement : float
         Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
         ground [m]: of the whole run, and at its end.
-    events : dict of str to int
-        "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
-        "events": instants located at which the mechanism changed; "switches" to time stepping.
-    model_time : dict of str to float
-        Simulated time in each `archfrag.mechanics.status.Model`, in lower case [s].
-    energy_error : float
-        Largest energy gained or lost that no contact law explains, over the largest kinetic
-        energy [1].
-    energy : dict of str to float
-        Kinetic and potential energy at the end, work of the ground, of friction and of impacts,
-        and the remainder ("balance_error") [J].
-    work : dict of str to int
-        Counts of `archfrag.mechanics.status.Count`, in lower case; of them `steps` and `fallbacks`
-        (contact problems solved with compliant joints only, "compliant") are attributes too.
-    wall_time, end_time : float
-        Time it took, compilation included if there was any, and simulated time at its end [s].
-    residual : float
-        Largest violation of the contact laws (`archfrag.mechanics.residual.state_residual`): gaps
-        over joint lengths, slip rates over the speed of a fall through them, forces over the
-        weight [1].
-    overlap : float
-        Deepest overlap of two bodies at a corner that was seen, over the joint's length [1].
-    method : str
+    events, work : dict of str to int
+        What happened and what it took, counted: names of `archfrag.mechanics.status.Count`.
+    model_time, end_time, wall_time : dict of str to float, float, float
+        Simulated time in each model, in all, and time that it took to compute [s].
+    energy, energy_error : dict of str to float, float
+        Parts of the energy balance [J]; energy that no contact law explains, over the largest
+        kinetic energy [1].
+    widest_gap, overlap, residual : float
+        Largest gap at both corners of a joint at once and deepest overlap, over its length;
+        largest violation of the contact laws [1].
     mechanism : tuple of MechanismChange or None
-        With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
-        one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
+        With a history: every change of the mechanism, up to 50,000; ``print`` one to read it.
     history : xarray.Dataset or None
+    method, arch, motion, scale
+        What was simulated, and how.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> pulse = af.Motion(np.full(100, 3.0), dt=0.01)
+    >>> af.simulate(af.Block(width=0.2, height=1.0, friction=0.8), pulse)
+    <Response collapsed at 0.7523 s, joint 0, hinging; peak 1.44 rad, 0.831 m; auto, 0.938 s>
     """
 
     status: Status
@@ -170,18 +162,46 @@ class Response:
     residual: float
     overlap: float
     method: str
-    mechanism: tuple[MechanismChange, ...] | None = field(default=None, repr=False)
-    history: xarray.Dataset | None = field(default=None, repr=False)
+    mechanism: tuple[MechanismChange, ...] | None = None
+    history: xarray.Dataset | None = None
+    arch: Arch | None = field(default=None, compare=False)
+    motion: Motion | None = field(default=None, compare=False)
+    scale: float = field(default=1.0, compare=False)
 
     steps = property(lambda self: self.work["steps"])
     fallbacks = property(lambda self: self.work["compliant"])
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the rotation of each voussoir over time, in `ax` or in new axes.
 
-def response_of(
-    results: Results, row: int, method: str, wall_time: float,
-    mechanism: tuple[MechanismChange, ...] | None = None, history: xarray.Dataset | None = None,
-) -> Response:  # fmt: skip
-    """Name what a method returned of one run; mechanism and history as in `Response`."""
+        InputError if the response has no history.
+        """
+        from archfrag.plots import plot_response
+
+        return plot_response(self, ax)
+
+    def animate(self, seconds: float = 8.0, speed: float = 1.0) -> Film:
+        """Make a film of the run, above the acceleration of the ground.
+
+        It shows at most so many `seconds` of the run, its collapse or its largest rotation among
+        them, and `speed` times as fast. A notebook plays it; ``save("fall.gif")`` keeps it, and
+        ``save("fall.mp4")`` where ffmpeg is installed. InputError if there is no history.
+        """
+        from archfrag.plots import animate
+
+        return animate(self, seconds, speed)
+
+    def __repr__(self) -> str:
+        ended = self.status.name.lower().replace("_", " ")
+        if self.collapsed:
+            mode = self.collapse_mode.replace("_", " ")
+            ended += f" at {self.collapse_time:.4g} s, joint {self.collapse_joint}, {mode}"
+        peak = f"peak {self.peak_rotation:.3g} rad, {self.peak_displacement:.3g} m"
+        return f"<Response {ended}; {peak}; {self.method}, {self.end_time:.4g} s>"
+
+
+def response_of(results: Results, row: int, method: str, wall_time: float) -> Response:
+    """Name what a method returned of one run, without a history."""
     status = Status(int(results.status[row]))
     of_run = results.count, results.energy, results.model_time, results.peak, results.loss
     count, energy, model_time, peak, loss = (values[row].tolist() for values in of_run)
@@ -210,8 +230,6 @@ def response_of(
         residual=peak[Peak.RESIDUAL],
         overlap=peak[Peak.OVERLAP],
         method=method,
-        mechanism=mechanism,
-        history=history,
     )
 
 

@@ -4,19 +4,26 @@ can rotate slowly before it falls by itself; checks of initial states."""
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch import Arch
-from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError
+from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError, UnitWarning
 from archfrag.mechanics.contact.path import new_path, solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
+from archfrag.simulation.thrust import contact_centres, thrust_curve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from archfrag.motions.motion import Motion
 
 STANDS_TOLERANCE = 1e-12
 # Overlap, over joint length, that an initial state may have: what time stepping leaves.
@@ -27,7 +34,7 @@ POSITIONS, LARGEST_ROTATION = 4000, 0.5 * np.pi
 Hinge = tuple[int, str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Onset:
     """Rest range of an arch and the mechanisms at its ends.
 
@@ -48,6 +55,14 @@ class Onset:
         without a force; None if the arch does not stand or they are not unique. An arch at rest
         is hyperstatic: its thrust line is the admissible one of joints that are equal springs, in
         the limit of infinite stiffness.
+    arch : Arch
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> af.onset(af.Block(width=0.2, height=1.0, friction=0.8))
+    <Onset towards +x 0.2 g: hinge 0 extrados
+           towards -x 0.2 g: hinge 0 intrados>
     """
 
     stands: bool
@@ -57,9 +72,56 @@ class Onset:
     sliding: list[int]
     hinges_minus: list[Hinge]
     sliding_minus: list[int]
-    thrust: NDArray[np.float64] | None = field(repr=False)
-    thrust_plus: NDArray[np.float64] | None = field(repr=False)
-    thrust_minus: NDArray[np.float64] | None = field(repr=False)
+    thrust: NDArray[np.float64] | None
+    thrust_plus: NDArray[np.float64] | None
+    thrust_minus: NDArray[np.float64] | None
+    arch: Arch = field(compare=False)
+
+    def mechanism(self, towards: str) -> tuple[float, list[Hinge], list[int]]:
+        """Limit [g], hinges and sliding joints, the ground accelerating towards +x or -x."""
+        if towards == "+x":
+            return self.plus, self.hinges, self.sliding
+        if towards == "-x":
+            return self.minus, self.hinges_minus, self.sliding_minus
+        raise InputError(f"towards = {towards!r} must be +x or -x")
+
+    def thrust_line(self, towards: str | None = None) -> NDArray[np.float64] | None:
+        """Thrust line for a drawing: contact centres, and curves between them, (n_point, 2) [m].
+
+        Of self-weight, or of onset with the ground accelerating `towards` "+x" or "-x". None if
+        contact centres are not known.
+        """
+        centre, load = self.thrust, 0.0
+        if towards is not None:
+            limit, *_ = self.mechanism(towards)
+            centre = self.thrust_plus if towards == "+x" else self.thrust_minus
+            load = limit if towards == "+x" else -limit
+        return None if centre is None else thrust_curve(self.arch, centre, load)
+
+    def plot(self, ax: Axes | None = None, towards: str | None = None) -> Axes:
+        """Draw hinges, sliding joints and thrust line at onset, in `ax` or in new axes.
+
+        The ground accelerates `towards` "+x" or "-x", if not given where less moves the arch.
+        """
+        from archfrag.plots import plot_onset
+
+        return plot_onset(self, ax, towards)
+
+    def __repr__(self) -> str:
+        plus, minus = (self._text(towards) for towards in ("+x", "-x"))
+        return f"<Onset {plus}\n       {minus}>"
+
+    def _text(self, towards: str) -> str:
+        limit, hinges, sliding = self.mechanism(towards)
+        words = [f"hinge {joint} {side}" for joint, side in hinges]
+        words += [f"joint {joint} slides" for joint in sliding]
+        how = f": {', '.join(words)}" if words else ""
+        return f"towards {towards} {limit:.4g} g{how}"
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of
+
+        return html_of(self)
 
 
 def onset(arch: Arch) -> Onset:
@@ -95,7 +157,9 @@ def onset(arch: Arch) -> Onset:
         found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
     )
     thrusts = [
-        _thrust(work, limit.reaction) if limit.found and math.isfinite(limit.load_factor) else None
+        contact_centres(work, limit.reaction)
+        if limit.found and math.isfinite(limit.load_factor)
+        else None
         for limit in (plus, minus)
     ]
     if stands:
@@ -112,13 +176,14 @@ def onset(arch: Arch) -> Onset:
         sliding=np.flatnonzero(plus.mechanism & SLIDING).tolist(),
         hinges_minus=_hinges(arch, minus),
         sliding_minus=np.flatnonzero(minus.mechanism & SLIDING).tolist(),
-        thrust=_thrust(work, weight) if stands else None,
+        thrust=contact_centres(work, weight) if stands else None,
         thrust_plus=thrusts[0],
         thrust_minus=thrusts[1],
+        arch=arch,
     )
 
 
-def check_stands(arch: Arch) -> None:
+def check_stands(arch: Arch) -> Onset:
     """See that an arch is at rest under its own weight, or raise `StabilityError`."""
     start = onset(arch)
     if not start.stands:
@@ -127,6 +192,30 @@ def check_stands(arch: Arch) -> None:
             ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
             message += f" (rest would need a steady horizontal acceleration between {ends})"
         raise StabilityError(message)
+    return start
+
+
+def stays_at_rest(peak: float, start: Onset) -> bool:
+    """Whether a horizontal motion with this peak [g] moves an arch at no time."""
+    return peak <= min(start.plus, start.minus)
+
+
+def warn_if_in_g(motion: Motion, factor: float, start: Onset) -> None:
+    """Warn of a motion that leaves an arch at rest, and would not if its numbers were in g.
+
+    A motion that was read from a file is known to be in m/s2, as one with a vertical is not known
+    to leave the arch at rest.
+    """
+    peak = abs(factor) * motion.pga
+    weak = stays_at_rest(peak / STANDARD_GRAVITY, start) and not stays_at_rest(peak, start)
+    if weak and motion.vertical is None and "unit_in_file" not in motion.metadata:
+        warnings.warn(
+            f"{motion.id or 'motion'}: its peak of {peak:.3g} m/s2 is not above the onset of "
+            f"motion ({min(start.plus, start.minus):.3g} g), so the arch stays at rest; if it is "
+            "in g, multiply it by 9.80665",
+            UnitWarning,
+            stacklevel=3,
+        )
 
 
 def own_time(arch: Arch) -> float:
@@ -171,19 +260,6 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     return model, state, work
-
-
-def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
-    point, normal = work.point, work.normal
-    force, arm = reaction[:, :2], point[:, 0]
-    press = np.einsum("jk,jk->j", force, normal)
-    moment = reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
-    length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
-    loaded = press > 1e-12 * np.abs(reaction[:, :2]).max()
-    fraction = np.full(press.size, np.nan)
-    fraction[loaded] = -moment[loaded] / (press * length)[loaded]
-    return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:

@@ -68,6 +68,7 @@ def uncorrected(study: Study, records: Sequence[PreparedRecord]) -> tuple[str, .
 def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     """Warn of values so unusual that a unit may be wrong; of the first arches."""
     from archfrag.simulate import onset
+    from archfrag.simulation.rest import stays_at_rest
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     known = study.intensity.measure == "PGA" and not study.motions.vertical
@@ -82,7 +83,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
             (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
              "than that of any masonry; was an angle meant?"),
             (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
-            (known and levels.max() <= least, f"no level is above {where}"),
+            (known and stays_at_rest(levels.max(), start), f"no level is above {where}"),
             (known and levels.min() > FAR_BEYOND * least,
              f"all levels are more than {FAR_BEYOND:.0f} times {where}"),
         ) if wrong]  # fmt: skip
@@ -132,7 +133,7 @@ def check_study(study: Study) -> dict[str, Any]:
     """
     check_start(study)
     records, partners = [], []
-    for motion in read_sources(study):
+    for motion in read_sources(study.motions, study.intensity.measure):
         records.append(described(study, motion))
         about = motion.metadata
         others = [about.get("file_transverse"), about.get("vertical_file")]

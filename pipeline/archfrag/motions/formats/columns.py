@@ -1,5 +1,7 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any

@@ -105,14 +105,16 @@ def build_cube(
 
 
 def in_unit(cube: "xr.Dataset", study: Study) -> "xr.Dataset":
-    """A cube as it is stored: along intensity in the study's unit, with ``intensity_si`` beside it.
+    """A cube as it is stored: along intensity in the study's unit, beside ``intensity_si``.
 
     Each run of a design without levels has an intensity of its own, and the dimension is level.
     """
     known, unit = cube["intensity"], study.intensity.unit
     own = study.intensity.given if known.ndim == 1 else known.values / study.intensity.factor
     attrs = known.attrs | {"units": _UDUNITS[unit], "unit": unit}
-    stored = cube.rename(intensity="intensity_si").assign(intensity=(known.dims, [*own], attrs))
+    unfilled = {"_FillValue": None}  # CF's rule for a variable of a dimension
+    intensity = known.dims, [*own], attrs, unfilled
+    stored = cube.rename(intensity="intensity_si").assign(intensity=intensity)
     return stored.swap_dims(level="intensity") if known.ndim == 1 else stored
 
 

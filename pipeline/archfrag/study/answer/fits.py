@@ -18,7 +18,7 @@ from archfrag.study.answer.cube import in_si
 from archfrag.study.checks import uncorrected, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
-from archfrag.study.file.schema import Study
+from archfrag.study.file.schema import Intensity, Study
 from archfrag.study.files import CUBE, finite, read_json, refuse_foreign_cube, write_text
 
 if TYPE_CHECKING:
@@ -128,24 +128,24 @@ def load_fits(study: Study) -> Fitted:
 def fit_lines(study: Study, fitted: Fitted) -> list[str]:
     """Write lines on the curves of the first arches and of classes, and cautions."""
     arches, classes, cube = fitted
-    lines = [fit_text(study, name, each) for name, each in list(arches.items())[:SHOWN]]
+    lines = [fit_text(study.intensity, name, each) for name, each in list(arches.items())[:SHOWN]]
     if len(arches) > SHOWN:
         lines.append(f"{len(arches) - SHOWN} more arches in {study.folder / FITS}")
-    lines += [f"class {fit_text(study, name, each)}" for name, each in classes.items()]
+    lines += [f"class {fit_text(study.intensity, name, each)}" for name, each in classes.items()]
     cautions = cautions_of_cube(study, cube, arches)
     return [f"fit: {line}" for line in lines] + [f"caution: {each}" for each in cautions]
 
 
-def fit_text(study: Study, name: str, found: Answer) -> str:
+def fit_text(intensity: Intensity, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
-    factor, unit = study.intensity.factor, study.intensity.unit
+    factor, unit = intensity.factor, intensity.unit
     lost = lost_text(found, lambda theta: f"{theta / factor:.4g} {unit}")
     lost = f"; {lost}" if lost else ""
     if isinstance(found.curve, str):
         return f"{name}: no curve: {found.curve}{lost}"
     theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
-        f"{name}: median {theta:.4g} {unit} of {study.intensity.measure} "
+        f"{name}: median {theta:.4g} {unit} of {intensity.measure} "
         f"({100 * found.confidence:g} %: {low:.4g} to {high:.4g}), dispersion "
         f"{found.curve.beta:.3g} ({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
     )

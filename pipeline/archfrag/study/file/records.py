@@ -20,7 +20,7 @@ from archfrag.motions.calibrate import check_file
 from archfrag.motions.measures import measure, scale_factor
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.file import at, meant
-from archfrag.study.file.motions import apply_step
+from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
 from archfrag.study.files import Inputs, canonical_json, read_json, sha256_if_there, write_text
 
@@ -70,12 +70,11 @@ class PreparedRecord:
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
-def find_sources(study: Study) -> list[Source]:
-    """Find the record files of a study.
+def find_sources(asked: Motions, measure: str) -> list[Source]:
+    """Find the record files that a study with this measure asks for.
 
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
-    asked = study.motions
     rows = [] if asked.index is None else index.load_index(asked.index)
     select = None if asked.files else asked.select  # of files the ids are known when read
     check_known(select or (), [row.id for row in rows])
@@ -105,7 +104,7 @@ def find_sources(study: Study) -> list[Source]:
     found = [source for source in every if source.path not in verticals
              and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
     _name([source for source in found if source.entry is None])
-    _add_others(found, study, rows)
+    _add_others(found, _components(asked, measure), rows)
     return found
 
 
@@ -114,7 +113,8 @@ def study_inputs(study: Study) -> Inputs:
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
-    sources, given = find_sources(study), study.motions.index
+    sources = find_sources(study.motions, study.intensity.measure)
+    given = study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     places = list(dict.fromkeys(path.parent for path in records))
     indices = [place / index.INDEX_NAME for each in places for place in (each, each.parent)]
@@ -172,19 +172,21 @@ def _name(sources: Sequence[Source]) -> None:
             source.name = "+".join((*parent.relative_to(common).parts, last))
 
 
-def _components(study: Study) -> dict[str, bool]:
+def _components(asked: Motions, measure: str) -> dict[str, bool]:
     """Whether motions need a vertical, and both horizontal components at once."""
-    pairs = any(name == "rotate" for name, _ in study.motions.steps)
-    pairs = pairs or study.intensity.measure.strip().startswith("RotD")
-    return {"vertical": study.motions.vertical, "transverse": pairs}
+    pairs = any(name == "rotate" for name, _ in asked.steps)
+    pairs = pairs or measure.strip().startswith("RotD")
+    return {"vertical": asked.vertical, "transverse": pairs}
 
 
-def _add_others(sources: Sequence[Source], study: Study, rows: Sequence[index.IndexEntry]) -> None:
+def _add_others(
+    sources: Sequence[Source], needed: dict[str, bool], rows: Sequence[index.IndexEntry]
+) -> None:
     """Find the files of the other components that are asked for.
 
     A row of the index with the same event and station comes before a file of nearly the same name.
     """
-    asked = [kind for kind, needed in _components(study).items() if needed]
+    asked = [kind for kind, is_needed in needed.items() if is_needed]
     places = {source.path.parent for source in sources} if asked else ()
     by_name = {place: partners(folder_names(place)) for place in places}
     for source in sources if asked else ():
@@ -210,18 +212,20 @@ def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
     return found if all(found) else None
 
 
-def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other, processed as it asks."""
-    from archfrag.motions.read import load_motion, read_motions
+def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
+    """Read the motions that a study asks for one after the other, processed as it states."""
+    from archfrag.motions.read import load_motion, read_horizontals
 
-    select, steps = study.motions.select, study.motions.steps
+    select, steps, needed = asked.select, asked.steps, _components(asked, measure)
     chosen = dict(steps).get("choose", {}).get("components", ())
     taken: dict[str, Path] = {}
     left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
     used, turned = set[Any](), set[Any]()
-    for source in find_sources(study):
+    for source in find_sources(asked, measure):
         path, entry, options = source.path, source.entry, source.options
-        every = [load_motion(entry)] if entry else read_motions(path, name=source.name, **options)
+        every = (
+            [load_motion(entry)] if entry else read_horizontals(path, name=source.name, **options)
+        )
         facts = {"file": path.name, "file_sha256": sha256_of(path)}
         for motion in every:
             about, code = motion.metadata, str(motion.metadata.get("component", ""))
@@ -233,7 +237,7 @@ def read_sources(study: Study) -> Iterator["Motion"]:
             used.add(record)
             if (path, code) in turned:  # the other component of a motion that was rotated
                 continue
-            motion = _with_components(study, motion, every, source)
+            motion = _with_components(needed, motion, every, source)
             if "rotate" in dict(steps):
                 same = motion.metadata.get("file_transverse", "") == path.name
                 file = path if same else source.others.get("transverse")
@@ -260,12 +264,13 @@ def read_sources(study: Study) -> Iterator["Motion"]:
 
 
 def _with_components(
-    study: Study, motion: "Motion", every: Sequence["Motion"], source: Source
+    asked: dict[str, bool], motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
+    """Give a motion the components that are asked for, and no others."""
     from archfrag.motions import partners
-    from archfrag.motions.read import read_motions, read_vertical
+    from archfrag.motions.read import read_horizontals, read_vertical
 
-    own, asked = motion, _components(study)
+    own = motion
     if own.vertical is not None and not asked["vertical"]:
         labels = {**own.metadata, "vertical_component": ""}
         log = (*own.log, "Vertical component left out.")
@@ -279,7 +284,7 @@ def _with_components(
             if kind == "vertical":
                 other = read_vertical(file, **source.options)
             else:
-                found = read_motions(file, **source.options)
+                found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
         if other is None:
             component = "vertical" if kind == "vertical" else "other horizontal"
@@ -323,7 +328,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
 
     inputs, records = study_inputs(study), list[PreparedRecord]()
     folder = make_folder(study.work / FOLDER)
-    for motion in read_sources(study):
+    for motion in read_sources(study.motions, study.intensity.measure):
         record = described(study, motion)
         save_motions(folder / "new.npz", [motion])
         prepared = sha256_of(folder / "new.npz")

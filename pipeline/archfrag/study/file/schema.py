@@ -234,8 +234,16 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
     for text in overrides:
         _override(given, text)
+    return study_of(given, folder, path)
+
+
+def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
+    """Check the keys of a study, whose relative paths are below a folder.
+
+    InputError begins with the `place` that they are from.
+    """
     given.setdefault("output", str(folder / "results" / str(given.get("id"))))
-    with at(path, given):
+    with at(place, given):
         study = Study.model_validate(given, context={"folder": folder})
         check_buildable(checked(study.members))
     return study

@@ -76,7 +76,7 @@ def run_batch(
     count = workers or study.execution.workers or available_cores()
     bar = tqdm(
         unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
-        mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        mininterval=0.2 if sys.stderr.isatty() or "ipykernel" in sys.modules else 10.0,
     )  # fmt: skip
 
     def verdicts_of(cases: Cases) -> Verdicts:

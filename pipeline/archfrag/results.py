@@ -1,0 +1,372 @@
+"""Results of a study that has been run: curves, runs, capacities, risk, and files for others."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from markupsafe import escape
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import FitError, InputError
+from archfrag.files import WORK, make_folder, replacing
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.report import make_report
+from archfrag.study.answer.cube import in_unit
+from archfrag.study.answer.curves import quoted, runs_of_cube
+from archfrag.study.answer.fits import cautions_of_cube, fit_text
+from archfrag.study.file.schema import Intensity, Study, load_study
+from archfrag.study.files import OWNER, read_json
+from archfrag.study.steps import finished, make_step
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from archfrag.plots import Film
+    from archfrag.simulate import Response
+
+PathLike = str | os.PathLike[str]
+Band = tuple[NDArray[np.float64], NDArray[np.float64]]
+_RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
+         "probability_upper"]  # fmt: skip
+
+
+def open(path: PathLike) -> Results:
+    """Open the results of a study that has been run.
+
+    Parameters
+    ----------
+    path : path
+        Study file, or folder of the results.
+
+    Raises
+    ------
+    InputError
+        If there are no results, or they are not those of the study file as it is now.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> wave = np.sin(np.arange(100) / 5.0) * np.hanning(100)
+    >>> motions = [af.Motion(factor * wave, 0.01, id=f"wave{factor}") for factor in (1, 2)]
+    >>> study = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.2, 0.8, 3.2], id="block")
+    >>> _ = study.run(progress=False)
+    >>> af.open("results/block").runs.collapsed.shape
+    (1, 2, 3)
+    """
+    given = Path(path)
+    if not given.is_dir():
+        return Results(load_study(given))
+    try:
+        file = given / str(read_json(given / WORK / OWNER)["file"])
+    except (OSError, ValueError, LookupError, TypeError):
+        what = "is not a folder with the results of a study; give results/ID, or the study file"
+        raise InputError(f"{given}: {what}") from None
+    return Results(load_study(file))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Curve:
+    """Probability of collapse, or of a lighter limit state, against intensity.
+
+    Call it with intensities in the unit of the study to get probabilities.
+
+    Attributes
+    ----------
+    name, state : str
+        Arch or class of arches, and limit state.
+    theta, beta : float
+        Median capacity [unit of the study], and standard deviation of ln capacity.
+    theta_interval, beta_interval : (lower, upper)
+        Intervals at the `confidence` of the study.
+    intensity : Intensity
+        Its `measure`, `unit` and levels.
+    """
+
+    name: str
+    intensity: Intensity
+    theta: float
+    beta: float
+    theta_interval: tuple[float, float]
+    beta_interval: tuple[float, float]
+    confidence: float
+    _fit: Fragility
+    _answer: Answer
+    state: str = "collapse"
+
+    @property
+    def limit_states(self) -> dict[str, Curve]:
+        """Curves of all limit states that the runs show, the lightest first and collapse last."""
+        found, confidence = {}, self.confidence
+        for state in self._answer.more.get("limit_states", {}).get("states", ()):
+            fit, name = curve_of_dict(state["curve"]), str(state["name"])
+            if isinstance(fit, Fragility) and name != self.state:
+                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
+                own = Answer(fit, fit, *ends, confidence=confidence)
+                found[name] = _curve(self.name, fit, own, self.intensity, name)
+        return {**found, self.state: self}
+
+    @overload
+    def __call__(self, im: float) -> float: ...
+    @overload
+    def __call__(self, im: ArrayLike) -> NDArray[np.float64]: ...
+    def __call__(self, im: Any) -> Any:
+        """Probability at intensities >= 0 (else InputError), of the same shape."""
+        return self._fit.probability(np.multiply(im, self.intensity.factor))
+
+    def band(self, im: ArrayLike) -> Band:
+        """Lower and upper end of the band at intensities, each of the same shape.
+
+        That of collapse is known up to 1.05 times the highest level, and nan beyond.
+        """
+        at, known = np.multiply(im, self.intensity.factor), self._answer
+        if not known.im:
+            return self._fit.band(at, self.confidence)
+        low, high = (np.interp(at, known.im, e, right=np.nan) for e in (known.lower, known.upper))
+        return np.asarray(low), np.asarray(high)
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw the curve with its band on axes of matplotlib, new ones if none are given.
+
+        `style` is handed to the line, such as color or label.
+        """
+        from archfrag.plots import axes_of
+
+        ax = axes_of(ax)
+        im = np.linspace(0.0, 1.05 * self.intensity.given[-1], 200)
+        (line,) = ax.plot(im, self(im), **{"label": self.name, **style})
+        ax.fill_between(im, *self.band(im), color=line.get_color(), alpha=0.2, linewidth=0.0)
+        ax.set(xlabel=f"{self.intensity.measure} [{self.intensity.unit}]", xlim=(0.0, im[-1]),
+               ylabel=f"probability of {self.state}", ylim=(0.0, 1.0))  # fmt: skip
+        return ax
+
+    def __repr__(self) -> str:
+        name = self.name if self.state == "collapse" else f"{self.name}, {self.state}"
+        return f"<Curve {fit_text(self.intensity, name, self._answer)}>"
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of
+
+        return html_of(self)
+
+
+def _curve(
+    name: str, fit: Fragility, answer: Answer, intensity: Intensity, state: str = "collapse"
+) -> Curve:
+    """A curve in the unit of the study, from one in SI units."""
+    factor, (low, high) = intensity.factor, answer.theta
+    theta = fit.theta / factor, fit.beta, (low / factor, high / factor)
+    return Curve(name, intensity, *theta, answer.beta, answer.confidence, fit, answer, state)
+
+
+class Results:
+    """Results of a study, as `Study.run` and `archfrag.open` return them.
+
+    Intensities are in the unit of the study. InputError if results are missing, or are not those
+    of the study file as it is.
+
+    Attributes
+    ----------
+    curves : dict of str to Curve
+        Curves of classes of arches, then of arches, by name; of those that have one.
+    cautions : list of str
+        Reasons for caution, as the report lists them.
+    folder : Path
+    """
+
+    def __init__(self, study: Study) -> None:
+        self._study, self.folder = study, study.folder
+        arches, classes, cube = finished(study)
+        with cube:
+            self._cube = cube.load()
+        self._quoted = quoted(self._cube, arches, classes)
+        self.curves = {
+            name: _curve(name, found.curve, found, study.intensity)
+            for name, found in {**classes, **arches}.items() if isinstance(found.curve, Fragility)
+        }  # fmt: skip
+        self.cautions = cautions_of_cube(study, self._cube, arches)
+
+    @property
+    def curve(self) -> Curve:
+        """The curve of a study of one arch or one class; else InputError, or FitError if none."""
+        (name, found), *others = self._quoted.items()
+        if others:
+            names = ", ".join(self._quoted)
+            raise InputError(f"the study has several curves; take one of .curves by name: {names}")
+        if isinstance(found.curve, str):
+            raise FitError(f"{name}: there is no curve: {found.curve}")
+        return self.curves[name]
+
+    @property
+    def runs(self) -> xr.Dataset:
+        """All runs along arch, record and intensity (level, if each run has its own).
+
+        The cube of the study with `collapsed` (bool); `verdict` tells which runs were not made.
+        """
+        cube = in_unit(self._cube, self._study)
+        return cube.assign(collapsed=cube["verdict"] == Verdict.COLLAPSED)
+
+    @property
+    def capacities(self) -> pd.DataFrame:
+        """Capacity of each record for each arch, and the levels between which it lies.
+
+        `below` is the highest level that the arch withstands, 0 if there is none; `above` the
+        lowest at which it collapses, inf if there is none; `capacity` their geometric mean.
+        """
+        import pandas as pd
+
+        names = self._cube["record"].values.astype(str)
+        tables = [
+            pd.DataFrame({
+                "arch": runs.name, "record": names, "below": found.lower / factor,
+                "above": found.upper / factor, "capacity": found.middle / factor,
+            })
+            for factor in [self._study.intensity.factor]
+            for runs in runs_of_cube(self._cube) for found in [runs.brackets]
+        ]  # fmt: skip
+        return pd.concat(tables, ignore_index=True)
+
+    def risk(
+        self, hazard: PathLike | Sequence[PathLike] | None = None, *, years: float = 50.0,
+        unit: str | None = None, site: Sequence[float] | None = None,
+    ) -> pd.DataFrame:  # fmt: skip
+        """Find the annual rate of collapse at a site, for each class and each arch of none.
+
+        Parameters
+        ----------
+        hazard : path or sequence of path, optional
+            Hazard curve as `archfrag risk --help` describes it; that of the study if not given.
+        years : float
+            Period for the probability of collapse.
+        unit : str, optional
+            Of the intensities of a CSV whose header has none.
+        site : (longitude, latitude), optional
+            Nearest site of OpenQuake's file [degrees].
+
+        Returns
+        -------
+        pandas.DataFrame
+            Rates in 1/year, periods in years; in ``attrs`` what `archfrag risk --json` prints.
+        """
+        import pandas as pd
+
+        from archfrag.hazard import load_hazard
+        from archfrag.study.answer.risk import risk_facts, risk_of
+
+        study = self._study
+        if (given := study.risk) is not None and hazard is None:
+            hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
+        if hazard is None:
+            raise InputError("the study has no hazard; give the file of a hazard curve")
+        files = [hazard] if isinstance(hazard, str | os.PathLike) else hazard
+        curve = load_hazard([Path(each) for each in files], study.intensity.measure, unit, site)
+        fits = {name: found.curve for name, found in self._quoted.items()}
+        found = risk_of(self._cube, fits, curve, years, study.report.confidence)
+        facts = risk_facts(found, study)
+        rows = {
+            name: [each["rate"], *each["rate_band"], each["return_period"], each["probability"],
+                   *each["probability_band"]]
+            for name, each in facts["arches"].items() if "none" not in each
+        }  # fmt: skip
+        if not rows:
+            raise FitError("no arch has a curve, so there is no rate")
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
+        table.attrs.update(facts)
+        return table
+
+    def response(self, run: str = "median", arch: str | None = None) -> Response:
+        """Simulate a run again, with its history.
+
+        Parameters
+        ----------
+        run : str
+            "median", the record whose capacity is nearest to the median; or RECORD@LEVEL, such as
+            "syn-m75-r015@0.5", the level in the unit of the study.
+        arch : str, optional
+            If not given, the first arch of the report.
+        """
+        from archfrag.report.film import example_of
+
+        return example_of(self._study, run, arch).response
+
+    def film(self, run: str = "median", arch: str | None = None) -> Film:
+        """Make a film of a run, as `response` takes it; `save` writes it as .gif or .mp4."""
+        return self.response(run, arch).animate()
+
+    def report(self) -> Path:
+        """Make the report if it is not up to date; its path."""
+        make_step(self._study, "report", lambda text: None, report=make_report)
+        return self.folder / "report.html"
+
+    def to_nrml(self, path: PathLike, discrete: bool = False, members: bool = False) -> Path:
+        """Write the curves for OpenQuake, as fragility model in NRML; its path.
+
+        Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
+        `members` its arches have theirs too. Warnings name what is left out and what to heed.
+        """
+        return self._export(f"nrml-{'discrete' if discrete else 'continuous'}", path, members)[0]
+
+    def to_pelicun(self, path: PathLike, members: bool = False) -> list[Path]:
+        """Write the curves as a damage database of pelicun: a CSV, and beside it a JSON."""
+        return self._export("pelicun", path, members)
+
+    def to_incore(self, path: PathLike, members: bool = False) -> list[Path]:
+        """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
+        return self._export("in-core", path, members)
+
+    def to_csv(self, path: PathLike, members: bool = False) -> list[Path]:
+        """Write tables of curves, parameters, runs, records and arches into a folder."""
+        return self._export("csv", path, members)
+
+    def _export(self, kind: str, path: PathLike, members: bool) -> list[Path]:
+        """Export to a folder, or a single file to the path of a file."""
+        from archfrag.export.command import export_study
+
+        path = Path(path)
+        with tempfile.TemporaryDirectory() as temporary:
+            single = kind.startswith("nrml")
+            made = export_study(self._study, [kind], Path(temporary) if single else path, members)
+            files = [Path(each["file"]) for each in made["files"]]
+            if single:
+                make_folder(path.parent)
+                with replacing(path) as part:
+                    shutil.copyfile(files[0], part)
+                files = [path]
+        left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
+        for message in (*left, *made["notes"]):
+            warnings.warn(message, stacklevel=3)
+        return files
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the curves of classes, and of arches that are of none."""
+        from archfrag.plots import axes_of, legend
+
+        ax = axes_of(ax)
+        for name in filter(self.curves.__contains__, self._quoted):
+            self.curves[name].plot(ax)
+        legend(ax)
+        return ax
+
+    def __repr__(self) -> str:
+        told = [repr(curve).removeprefix("<Curve ")[:-1] for curve in self.curves.values()]
+        more = f"\nand {len(told) - 1} more" if told[1:] else ""
+        return f"<Results of {self._study.id!r}: {told[0] if told else 'no curve'}{more}>"
+
+    def _repr_html_(self) -> str:
+        from archfrag.plots import html_of
+
+        none = [
+            f"{k}: no curve: {a.curve}" for k, a in self._quoted.items() if k not in self.curves
+        ]
+        return html_of(self) + "".join(f"<p>{escape(each)}</p>" for each in none + self.cautions)

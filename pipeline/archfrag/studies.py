@@ -1,0 +1,295 @@
+"""A study in Python: the keys of a study file, given as objects, and its run."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import yaml
+from markupsafe import escape
+from numpy.typing import ArrayLike
+
+from archfrag.arch import Arch
+from archfrag.errors import InputError
+from archfrag.files import counted, make_folder, sha256_of
+from archfrag.motions.index import INDEX_NAME, write_index
+from archfrag.motions.measures import measure_unit
+from archfrag.motions.motion import Motion
+from archfrag.report import make_report
+from archfrag.results import Results
+from archfrag.study.file import schema
+from archfrag.study.file.arches import VARIABLE
+from archfrag.study.files import write_text
+from archfrag.study.reading import MotionList
+from archfrag.study.steps import run_study
+
+Arches = Arch | Mapping[str, Any]
+Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
+Levels = ArrayLike | Mapping[str, float]
+# Facts of a motion that its row of an index keeps, with other names they may have.
+_FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude",
+          "distance_km": "", "Vs30_mps": "vs30_mps", "level": "", "unit_in_file": ""}  # fmt: skip
+_COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
+_PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")
+_HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
+
+
+class Study:
+    """Arches under motions that are scaled to levels: the same as a study file.
+
+    Arguments are keys of a study file, listed in docs/study_file.md, or objects in their place.
+
+    Parameters
+    ----------
+    arch : Arch, or mapping of names to arches
+        Arches that a study file can describe may be given as a mapping of its keys instead.
+    motions : Motion, path, sequence of either, or mapping
+        Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
+        `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
+    measure : str
+        Intensity measure, such as PGA, PGV or Sa(0.5).
+    levels : sequence of float, or mapping of start, stop and count
+        Intensities that the motions are scaled to.
+    unit : str, optional
+        Of the levels: g for accelerations, else m/s or m, if not given.
+    design : "stripes", "ida", "cloud", or mapping of `kind` and settings
+    vary : mapping, optional
+        Number of `samples` of each arch, and by key, such as friction, its distribution.
+    hazard : path or mapping, optional
+        Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
+    id, title : str
+        Name of the study, whose results are in results/ID, and heading of its report.
+    **keys
+        Other keys of a study file: method, limit_states, report, execution, institution, output.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used; the message names its key in a study file.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> wave = np.sin(np.arange(200) / 10.0) * np.hanning(200)
+    >>> motions = [af.Motion(factor * wave, 0.01, id=f"wave{factor}") for factor in (1, 2)]
+    >>> study = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.2, 0.6, 1.8], design="ida")
+    >>> study
+    <Study 'study': 1 arch, ida at 3 levels of PGA from 0.2 to 1.8 g>
+    >>> study.to_file("block.yaml").name
+    'block.yaml'
+    """
+
+    def __init__(
+        self, arch: Arches, motions: Motions, measure: str = "PGA", *, levels: Levels,
+        unit: str | None = None, design: str | Mapping[str, Any] = "stripes",
+        vary: Mapping[str, Any] | None = None, hazard: Any = None,
+        id: str = "study", title: str | None = None, **keys: Any,
+    ) -> None:  # fmt: skip
+        for key, own in (("arches", "arch"), ("intensity", "measure, levels and unit")):
+            if key in keys:
+                raise InputError(f"Study: {key} cannot be given; give {own}")
+        self._motions, found = _motions(motions)
+        if isinstance(levels, np.ndarray):  # as a person would have typed them
+            levels = [float(f"{level:.12g}") for level in levels.ravel().tolist()]
+        if unit is None:
+            unit = "g"
+            with contextlib.suppress(InputError):  # which the schema words, with the key
+                unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
+        given = {
+            "id": id, "title": title or id, "arches": _arches(arch, id, vary), "motions": found,
+            "intensity": {"measure": measure, "unit": unit, "levels": levels},
+            "design": {"kind": design} if isinstance(design, str) else design, **keys,
+        }  # fmt: skip
+        if hazard is not None:
+            given["risk"] = hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
+        plain = json.loads(json.dumps(given, default=_plain))
+        self._keys = schema.study_of(plain, Path.cwd(), "Study")
+        self._file: Path | None = None
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> Study:
+        """Read a study file in YAML; InputError names the key that is wrong."""
+        study = cls.__new__(cls)
+        study._file, study._motions = Path(path), ()
+        study._keys = schema.load_study(Path(path))
+        return study
+
+    @property
+    def id(self) -> str:
+        """Name of the study."""
+        return self._keys.id
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its results."""
+        return self._keys.folder
+
+    def to_file(self, path: str | os.PathLike[str]) -> Path:
+        """Write a study file that anybody can run, and that gives the same results to the bit.
+
+        Motions that were given as objects go into a folder beside it, as text with all digits.
+        Other files stay where they are, and their paths are relative to the new file. Its results
+        will be in results/ID beside it. OutputError if a file cannot be written.
+        """
+        from archfrag import __version__
+
+        path = Path(path)
+        folder, keys = (
+            make_folder(path.parent).resolve(),
+            self._keys.model_dump(exclude_unset=True),
+        )
+        if folder != self.folder.resolve():
+            del keys["output"]
+        if self._motions:
+            place = make_folder(folder / f"{path.stem}-motions")
+            keys["motions"]["index"] = str(_write_motions(self._motions, place))
+        text = yaml.safe_dump(_relative(keys, "", folder), sort_keys=False, allow_unicode=True)
+        write_text(path, _HEAD.format(version=__version__, name=path.name) + text)
+        return path
+
+    def run(self, progress: bool = True, cores: int | None = None) -> Results:
+        """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
+
+        Parameters
+        ----------
+        progress : bool
+            Show what is done, with a progress bar.
+        cores : int, optional
+            Number of processes; all cores by default.
+
+        Returns
+        -------
+        Results
+
+        Raises
+        ------
+        ArchfragError
+            Of the step that failed. What is finished is kept: call `run` again to continue.
+        """
+        path = self._file or self.to_file(self.folder / "study.yaml")
+        study = schema.load_study(path)
+        with _without_main():
+            run_study(study, path, lambda: None, make_report, cores, quiet=not progress)
+        return Results(study)
+
+    def __repr__(self) -> str:
+        keys = self._keys
+        levels = keys.intensity.given
+        ends = f"from {levels[0]:g} to {levels[-1]:g} {keys.intensity.unit}"
+        return (
+            f"<Study {self.id!r}: {counted(len(keys.members), 'arch')}, {keys.design.kind} at "
+            f"{counted(len(levels), 'level')} of {keys.intensity.measure} {ends}>"
+        )
+
+    def _repr_html_(self) -> str:
+        keys, asked = self._keys, self._keys.motions
+        named = [each.id for each in self._motions] or [each.path for each in asked.files]
+        lists = {"arches": [entry.id for entry in keys.arches], "motions": named,
+                 "index": [] if self._motions or not asked.index else [asked.index],
+                 "results": [str(self.folder)]}  # fmt: skip
+        lines = (f"<br>{name}: {escape(', '.join(of))}" for name, of in lists.items() if of)
+        return f"<p><b>{escape(repr(self)[1:-1])}</b>{''.join(lines)}</p>"
+
+
+def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
+    """Entries of a study file for arches, of which a single one has this name if it has none."""
+    several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
+    arch = arch if several else {name: arch}
+    entries = []
+    for name, each in arch.items():
+        if not isinstance(each, Arch | Mapping):
+            rule = "an Arch, a mapping of names to arches, or a mapping of an arch's keys"
+            raise InputError(f"Study: arch is {type(each).__name__}; it must be {rule}")
+        given = each.parameters if isinstance(each, Arch) else each
+        entries.append({"id": name} | {k: v for k, v in given.items() if v is not None})
+        if vary is not None:
+            of = {key: law for key, law in vary.items() if key in VARIABLE}
+            others = {key: value for key, value in vary.items() if key not in of}
+            entries[-1]["vary"] = others | ({"of": {**others.get("of", {}), **of}} if of else {})
+    return entries
+
+
+def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
+    """Motion objects, and the block `motions` of a study file."""
+    if isinstance(given, MotionList) and given.asked is not None:
+        given = given.asked.model_dump(exclude_unset=True)
+    if isinstance(given, Mapping):
+        return (), dict(given)
+    single = isinstance(given, Motion | str) or not isinstance(given, Iterable)
+    each: list[Any] = [given] if single else list(given)
+    objects = [one for one in each if isinstance(one, Motion)]
+    if each and all(isinstance(one, str | os.PathLike | Mapping) for one in each):
+        index = not isinstance(each[0], Mapping) and Path(each[0]).name == INDEX_NAME
+        return (), {"index": each[0]} if index and len(each) == 1 else {"files": each}
+    if len(objects) < len(each) or not each:
+        found = ", ".join(dict.fromkeys(type(one).__name__ for one in each)) or "nothing"
+        rule = "Motion objects, or paths, or a mapping"
+        raise InputError(f"Study: motions hold {found}; they must be {rule}")
+    names = Counter(one.id for one in objects if one.id)
+    if twice := [name for name, times in names.items() if times > 1]:
+        raise InputError(f"Study: several motions have the id {twice[0]!r}; each needs its own")
+    count = sum(one.vertical is not None for one in objects)
+    if 0 < count < len(each):
+        raise InputError(
+            f"Study: {count} of {len(each)} motions have a vertical component; all of them must "
+            "have one, or none"
+        )
+    return tuple(objects), {"index": INDEX_NAME, "vertical": count > 0}  # which `to_file` writes
+
+
+def _write_motions(motions: Sequence[Motion], folder: Path) -> Path:
+    """Write motions as text with all digits, and their index; its path."""
+    rows = []
+    for number, motion in enumerate(motions, start=1):
+        path = folder / f"motion{number}.txt"
+        parts = [each for each in (motion.acceleration, motion.vertical) if each is not None]
+        lines = (" ".join(map(repr, row)) for row in np.column_stack(parts).tolist())
+        write_text(path, "\n".join(lines) + "\n")
+        about = motion.metadata
+        facts = {key: about.get(key) or about.get(other) for key, other in _FACTS.items()}
+        rows.append({
+            **{key: fact for key, fact in facts.items() if fact},
+            "id": motion.id or path.stem, "file": path.name, "unit": "m/s2",
+            "sha256": sha256_of(path), "columns": f"{_COLUMNS[len(parts)]} dt={motion.dt!r}",
+            # Who made the object has seen its numbers.
+            "accept": "pga time_step",
+        })  # fmt: skip
+    return write_index(folder, rows)
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know as a study file has it: arrays as lists, paths as text."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise InputError(f"Study: {value!r} cannot be written to a study file")
+
+
+def _relative(value: Any, key: str, folder: Path) -> Any:
+    """A value of a study file, with its paths below a folder."""
+    if isinstance(value, dict):
+        return {name: _relative(inner, name, folder) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_relative(inner, key, folder) for inner in value]
+    path = isinstance(value, str) and key in _PATHS
+    return os.path.relpath(value, os.path.realpath(folder)) if path else value
+
+
+@contextlib.contextmanager
+def _without_main() -> Iterator[None]:
+    """Let workers start without the user's script, which they would run once more each."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main

@@ -1,0 +1,80 @@
+"""A film of a run of a finished study: the run and the file that are asked for."""
+
+import lxml.etree
+import numpy as np
+import pytest
+from PIL import Image
+
+from archfrag.errors import InputError
+from archfrag.fragility.counts import Verdict
+from archfrag.report import film
+from archfrag.report.arch import Example
+from archfrag.simulate import simulate
+from tests.report import synthetic
+from tests.study.small import command, small_study
+
+
+@pytest.fixture(scope="module")
+def study():
+    return synthetic.inputs()
+
+
+@pytest.fixture
+def runs(study, monkeypatch):
+    """Ask for films of a made-up study; record, level and reason of each run repeated."""
+    kept = []
+    monkeypatch.setattr(film, "report_inputs", lambda given: study)
+    monkeypatch.setattr(film, "repeat", lambda inputs, results, arch, run: kept.append(run) or run)
+    return kept
+
+
+def test_median_and_named_runs_are_found(study, runs):
+    results = film.arch_results(study.cube, "ring", study.scale)
+    film.example_of(None)
+    (record, level, reason) = runs[0]
+    assert results.verdict[record, level] == Verdict.COLLAPSED
+    assert "nearest the median" in reason
+    name = results.records[2]
+    for text in ("0.459", "0.459 g", f"{results.levels[4]:.6f}g"):
+        film.example_of(None, f"{name}@{text}", "ring")
+        assert runs[-1] == (2, 4, "the run that was asked for")
+
+
+@pytest.mark.parametrize(
+    ("run", "arch", "message"),
+    [
+        ("mean", None, r"--run mean: must be median or RECORD@LEVEL, such as RSN100.*@0\.102"),
+        ("RSN1O0_EVENT00_STA000@0.459", None, r"did you mean RSN100_EVENT00_STA000\?"),
+        ("RSN100_EVENT00_STA000@0.5", None, r"was run at 0\.102, .* 0\.816 g, not at 0\.5"),
+        ("median", "rnig", r"--arch rnig: .*did you mean ring\?"),
+    ],
+)
+def test_a_run_that_is_not_there_is_refused(runs, run, arch, message):
+    with pytest.raises(InputError, match=message):
+        film.example_of(None, run, arch)
+    assert not runs
+
+
+def test_file_formats(tmp_path):
+    arch, _ = synthetic.arch_and_onset()
+    motion = synthetic.motions(1)[0]
+    response = simulate(arch, motion, scale=8.0, history=True, follow=1.0)
+    example = Example(arch, motion, 8.0, "PGA = 1 g", response, "chosen", True)
+    film.save_film(example, tmp_path / "made" / "fall.svg")
+    root = lxml.etree.parse(tmp_path / "made" / "fall.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert len(root.findall(".//{*}use[@id]")) == arch.n_voussoir
+    assert [path.name for path in (tmp_path / "made").iterdir()] == ["fall.svg"]
+
+
+def test_command_writes_what_it_was_asked_for(tmp_path):
+    path = small_study(tmp_path)
+    assert command("run", path, "--quiet").exit_code == 0
+    done = command("film", path, "--run", "wave0@1.2", "--to", tmp_path / "run.gif")
+    assert done.output.startswith(f"film: {tmp_path / 'run.gif'}: wave0 at PGA = 1.20 g, ")
+    with Image.open(tmp_path / "run.gif") as made:
+        assert np.array(made.convert("L")).std() > 5.0
+        assert made.n_frames > 20
+    refused = command("film", path, "--to", tmp_path / "run.mov")
+    assert refused.exit_code == 2
+    assert "a film is written as .gif, .mp4, .svg" in refused.output

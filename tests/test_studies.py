@@ -1,0 +1,262 @@
+"""Studies in Python: the same bits as by a study file, messages, results, and their types."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import archfrag as af
+from archfrag import studies
+from archfrag.errors import InputError
+from archfrag.study.file.records import prepare_motions, read_manifest
+from archfrag.study.file.schema import load_study
+from archfrag.study.steps import run_study
+from tests.arch.test_drawing import draw_arch
+from tests.study.small import ROOT, write_at2
+
+# What is of files, which are others if motions are given as objects.
+OF_FILES = {"record_file", "record_sha256"}
+
+
+def bits(values: np.ndarray) -> bytes:
+    return repr(values.tolist()).encode() if values.dtype == object else values.tobytes()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """The current folder, with two records of a horizontal and a vertical each, and a drawing."""
+    (tmp_path / "records").mkdir()
+    time = np.arange(150) * 0.01
+    for name, frequency in (("a", 8.0), ("b", 13.0)):
+        wave = np.sin(frequency * time) * np.sin(np.pi * time / 1.5)
+        for direction, peak in (("N", 0.3), ("UP", 0.1)):
+            path = tmp_path / "records" / f"{name}-{direction}.AT2"
+            text = write_at2(path, peak * wave, 0.01).read_text()
+            path.write_text(text.replace("Nowhere, 0", f"Nowhere, {direction}"))
+    arch = af.Arch.segmental(span=2.0, rise=0.7, thickness=0.3, voussoirs=4, friction=0.6)
+    draw_arch(tmp_path / "bridge.dxf", arch, 0.001, 4)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+MOTIONS = "motions: {files: ['records/?-N.AT2'], vertical: %s}\n"
+RING = {"radius": 10.0, "thickness": 1.5, "embrace": 157.5, "voussoirs": 7, "friction": 0.7}
+EDGE = np.array([[0.2, 0.0], [0.2, 0.8], [0.18, 1.6]])
+# A study file, and the arguments that say the same; both on a folder with records.
+SAME = {
+    "profiles, stripes": (
+        "arches:\n- {id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, "
+        "voussoirs: 7, friction: 0.7}\n- {id: slab, profile: block, width: 0.4, height: 2.0, "
+        "friction: .inf}\n" + MOTIONS % "false"
+        + "intensity: {measure: PGA, unit: g, levels: [0.1, 0.6, 1.2]}\n"
+        "method: {name: time_stepping, dt: 2.0e-3, follow: 2.0}\n",
+        lambda: af.Study(
+            {"ring": af.Arch.circular(**RING), "slab": af.Block(0.4, 2.0, np.inf)},
+            "records/?-N.AT2", levels=[0.1, 0.6, 1.2], id="same",
+            method={"name": "time_stepping", "dt": 2e-3, "follow": 2.0},
+        ),
+    ),
+    "motions as objects with verticals, ida": (
+        "arches: [{id: slab, profile: block, width: 0.4, height: 2.0, friction: 0.8}]\n"
+        + MOTIONS % "true"
+        + "intensity: {measure: PGA, unit: g, levels: {start: 0.3, stop: 1.5, count: 5}}\n"
+        "design: {kind: ida}\n",
+        lambda: af.Study(
+            {"slab": af.Block(0.4, 2.0, 0.8)},
+            [af.read_motion(f"records/{name}-N.AT2", vertical=f"records/{name}-UP.AT2")
+             for name in "ab"],
+            levels=np.linspace(0.3, 1.5, 5), design="ida", id="same",
+        ),
+    ),
+    "a drawing that varies": (
+        "arches: [{id: bridge, drawing: bridge.dxf, friction: 0.6, vary: {samples: 2, of: "
+        "{friction: {distribution: uniform, start: 0.5, stop: 0.7}}}}]\n" + MOTIONS % "false"
+        + "intensity: {measure: PGA, unit: g, levels: [0.4, 0.9, 1.6]}\n",
+        lambda: af.Study(
+            {"bridge": af.Arch.from_dxf("bridge.dxf", 0.6)}, [Path("records/?-N.AT2")],
+            levels=(0.4, 0.9, 1.6), id="same",
+            vary={"samples": 2, "friction": {"distribution": "uniform", "start": 0.5,
+                                             "stop": 0.7}},
+        ),
+    ),
+    "cloud of PGV, processed": (
+        "arches: [{id: slab, profile: block, width: 0.4, height: 2.0, friction: 0.8, "
+        "recess: {intrados: 0.02, extrados: 0.0}}]\n"
+        "motions: {files: [{path: 'records/?-N.AT2'}], processing: [demean]}\n"
+        "intensity: {measure: PGV, unit: cm/s, levels: [20.0, 60.0, 120.0]}\n"
+        "design: {kind: cloud}\n",
+        lambda: af.Study(
+            {"slab": af.Block(0.4, 2.0, 0.8).recessed(0.02)},
+            {"files": ["records/?-N.AT2"], "processing": ["demean"]}, "PGV",
+            levels=[20.0, 60.0, 120.0], unit="cm/s", design={"kind": "cloud"}, id="same",
+        ),
+    ),
+    "joints with loads, limit states": (
+        "arches: [{id: half, profile: from_joints, intrados: [[0.2, 0.0], [0.2, 0.8], [0.18, "
+        "1.6]], extrados: [[-0.2, 0.0], [-0.2, 0.8], [-0.18, 1.6]], free_end: true, dead_load: "
+        "[500.0, 0.0], friction: 0.8}]\n" + MOTIONS % "false"
+        + "intensity: {measure: PGA, unit: m/s2, levels: [0.5, 2.0, 8.0]}\n"
+        "limit_states: {rotation: 0.3}\nreport: {at: 2.0, confidence: 0.8}\n",
+        lambda: af.Study(
+            {"half": af.Arch.from_joints(EDGE, EDGE * [-1, 1], 0.8, free_end=True,
+                                         dead_load=[500.0, 0.0])},
+            af.read_motions("records/?-N.AT2"), unit="m/s2", levels=[0.5, 2.0, 8.0],
+            limit_states={"rotation": 0.3}, report={"at": 2.0, "confidence": 0.8}, id="same",
+        ),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_a_study_by_file_and_in_python_gives_the_same_bits(case, folder, monkeypatch):
+    monkeypatch.setattr(studies, "make_report", lambda study, compared: study.folder)
+    text, make = SAME[case]
+    Path("same.yaml").write_text(f"id: same\ntitle: same\noutput: by_file\n{text}")
+    by_file = load_study("same.yaml")
+    run_study(by_file, Path("same.yaml"), lambda: None, lambda *_: Path(), 1, True)
+    study = make()
+    results = study.run(progress=False, cores=1)
+    one, two = (xr.load_dataset(each / "cube.nc") for each in (by_file.folder, study.folder))
+    assert set(one.variables) == set(two.variables)
+    for name in set(one.variables) - OF_FILES:
+        assert bits(one[name].values) == bits(two[name].values), name
+    fits = [(each / "fits.json").read_text() for each in (by_file.folder, study.folder)]
+    assert fits[0] == fits[1]
+    theta = {k: f["theta"] for k, f in json.loads(fits[0])["fits"].items() if "theta" in f}
+    found = {k: results.curves[k].theta * by_file.intensity.factor for k in theta}
+    assert found == pytest.approx(theta, rel=1e-15)
+    again = load_study(study.to_file("again/same.yaml"))
+    samples = [each.samples for each in prepare_motions(again)]
+    assert samples == [each.samples for each in read_manifest(by_file)["records"]]
+    assert [each.chain for each in again.members] == [each.chain for each in by_file.members]
+    alike = {"arches", "motions", "output"}
+    assert again.model_dump(exclude=alike) == by_file.model_dump(exclude=alike)
+
+
+def test_results_show_themselves_in_two_lines(folder, monkeypatch):
+    monkeypatch.setattr(studies, "make_report", lambda study, compared: study.folder)
+    arches = {"slab": af.Block(0.4, 2.0, 0.8), "<post>": af.Block(0.3, 2.0, 0.8)}
+    with pytest.raises(InputError, match=r"arches\[1\].id"):
+        af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.9])
+    arches["post"] = arches.pop("<post>")
+    study = af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.6, 1.2], design="ida")
+    results = study.run(progress=False, cores=1)
+    assert results.runs.intensity.values.tolist() == [0.3, 0.6, 1.2]
+    assert results.runs.collapsed.sel(intensity=1.2, arch="post").all()
+    assert results.capacities.groupby("arch")["capacity"].median()["post"] < 1.2
+    with pytest.raises(InputError, match=r"take one of \.curves by name: slab, post"):
+        _ = results.curve
+    with pytest.raises(InputError, match="the study has no hazard"):
+        results.risk()
+    for thing in (study, results, results.curves["slab"]):
+        assert len(repr(thing).splitlines()) <= 2
+        assert "slab" in thing._repr_html_()
+
+
+def test_from_a_drawing_to_nrml_in_six_lines(folder):
+    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/howto/python.md")]
+    blocks = {block for page in pages for block in re.findall(r"```python\n(.*?)```", page, re.S)}
+    (lines,) = (block for block in blocks if "to_nrml" in block)
+    assert len(list(filter(None, lines.splitlines()))) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # on limit states that too few runs show
+        exec(lines.replace('"samples": 16', '"samples": 4'), {})
+    text = Path("bridge.xml").read_text()
+    assert text.count("<fragilityFunction ") == 1
+    assert 'id="bridge"' in text
+
+
+MANY = "Study: 1 of 2 motions have a vertical component; all of them must have one, or none"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"arch": "ring"}, "Study: arch is str; it must be an Arch, a mapping of names to arches"),
+        ({"arch": {"slab": {"profile": "block", "width": 1.0}}}, r"Study: arches\[0\].height, "
+         r"arches\[0\].friction must be given"),
+        ({"motions": []}, "Study: motions hold nothing; they must be Motion objects, or paths"),
+        ({"motions": [af.Motion([0.0, 1.0], 0.1), "a.AT2"]}, "hold Motion, str; they must"),
+        ({"motions": [af.Motion([0, 1], 0.1), af.Motion([0, 1], 0.1, [0, 1])]}, MANY),
+        ({"motions": [af.Motion([0, 1], 0.1, id="a")] * 2}, "several motions have the id 'a'"),
+        ({"motions": np.zeros(9)}, "Study: motions hold float64; they must be Motion objects"),
+        ({"motions": 5}, "Study: motions hold int; they must be Motion objects, or paths"),
+        ({"intensity": {}}, "Study: intensity cannot be given; give measure, levels and unit"),
+        ({"measure": "PGX"}, "Study: intensity.measure = PGX"),
+        ({"levels": [0.4, 0.2]}, "Study: intensity.levels = .* must increase, but 0.2 follows"),
+        ({"unit": "cm/s"}, "Study: intensity.unit = cm/s must be one of g, m/s2, cm/s2, gal"),
+        ({"design": "search"}, "Study: design.kind = search must be one of stripes, ida, cloud"),
+        ({"vary": {"samples": 3, "friction": {"distribution": "uniform", "start": 0.5,
+                                              "stop": 0.7}}}, "vary.samples = 3 must be a power"),
+        ({"vary": {"samples": 4, "frictoin": {}}}, "vary.frictoin is not a known key"),
+        ({"limitstates": {}}, "Study: limitstates is not a known key; did you mean limit_states"),
+        ({"report": {"client": object()}}, "cannot be written to a study file"),
+        ({"id": "a b"}, "Study: id = a b must begin with a letter or a digit"),
+    ],
+)  # fmt: skip
+def test_a_wrong_argument_is_named_by_its_key(changes, message):
+    given = {"arch": af.Block(0.4, 2.0, 0.8), "motions": "*.AT2", "levels": [0.2, 0.4]}
+    with pytest.raises(InputError, match=message):
+        af.Study(**given | changes)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "configs").glob("*.yaml")))
+def test_a_study_file_that_is_read_and_written_says_the_same(name, tmp_path):
+    path = ROOT / "configs" / f"{name}.yaml"
+    file = af.Study.from_file(path).to_file(tmp_path / "other" / "study.yaml")
+    assert ": /" not in file.read_text()  # paths are relative
+    written = load_study(file)
+    assert written.folder == tmp_path / "other" / "results" / name.replace("_", "-")
+    assert written.model_dump(exclude={"output"}) == load_study(path).model_dump(
+        exclude={"output"}
+    )
+
+
+def test_motions_that_were_read_stay_files_until_they_are_changed(folder):
+    def motions_of(motions):
+        path = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.5]).to_file("s/study.yaml")
+        return load_study(path).motions
+
+    motions = af.read_motions("records/?-N.AT2")
+    assert motions_of(motions).files[0].path == str(folder / "records" / "?-N.AT2")
+    motions[0] *= 2.0
+    assert motions_of(motions).index == str(folder / "s" / "study-motions" / "index.csv")
+
+
+def test_results_that_are_not_there_are_asked_for(folder):
+    with pytest.raises(InputError, match="is not a folder with the results of a study; give"):
+        af.open("records")
+    with pytest.raises(InputError, match="nowhere cannot be read"):
+        af.open("nowhere")
+
+
+def test_a_script_uses_all_that_is_public_and_its_types_are_known(folder):
+    script = folder / "script.py"
+    script.write_text((ROOT / "tests" / "user_script.py").read_text())
+    options = ["--cache-dir", str(folder), "--config-file", str(ROOT / "pyproject.toml")]
+    check = [sys.executable, "-m", "mypy", "--strict", *options, str(script)]
+    run = [sys.executable, "-W", "ignore", str(script)]
+    environment = os.environ | {"MPLBACKEND": "agg", "MYPYPATH": str(ROOT / "pipeline")}
+    for command in (check, run):
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_workers_do_not_run_the_script_that_starts_them(folder):
+    script = folder / "script.py"
+    script.write_text(
+        "import archfrag as af\nfrom archfrag.study.runs import execute\n"
+        "execute.IN_PROCESS = 0.0\nprint('once')\n"
+        "study = af.Study(af.Block(0.4, 2.0, 0.8), 'records/?-N.AT2', levels=[0.3, 0.6, 1.2],\n"
+        "                 execution={'chunk': 1})\n"
+        "study.run(progress=False, cores=2)\nprint('done')\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert done.stdout.split() == ["once", "done"], done.stderr
