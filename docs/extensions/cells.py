@@ -10,7 +10,7 @@ import tempfile
 from docutils import nodes
 from sphinx.application import Sphinx
 
-MAGICS = {"%%bash -e": "bash", "%%writefile": "yaml"}
+MAGICS = {"%%bash": "bash", "%%writefile": "yaml"}
 FOLDER = re.compile(re.escape(tempfile.gettempdir()) + r"/[^\s/'\"]+/(?=\S)")
 
 

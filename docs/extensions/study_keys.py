@@ -6,12 +6,20 @@ definitions of the schema, ``<!-- keys: * -->`` for all that no other mark of th
 
 import json
 import re
+from collections.abc import Iterable
 
 from sphinx.application import Sphinx
 
 MARK = re.compile(r"<!-- keys: (.+?) -->")
 
 WORDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "true, false"}
+# Keys that come first; all others follow in the order of the model.
+FIRST = {
+    "Study": "id title arches motions intensity design report risk output method limit_states",
+    "ArchEntry": "id profile drawing table span rise radius embrace thickness voussoirs friction "
+    "density dead_load recess vary",
+    "Motions": "files index",
+}
 BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 
 
@@ -41,7 +49,10 @@ def values(schema: dict) -> str:
         inner = schema.get("additionalProperties")
         of = f" of {values(inner)}" if isinstance(inner, dict) and inner else ""
         return f"mapping{of}"
-    bounds = ", ".join(f"{sign} {schema[key]:g}" for key, sign in BOUNDS.items() if key in schema)
+    # Bounds beyond a million are against mistaken units; nobody reads them.
+    shown = {key: sign for key, sign in BOUNDS.items() if 1e-6 < abs(schema.get(key, 1e9)) < 1e6
+             or schema.get(key) == 0}  # fmt: skip
+    bounds = ", ".join(f"{sign} {schema[key]:g}" for key, sign in shown.items())
     return " ".join(filter(None, (WORDS.get(kind, kind or "any"), bounds)))
 
 
@@ -62,13 +73,27 @@ def cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|").replace("$", "\\$")
 
 
-def table(schema: dict) -> list[str]:
+def ordered(name: str, keys: Iterable[str]) -> list[str]:
+    """Keys of a definition in their order of importance."""
+    from archfrag.study.file.schema import Study
+
+    model = Study.model_json_schema()
+    name = {"study": "Study"}.get(name, name)
+    declared = [*FIRST.get(name, "").split(), *model["$defs"].get(name, model)["properties"]]
+    return sorted(keys, key=declared.index)
+
+
+def table(schema: dict, name: str, one: dict) -> list[str]:
     """Lines of a table of all keys of one definition."""
-    required = schema.get("required", [])
-    lines = ["| key | values | if not given | meaning |", "|---|---|---|---|"]
-    for name, one in schema.get("properties", {}).items():
-        row = (f"`{name}`", values(one), default(one, name in required),
-               one.get("description", ""))  # fmt: skip
+    required, lines = one.get("required", []), ["| key | values | if not given | meaning |"]
+    lines.append("|---|---|---|---|")
+    for key in ordered(name, one["properties"]):
+        held = one["properties"][key]
+        link = re.fullmatch(r"\[\w+\]\(#study-(\w+)\)", values(held))
+        named = {each.lower(): each for each in schema["$defs"]}
+        block = schema["$defs"][named[link[1]]] if link else {}
+        meaning = held.get("description") or block.get("description", "")
+        row = f"`{key}`", values(held), default(held, key in required), meaning
         lines.append("| " + " | ".join(cell(part) for part in row) + " |")
     return lines
 
@@ -76,7 +101,7 @@ def table(schema: dict) -> list[str]:
 def section(schema: dict, name: str) -> str:
     """Heading, description and keys of one definition."""
     one = schema if name == "study" else schema["$defs"][name]
-    lines = table(one) if one.get("properties") else []
+    lines = table(schema, name, one) if one.get("properties") else []
     if name != "study":
         lines = [
             f"({anchor(name)})=",
@@ -108,4 +133,4 @@ def write_tables(app: Sphinx, page: str, source: list[str]) -> None:
 
 def setup(app: Sphinx) -> dict:
     app.connect("source-read", write_tables)
-    return {"version": "3", "parallel_read_safe": True, "parallel_write_safe": True}
+    return {"version": "4", "parallel_read_safe": True, "parallel_write_safe": True}

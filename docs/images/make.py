@@ -1,7 +1,6 @@
-"""Makes the curve of README and front page, wide and narrow, anew: python docs/images/make.py."""
+"""Makes the curve of README anew: python docs/images/make.py."""
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -19,17 +18,6 @@ def main() -> None:
         command = [sys.executable, "-m", "archfrag.cli", "run", str(STUDY), output]
         subprocess.run(command, check=True)
         shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
-        report = next(Path(folder).rglob("report.html")).read_text("utf-8")
-    keep_narrow(report)
-
-
-def keep_narrow(report: str) -> None:
-    """The curve as the report draws it for narrow screens: the first of its figures."""
-    narrow = re.search(r'<div class="slim">(<svg.*?</svg>)', report, flags=re.DOTALL)
-    if narrow is None:
-        raise LookupError("the report has no figure for narrow screens")
-    text = narrow[1].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-    (HERE / "curve-narrow.svg").write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

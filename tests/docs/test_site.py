@@ -94,3 +94,14 @@ def test_nothing_is_loaded_from_a_network(site, pages):
         asked += [f"{path.name}: {mark}" for mark in ("url(http", "url(//", "@import")
                   if mark in text]  # fmt: skip
     assert asked == []
+
+
+def test_every_figure_has_a_colour_for_dark_pages(site, pages):
+    figures = [figure for name in pages if not name.startswith("made/")
+               for figure in re.findall(r'<figure class="drawn.*?</figure>',
+                                        (site / name).read_text("utf-8"), re.DOTALL)]  # fmt: skip
+    assert len(figures) > 50
+    drawn = [re.sub(r"light-dark\([^)]*\)|&#\w+;", "", figure) for figure in figures]
+    bare = re.compile(r"""[:"'] ?(?:#(?:[0-9a-f]{6}|[0-9a-f]{3})\b|white\b|black\b)""", re.I)
+    assert [found[0] for figure in drawn if (found := bare.findall(figure))] == []
+    assert not any("<img" in (site / name).read_text("utf-8") for name in pages)

@@ -62,7 +62,7 @@ def corner_of(joint: int, side: str) -> FloatArray:
 
 def scheme() -> HTML:
     """Voussoirs and joints with their numbers (Fig 8)."""
-    figure = sheet(7.0, 3.6)
+    figure = sheet(7.4, 3.6)
     axes = figure.subplots()
     stones(axes, arch().outlines)
     for i, centre in enumerate(arch().chain.centroid):
@@ -81,7 +81,7 @@ def scheme() -> HTML:
 
 def joint() -> HTML:
     """An open joint: the two normals that split the law in two (Fig 9, Eqs 23a and 23b)."""
-    figure = sheet(7.0, 3.2)
+    figure = sheet(7.4, 3.2)
     axes = figure.subplots()
     angle = -0.35
     rotate = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -107,7 +107,7 @@ def onset(times: float = 1.0) -> HTML:
     """Starting mechanism, its instantaneous centres and the thrust line (Fig 10, Eq 28)."""
     start = af.onset(arch())
     corners = [corner_of(joint, side) for joint, side in start.hinges]
-    figure = sheet(7.0, 4.6)
+    figure = sheet(7.4, 4.6)
     axes = figure.subplots()
     stones(axes, arch().outlines)
     axes.plot(*start.thrust_plus.T, color=GREEN, label="thrust line at onset")
@@ -174,7 +174,7 @@ def in_motion(amplitude: float = 0.4, time: float = 0.25, times: float = 20.0) -
     """Reactions between mega-voussoirs and the thrust line inside them (Eqs 29 to 35)."""
     now = Instant(run(amplitude), time)
     opened = [j for j, mode in enumerate(now.mode) if mode != CLOSED]
-    figure = sheet(7.0, 4.8)
+    figure = sheet(7.4, 4.8)
     axes = figure.subplots()
     stones(axes, moved(arch(), now.shift, now.rotation, 1.0))
     axes.plot(*now.thrust.T, color=GREEN, lw=1.2, label="thrust line")
@@ -205,7 +205,7 @@ def in_motion(amplitude: float = 0.4, time: float = 0.25, times: float = 20.0) -
 def second_level(amplitude: float = 0.4, time: float = 0.25) -> HTML:
     """Contact centre e and obliquity of the reaction at each joint (Eqs 34 and 35)."""
     now = Instant(run(amplitude), time)
-    figure = sheet(7.0, 2.7)
+    figure = sheet(7.4, 2.7)
     left, right = figure.subplots(1, 2)
     joints = np.arange(arch().n_joint)
     left.plot(joints, now.place, "o-", color=GREEN)
@@ -225,7 +225,7 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
     """Which joints are open, at which side, over time."""
     history = run(amplitude).history.sel(time=slice(0.0, end))
     mode, time = history.contact_mode.values, history.time.values
-    figure = sheet(7.0, 3.6)
+    figure = sheet(7.4, 3.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     for j in range(arch().n_joint):
         for modes, side in (((1, 2, 3), "intrados"), ((4, 5, 6), "extrados")):
@@ -248,7 +248,7 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
 
 def portraits(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)) -> HTML:
     """Rotation and angular velocity of the first voussoir under pulses of some sizes."""
-    figure = sheet(7.0, 3.2)
+    figure = sheet(7.4, 3.2)
     axes = figure.subplots()
     for amplitude, colour in zip(amplitudes, (SKY, BLUE, ORANGE, VERMILION)):
         response = run(amplitude)
@@ -268,7 +268,7 @@ def portraits(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)) -> HTML:
 
 def shapes(amplitude: float = 0.5, times: float = 8.0) -> HTML:
     """The arch at four instants, displacements multiplied."""
-    figure = sheet(7.0, 4.2)
+    figure = sheet(7.4, 4.2)
     for axes, time in zip(figure.subplots(2, 2).ravel(), (0.2, 0.4, 0.6, 0.8)):
         now = Instant(run(amplitude), time)
         stones(axes, arch().outlines, facecolor="none", edgecolor=PALE)
@@ -284,7 +284,7 @@ def shapes(amplitude: float = 0.5, times: float = 8.0) -> HTML:
 
 def energy(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6)) -> HTML:
     """Where the work of the ground goes."""
-    figure = sheet(7.0, 2.6)
+    figure = sheet(7.4, 2.6)
     axes = figure.subplots()
     parts = (("ground", GREEN), ("impacts", VERMILION), ("friction", ORANGE))
     for row, amplitude in enumerate(amplitudes):

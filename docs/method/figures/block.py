@@ -47,7 +47,7 @@ _BORDER: dict[str, Any] = {"color": INK, "lw": 1.1}
 def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
     """Which motion starts from rest, over k_s and mu, and over k_s and k_v."""
     block, friction = uniform_block(slenderness, 1.0, 1.0), 1.5 * slenderness
-    figure = sheet(7.0, 5.9)
+    figure = sheet(7.4, 5.9)
     (first, second), (third, sketch) = figure.subplots(2, 2)
     reach = 2.5 * slenderness
     for axes, lift in ((first, 0.0), (second, ground_y)):
@@ -162,7 +162,7 @@ def _draw_block(axes: Axes, block: RigidBlock) -> None:
 
 def laws() -> HTML:
     """Signorini's and Coulomb's laws, traced by motions that start from rest (Figs 2 and 3)."""
-    block, figure = uniform_block(2.0, 1.0, 1.0), sheet(7.0, 2.7)
+    block, figure = uniform_block(2.0, 1.0, 1.0), sheet(7.4, 2.7)
     normal, tangential = figure.subplots(1, 2)
     lifts = np.linspace(-1.6, 0.6, 23)
     starts = [starting_motion(block, 0.0, lift, FRICTION, 1.0) for lift in lifts]
@@ -189,7 +189,7 @@ def laws() -> HTML:
 def contact_centre() -> HTML:
     """Contact centre e of Eq 14 over the horizontal ground acceleration."""
     b, h = BLOCK
-    block, figure = uniform_block(b, h, 1.0), sheet(7.0, 2.6)
+    block, figure = uniform_block(b, h, 1.0), sheet(7.4, 2.6)
     axes = figure.subplots()
     loads = np.linspace(-0.9, 0.9, 181)
     for friction, colour in ((0.8, BLUE), (0.2, VERMILION)):
@@ -206,7 +206,7 @@ def contact_centre() -> HTML:
 
 def impacts() -> HTML:
     """Angular velocity after over before an impact (Eq 21), by slenderness and friction."""
-    figure = sheet(7.0, 2.8)
+    figure = sheet(7.4, 2.8)
     axes = figure.subplots()
     slopes = np.linspace(0.02, 1.6, 120)
     blocks = [uniform_block(slope, 1.0, 1.0) for slope in slopes]
@@ -227,7 +227,7 @@ def impacts() -> HTML:
 
 def phase_portrait() -> HTML:
     """Free rocking: rotation and angular velocity, with the jumps at impacts."""
-    figure = sheet(7.0, 3.2)
+    figure = sheet(7.4, 3.2)
     axes = figure.subplots()
     width, height = 0.4, 2.0
     alpha = np.arctan(width / height)

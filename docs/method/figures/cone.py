@@ -37,7 +37,7 @@ def reactions_in_cone() -> HTML:
     """Reactions of a block about corner A within Coulomb's cone, in plane pi (Eqs 15 to 20)."""
     b, h = BLOCK
     block = uniform_block(b, h, 1.0)
-    figure = sheet(7.0, 6.8)
+    figure = sheet(7.4, 6.8)
     panels = figure.subplots(2, 2)
     _balance(panels[0, 0], block, 0.0, 0.0, 0.5, "starts to rock")
     _balance(panels[0, 1], block, 0.15, 0.8, 0.55, "rocks on")

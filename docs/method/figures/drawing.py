@@ -1,12 +1,11 @@
 """What all figures of the method use: colours, sheets, arrows, and how a page shows them."""
 
-import base64
 from collections.abc import Sequence
 from html import escape
-from io import BytesIO
 
-import matplotlib
 import numpy as np
+from IPython.display import HTML
+from look import picture, svg_of
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -14,47 +13,31 @@ from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
 from archfrag import Arch
+from archfrag.report.drawing import (  # noqa: F401  # for the other modules here
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PALE,
+    SKY,
+    VERMILION,
+)
 
-# Okabe and Ito (2008), apart for eyes that do not separate red from green.
-INK, GREY, PALE = "#24313d", "#6b7780", "#d5dbe0"
-BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#b87a00", "#d55e00"
-PURPLE, SKY = "#a0568a", "#56b4e9"
+# Darker than in the report, because texts have these colours too.
+ORANGE, PURPLE = "#b87a00", "#a0568a"
 STONE, EDGE = "#e9e4da", "#8d8473"
-STYLE = {
-    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.5, "axes.edgecolor": GREY,
-    "axes.labelcolor": INK, "text.color": INK, "xtick.color": GREY, "ytick.color": GREY,
-    "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False,
-    "lines.linewidth": 1.5, "svg.hashsalt": "archfrag",
-}  # fmt: skip
-
-
-class HTML(str):
-    """What a notebook shows as it is."""
-
-    __slots__ = ()
-
-    def _repr_html_(self) -> str:
-        return str(self)
 
 
 def sheet(width: float, height: float) -> Figure:
     """An empty figure [inch]."""
-    matplotlib.rcParams.update(STYLE)
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasSVG(figure)
     return figure
 
 
 def shown(figure: Figure, words: str, caption: str) -> HTML:
     """A figure as part of a page; `words` are for those who cannot see it."""
-    held = BytesIO()
-    figure.savefig(held, format="svg", metadata={"Date": None, "Creator": None})
-    data = base64.b64encode(held.getvalue()).decode()
-    return HTML(
-        '<figure style="margin:1em 0"><div style="overflow-x:auto"><img style="width:100%;'
-        f'min-width:27rem;background:#fff" alt="{escape(words)}" '
-        f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{caption}</figcaption></figure>'
-    )
+    return picture(svg_of(figure), caption, words=escape(words))
 
 
 def arrow(

@@ -4,7 +4,7 @@ import re
 from html import escape
 from pathlib import Path
 
-from figures.drawing import HTML
+from IPython.display import HTML
 
 TABLE = Path(__file__).parents[3] / "pipeline" / "METHOD.md"
 ROW = re.compile(r"^\| (\d+) \| ([^|]+) \| `([^`]+)` \| `([^`]+)` \| `([^`]+)` \|$", re.M)
