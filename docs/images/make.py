@@ -1,4 +1,4 @@
-"""Makes the curve of README anew: python docs/images/make.py."""
+"""Makes the curve and the film of README anew: python docs/images/make.py."""
 
 import json
 import shutil
@@ -12,12 +12,14 @@ STUDY = HERE.parents[1] / "configs" / "shipped.yaml"
 
 
 def main() -> None:
-    """Run the shipped study and keep its curve."""
+    """Run the shipped study and keep its curve and a film of a typical collapse."""
     with tempfile.TemporaryDirectory() as folder:
         output = f"--set=output={json.dumps(folder + '/results')}"
         command = [sys.executable, "-m", "archfrag.cli", "run", str(STUDY), output]
         subprocess.run(command, check=True)
         shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
+        command[3:4] = ["film", "--to", str(HERE / "fall.svg")]
+        subprocess.run(command, check=True)
 
 
 if __name__ == "__main__":
