@@ -30,7 +30,7 @@ def unpacked(tmp_path_factory):
     with tarfile.open(next(dist.glob("*.tar.gz"))) as sdist:
         folders = {"/".join(name.split("/")[1:3]) for name in sdist.getnames()}
     assert not [name for name in folders if name.startswith(("tests", "pipeline/archbench"))]
-    assert {"pipeline/archfrag", "records/synthetic", "configs/shipped.yaml"} <= folders
+    assert {"pipeline/archfrag", "records/near_source", "configs/shipped.yaml"} <= folders
     return folder
 
 
@@ -63,7 +63,7 @@ class TestInit:
         done = run(unpacked, tmp_path, "init", "mine")
         assert done.returncode == 0, done.stderr
         assert "archfrag run mine/study.yaml" in done.stdout
-        assert len(list((tmp_path / "mine" / "records" / "synthetic").iterdir())) == 30
+        assert len(list((tmp_path / "mine" / "records" / "synthetic").iterdir())) == 24
         study = yaml.safe_load((tmp_path / "mine" / "study.yaml").read_text())
         assert study["motions"] == {"index": "records/index.csv"}
         checked = run(unpacked, tmp_path, "validate", "mine/study.yaml")

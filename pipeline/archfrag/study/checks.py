@@ -43,8 +43,7 @@ def write_starter(folder: Path) -> Path:
             raise OutputError(f"{path}: exists already; choose a folder without it")
     make_folder(folder)
     try:
-        unwanted = shutil.ignore_patterns("*.svg", "*.py")
-        shutil.copytree(shipped_folder() / records.name, records, ignore=unwanted)
+        shutil.copytree(shipped_folder() / records.name / "near_source", records)
         schema.write_text(study_schema())
         shutil.copyfile(PACKAGE / "study" / "templates" / study.name, study)
     except OSError as error:
