@@ -51,7 +51,12 @@ def number(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
 
 
-_ENVIRONMENT.filters["px"] = number
+def css_text(words: str) -> Markup:
+    """Text between quotes of a style sheet."""
+    return Markup("".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in words))
+
+
+_ENVIRONMENT.filters |= {"px": number, "css": css_text}
 
 
 def template(file: str, **values: Any) -> Markup:

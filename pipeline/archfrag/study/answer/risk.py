@@ -28,7 +28,7 @@ from archfrag.study.files import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
-MOST_CATEGORIES = 8
+MOST_CATEGORIES = 4
 OTHER = "others"
 ASSUMPTIONS = (
     "hazard: ln rate linear in ln intensity between its points, the first and the last slope "
