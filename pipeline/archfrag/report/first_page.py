@@ -83,7 +83,8 @@ def _sentence(inputs: ReportInputs) -> Markup:
     scale, fit, levels = inputs.scale, answer.curve, site_levels(inputs)
     if isinstance(fit, str):
         return html.paragraph(f"There is no fragility curve: {fit}.", "lead")
-    whose = name if len(inputs.answers) > 1 else "the arch"
+    count = len(inputs.answers)
+    whose = f"{name}, the weakest of {count} arches," if count > 1 else "the arch"
     whose = f"an arch of class {name}" if name in inputs.classes else whose
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
     if inputs.at is None and not levels:
