@@ -94,7 +94,7 @@ def export_study(
 def _limit_states(
     answers: Mapping[str, Answer],
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
-    """Curves of the limit states, mildest first and collapse last, and why not of others.
+    """Curves of the limit states from mild to collapse, and the reason where one has no curve.
 
     Kept are those of which every arch with a curve of collapse has one that does not cross that of
     a severer state: receivers take differences of states, and want the same ones of all arches.

@@ -45,7 +45,7 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
 
 
 def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
-    """The polynomial of some powers that fits values best, or its slope by samples."""
+    """Least-squares polynomial with the given powers, or its slope by samples."""
     unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
     rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)

@@ -1,4 +1,4 @@
-"""Ground-motion models, as pygmm computes them, and what selected spectra are to be like."""
+"""Target spectra for selecting records, from the ground-motion models of pygmm."""
 
 import warnings
 from dataclasses import dataclass

@@ -97,7 +97,7 @@ def _at_onset(
 def arch_panel(
     sheet: Sheet, arch: Arch, middle: float, top: float, most: tuple[float, float]
 ) -> Panel:
-    """Draw the voussoirs to scale below `top`, at most so wide and high [px]."""
+    """Draw the voussoirs to scale below `top`, within a width and height [px]."""
     points = np.concatenate(arch.outlines)
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()

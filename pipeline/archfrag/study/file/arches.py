@@ -263,7 +263,7 @@ class ArchEntry(Section):
     recess: Recess | None = None
     """Depths near the ends of joints over which they transmit nothing."""
     vary: Vary | None = None
-    """Uncertain keys of the arch: sampled arches replace it."""
+    """Distributions of uncertain keys; the study then has sampled arches in place of this one."""
 
     @model_validator(mode="after")
     def _have_what_varies(self) -> Self:
