@@ -56,14 +56,16 @@ class TestHelp:
 
 
 class TestOnset:
-    def test_by_numbers_in_text_and_json(self):
+    def test_by_numbers_in_text_json_and_a_figure(self, tmp_path):
         result = command("onset", *ARCH)
         assert result.exit_code == 0
         assert result.output.splitlines()[0] == (
             "ground towards +x: moves from 0.3700 g: joint 0 extrados, joint 2 intrados, "
             "joint 4 extrados, joint 7 intrados"
         )
-        facts = json.loads(command("onset", *ARCH, "--json").output)
+        figure = tmp_path / "a.svg"
+        facts = json.loads(command("onset", *ARCH, "--json", "--figure", figure).output)
+        assert figure.read_text().startswith("<svg ")
         assert facts["plus"] == pytest.approx(0.37, abs=1e-4)
         assert facts["hinges"][0] == [0, "extrados"]
 

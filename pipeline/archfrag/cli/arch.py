@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from archfrag.cli.options import PATH, json_option, show, takes, takes_record
+from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -95,11 +95,15 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
 
 @click.command()
 @_takes_arch
+@figure_option
 @json_option
-def onset(arch: Any, as_json: bool) -> None:
-    """Find the steady ground acceleration that starts to move an arch."""
+def onset(arch: Any, figure: Path | None, as_json: bool) -> None:
+    """Find the steady ground acceleration that starts to move an arch.
+
+    The figure shows the arch with hinges and thrust line at onset.
+    """
     from archfrag.simulate import onset as find_onset
-    from archfrag.study.files import finite
+    from archfrag.study.files import finite, write_text
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
@@ -114,6 +118,10 @@ def onset(arch: Any, as_json: bool) -> None:
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
     text = "\n".join(lines) if start.stands else "does not stand under its own weight"
+    if figure is not None:
+        from archfrag.plots import svg_of
+
+        write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite({name: getattr(start, name) for name in names}), text, as_json)
 
 

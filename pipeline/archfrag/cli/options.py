@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from archfrag.errors import InputError
+
 PATH = click.Path(path_type=Path)
 
 
@@ -71,3 +73,14 @@ def warn(message: str) -> None:
 
 def show(facts: Any, text: str, as_json: bool) -> None:
     echo(json.dumps(facts, allow_nan=False) if as_json else text)
+
+
+def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
+    """Check that a figure is an SVG file before anything is done."""
+    if path is not None and path.suffix.lower() != ".svg":
+        raise InputError(f"--figure {path}: figures are written as SVG; name a FILE.svg")
+    return path
+
+
+figure_option = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_svg,
+                       help="Draw a figure.")  # fmt: skip

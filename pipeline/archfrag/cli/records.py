@@ -6,7 +6,16 @@ from typing import Any
 
 import click
 
-from archfrag.cli.options import PATH, json_option, show, takes, takes_format, takes_record, warn
+from archfrag.cli.options import (
+    PATH,
+    figure_option,
+    json_option,
+    show,
+    takes,
+    takes_format,
+    takes_record,
+    warn,
+)
 from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import counted, write_csv
 from archfrag.study.files import finite, write_text
@@ -34,17 +43,6 @@ def _list_or_ends(low: float, high: float) -> Any:
         return given, ends
 
     return numbers
-
-
-def _svg(context: click.Context, parameter: click.Parameter, path: Path | None) -> Any:
-    """Check that a figure is an SVG file before anything is done."""
-    if path is not None and path.suffix.lower() != ".svg":
-        raise InputError(f"--figure {path}: figures are written as SVG; name a FILE.svg")
-    return path
-
-
-_figure = click.option("--figure", type=PATH, metavar="FILE.svg", callback=_svg,
-                       help="Draw a figure.")  # fmt: skip
 
 
 @click.group()
@@ -96,7 +94,7 @@ def inspect(
 @click.option("--out", type=PATH, required=True, metavar="FLATFILE.csv", help="Table to write.")
 @click.option("--periods", metavar="T,T,...", help="Periods of Sa [s], besides 0.01 to 10 s.")
 @takes_record
-@_figure
+@figure_option
 @json_option
 def measure(
     files: tuple[Path, ...], out: Path, figure: Path | None, periods: str | None, as_json: bool,
@@ -139,7 +137,7 @@ def measure(
                  help="Largest scale factor; its inverse is the smallest."),
     click.option("--per-event", type=int, help="Largest number of records of one event."),
     click.option("--seed", type=int, default=1, show_default=True),
-    _figure, json_option,
+    figure_option, json_option,
 )  # fmt: skip
 def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
     """Select records of a FLATFILE for a target.
