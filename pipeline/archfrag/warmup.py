@@ -32,15 +32,16 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
 
     Two processes divide the work where there are two cores. `method` is that to compile for; all
     installed methods if not given. `progress` is called with a message such as "loading kernels"
-    or "compiling kernels, once: 12 s of about 80 s", first at once, then about every second from
-    another thread.
+    or "compiling kernels (first run only): 12 s of about 80 s", first at once, then about every
+    second from another thread.
     """
     started, methods = time.perf_counter(), _methods_of(method)
     compiled = kernels_are_compiled(method) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
 
     def report() -> None:
         passed, expected = time.perf_counter() - started, EXPECTED * len(methods)
-        text = f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s"
+        text = f"compiling kernels (first run only): {passed:.0f} s"
+        text += f" of about {expected:.0f} s" if passed <= expected else ""
         if progress is not None:
             progress("loading kernels" if compiled else text)
 

@@ -205,7 +205,8 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
     code, message = check(tmp_path, text.encode())
     assert (code, str(path) in message) == (2, True)
     ran = command("run", tmp_path / "small.yaml")
-    assert (ran.exit_code, ran.stderr) == (code, message)
+    reading = f"archfrag: reading {tmp_path / 'small.yaml'}\n"
+    assert (ran.exit_code, ran.stderr) == (code, reading + message)
     assert not (tmp_path / "out").exists()
 
 

@@ -1,7 +1,9 @@
 """Batches here and in worker processes: the same results, losses and signals survived."""
 
 import contextlib
+import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,12 +13,14 @@ import time
 import numpy as np
 import psutil
 import pytest
+from tqdm import tqdm
 
 from archfrag.errors import WorkerError
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute
 from archfrag.study.runs.execute import kernels_needed, run_batch
+from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
 from tests.study.small import changed
 
@@ -105,6 +109,46 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     assert (table["wall_time"] > 0.0).all()
     log, _ = run_batch(copied.study, quiet=True)
     assert (log["kept"], log["workers"]) == (12, 0)
+
+
+class Terminal(io.StringIO):
+    """A terminal that shows each frame of a bar."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(("estimate", "grows"), [(2, True), (30, False)])
+def test_the_bar_counts_from_the_first_run_to_an_estimate_that_grows(
+    copied, monkeypatch, estimate, grows
+):
+    def warmup(name, progress):
+        progress("compiling kernels: 5 s")
+        time.sleep(1.5)
+        return 5.0
+
+    def bar(**options):
+        return tqdm(**{**options, "mininterval": 0.01, "delay": 0.01})
+
+    for part in copied.plan.parts.glob("*.npy"):
+        part.unlink()
+    monkeypatch.setattr(execute, "tqdm", bar)
+    monkeypatch.setattr("archfrag.warmup.kernels_are_compiled", lambda name: False)
+    monkeypatch.setattr("archfrag.warmup.warmup", warmup)
+    monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    study = copied.study.model_copy(update={"design": Ida(kind="ida")})
+    log, _ = run_batch(study, workers=1)
+    frames = sys.stderr.getvalue().replace("\r", "\n").splitlines()
+    assert any(frame.startswith("compiling kernels: 5 s") for frame in frames)
+    assert "archfrag: kernels: compiled in 5.0 s" in frames
+    bars = [frame for frame in frames if frame.startswith("simulations: ")]
+    found = [re.search(r" (\d+)/(\d+) \[00:(\d+)<", frame) for frame in bars]
+    shown = [tuple(map(int, each.groups())) for each in found]
+    assert all(made <= total for made, total, _ in shown)
+    assert (shown[0][1], shown[-1][1] > 2 * estimate) == (2 * estimate, grows)
+    assert shown[-1][2] <= log["wall_time"] - 1.5
+    assert not frames[-1].strip()
 
 
 def test_only_the_kernels_that_the_runs_need(done):

@@ -90,13 +90,11 @@ def test_a_run_ends_with_a_report_and_is_not_made_again(finished):
     """The second time nothing is written: the disk may be one that allows none."""
     path, stdout, stderr, _ = finished
     out = path.parent / "out"
-    assert stdout == f"report: {out / 'report.html'}\n"
+    a_run_ends_with_its_answers(path, stdout)
     assert "A small study" in (out / "report.html").read_text()
     lines = stderr.replace("\r", "\n").splitlines()
     steps = [line.split()[1].rstrip(":") for line in lines if line.startswith("archfrag: ")]
-    steps = [step for step in steps if step != "caution"]
-    assert steps == ["motions", "batch", "cube", "fit", "fit", "report"]
-    assert "simulations" in stderr
+    assert steps == ["reading", "motions", "simulations", "cube", "fit", "report"]
     assert {entry.name for entry in out.iterdir()} == {
         ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "curve.csv", "fits.json",
         "report.html", "summary.json",
@@ -107,8 +105,26 @@ def test_a_run_ends_with_a_report_and_is_not_made_again(finished):
     assert list(curve) == ["arch", "PGA [g]", "probability", "lower", "upper"]
     assert ((curve["lower"] <= curve["upper"]) & (curve["probability"] <= 1.0)).all()
     before = written(out)
-    assert run(path) == (stdout, NOTHING)
+    again = f"{stdout.splitlines()[-1]}\n", f"archfrag: reading {path}\n{NOTHING}"
+    assert run(path) == again
     assert written(out) == before
+
+
+def a_run_ends_with_its_answers(path, stdout):
+    """Each once, cautions broken between words, and the path of the report whole."""
+    *lines, last = stdout.splitlines()
+    out = path.parent / "out"
+    assert last == f"report  {out / 'report.html'}  (archfrag open {path})"
+    told = " ".join(" ".join(lines).split())
+    numbers = json.loads((out / "summary.json").read_text())
+    assert lines[0].startswith("ring    no curve: ")
+    curve = numbers["arches"][1]["curve"]
+    low, high, *ends = (*curve["theta_interval"], *curve["beta_interval"])
+    assert f"slab median {curve['theta']:#.3g} g PGA (90 %: {low:#.3g}–{high:#.3g})" in told
+    assert f" dispersion {curve['beta']:.2f} ({'–'.join(f'{end:.2f}' for end in ends)})" in told
+    assert (cautions := numbers["cautions"])
+    assert all(told.count(f"! {caution}") == 1 for caution in cautions)
+    assert max(map(len, lines)) <= 80
 
 
 def snakemake(folder, *arguments, file=SNAKEFILE, code=0):
@@ -174,6 +190,43 @@ class TestSnakemake:
         assert message in snakemake(tmp_path, "-n", code=1)
 
 
+def test_the_first_line_comes_before_anything_heavy_is_imported():
+    blocked = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'numba', 'pandas', 'yaml']))"
+    code = f"{blocked}; from archfrag.cli import main; main(['run', 'lost.yaml'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.startswith("archfrag: reading lost.yaml\nTraceback")
+
+
+def test_info_describes_a_cube_by_its_file_its_folder_and_its_study(finished, tmp_path):
+    path, _, _, cube = finished
+    out = path.parent / "out"
+    facts = json.loads(command("info", out / "cube.nc", "--json").stdout)
+    assert (facts["arches"], facts["records"]) == (["ring", "slab"], ["wave0", "wave1"])
+    assert (facts["measure"], facts["unit"], facts["design"]) == ("PGA", "g", "stripes")
+    assert facts["levels"] == [0.1, 0.3, 0.6, 0.9, 1.2]
+    assert facts["verdicts"]["collapsed"] == (cube["verdict"] == 1).sum()
+    assert sum(facts["verdicts"].values()) == facts["dimensions"]["arch"] * 2 * 5
+    text = command("info", path).stdout
+    assert text == command("info", out).stdout
+    assert "levels              5: 0.1, 0.3, 0.6, 0.9, 1.2\n" in text
+    (tmp_path / "other.nc").write_bytes(b"CDF")
+    for wrong in (tmp_path, tmp_path / "other.nc"):
+        refused = command("info", wrong)
+        assert refused.exit_code == 2
+        assert "is missing, damaged or no cube of archfrag" in refused.stderr
+
+
+def test_open_shows_the_report_in_the_browser_and_else_its_path(finished, monkeypatch, tmp_path):
+    path, opened = finished[0], []
+    report = path.parent / "out" / "report.html"
+    monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
+    assert command("open", path).output == ""
+    assert opened == [report.as_uri()]
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    assert command("open", report.parent).output == f"{report}\n"
+    assert command("open", tmp_path).exit_code == 2
+
+
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     asked = ["export", finished[0], "--format", "csv", "--out", tmp_path]
     exported = command(*asked)
@@ -200,7 +253,7 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
     with xr.open_dataset(out / "cube.nc") as cube:
         assert cube["record_sha256"].sel(record="wave1").item() == sha256_of(record)
         assert json.loads(cube.attrs["archfrag_inputs_sha256"])["wave1.AT2"] == sha256_of(record)
-    assert run(path, *TITLE)[1] == NOTHING
+    assert run(path, *TITLE)[1] == f"archfrag: reading {path}\n{NOTHING}"
 
 
 def test_killed_three_times_and_started_again_gives_the_same_cube(finished, tmp_path):
@@ -266,7 +319,7 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished, tmp_path):
     copy.write_text(path.read_text().replace("thickness: 1.5", "thickness: 1.4"))
     _, stderr = run(copy, code=4)
     assert f"holds the results of {path}, which has the id 'small' too" in stderr
-    assert stderr.count("\n") == 1
+    assert stderr.count("\n") == 2
     assert sha256_of(path.parent / "out" / "cube.nc") == before
     moved = path.with_name("moved.yaml")
     path.rename(moved)

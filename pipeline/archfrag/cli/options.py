@@ -1,6 +1,8 @@
 """Options that several commands share, and how commands print."""
 
 import json
+import shutil
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,6 +71,13 @@ def echo(text: str, err: bool = False) -> None:
 
 def warn(message: str) -> None:
     echo(f"archfrag: {message}", err=True)
+
+
+def wrapped(text: str, indent: int) -> list[str]:
+    """Lines of a text, broken between words at the width of the terminal."""
+    width = max(shutil.get_terminal_size().columns, indent + 20)
+    return textwrap.wrap(text, width, subsequent_indent=" " * indent,
+                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
 
 
 def show(facts: Any, text: str, as_json: bool) -> None:

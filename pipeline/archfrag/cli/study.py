@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn
+from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn, wrapped
 from archfrag.report import make_report
 
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
@@ -72,6 +72,8 @@ def run(
     The steps are motions, simulations, cube, curves and report. After Ctrl-C, a kill or a full
     disk the same command continues.
     """
+    if not quiet:  # before the imports, which take a second or more
+        warn(f"reading {study_file}")
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import stoppable, without_dask
     from archfrag.study.steps import run_study
@@ -82,16 +84,39 @@ def run(
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
             anything = run_study(study, study_file, check, make_report, cores, quiet)
+            if not quiet:
+                _summary(study, study.folder if overrides else study_file, anything)
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
         words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
         again = f"continue with `{shlex.join(words)} --resume`"
         warn(f"stopped by {by}; what is finished is kept; {again}")
         raise
-    if not quiet:
-        if not anything:
-            warn("nothing to do: all results are up to date")
-        echo(f"report: {study.folder / 'report.html'}")
+
+
+def _summary(study: Any, named: Path, anything: bool) -> None:
+    """Print the answers of a finished study if there was anything to do, and its report's path."""
+    from archfrag.study.steps import REPORT_FILES
+
+    if anything:
+        _answers(study)
+    else:  # at once: reading the answers takes a second
+        warn("nothing to do: all results are up to date")
+    report = study.folder / REPORT_FILES[0]
+    if report.is_relative_to(Path.cwd()):
+        report = report.relative_to(Path.cwd())
+    echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
+
+
+def _answers(study: Any) -> None:
+    from archfrag.files import printable
+    from archfrag.study.answer.fits import fit_lines, load_fits
+
+    answers, cautions = fit_lines(study, load_fits(study))
+    for line in (line for answer in answers for line in wrapped(answer, 8)):
+        echo(line)
+    for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
+        click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
 
 
 @click.command()

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 
@@ -65,6 +66,20 @@ def stoppable() -> Iterator[Callable[[], None]]:
         os.close(writer)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
+    """Say how long a block took; at a terminal show meanwhile how long it has taken."""
+    from tqdm import tqdm
+
+    from archfrag.warmup import TICK, every
+
+    started, form = time.perf_counter(), f"archfrag: {what}: {{elapsed}}"
+    hidden = quiet or not sys.stderr.isatty()
+    with tqdm(bar_format=form, leave=False, disable=hidden) as bar, every(TICK, bar.refresh):
+        yield
+    say(f"{what}: {time.perf_counter() - started:.1f} s")
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ A step that is done leaves a stamp: digests of what it was made from, and the SH
 made. Times of modification decide nothing.
 """
 
+import contextlib
 import os
 import sys
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from archfrag.study.checks import check_start
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
-from archfrag.study.running import only_run
+from archfrag.study.running import clock, only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
 
 if TYPE_CHECKING:
@@ -93,10 +94,11 @@ def make_step(
         (path,) = products(study, step)
         make_folder(path.parent)
         write_csv(path, [table])
+        name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
+        seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
         say(
-            f"batch {batch + 1} of {batches}: {counted(log['runs'], 'run')}, {log['kept']} kept "
-            f"from before, {log['runs'] - log['kept']} new; {log['wall_time']:.1f} s on "
-            f"{counted(log['workers'], 'core')}"
+            f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
+            f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
         )
     elif step == "cube":
         say(f"cube: {write_cube(study, plan)}")
@@ -104,7 +106,8 @@ def make_step(
         from archfrag.study.answer.fits import fit_cube, fit_lines
 
         require(study, "cube", plan)
-        for line in fit_lines(study, fit_cube(study)):
+        answers, cautions = fit_lines(study, fit_cube(study))
+        for line in [*answers, *(f"caution: {each}" for each in cautions)]:
             say(line)
     elif report is not None:
         say(f"report: {report(study, compared)}")
@@ -206,7 +209,8 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
         found["motions"] = files.sha256_if_there(study.work / MANIFEST)
     if step == "report":
         found["report"] = study.report.model_dump(exclude={"confidence", "logo"})
-        found["logo"] = files.sha256_if_there(Path(study.report.logo or ""))
+        logo = Path(study.report.logo or "")
+        found["logo"] = [logo.name, files.sha256_if_there(logo)]
         if study.risk is not None:
             hazard = Path(study.risk.hazard)
             given = study.risk.model_dump(exclude={"hazard"})
@@ -242,7 +246,11 @@ def run_study(
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
-            make_step(study, step, say, plan, report=report, cores=cores, quiet=quiet)
+            of_runs = step == "motions" or step.startswith("batch")
+            with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
+                # The answers are for the end of the run.
+                told = say if of_runs else lambda text: None
+                make_step(study, step, told, plan, report=report, cores=cores, quiet=quiet)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"

@@ -125,29 +125,40 @@ def load_fits(study: Study) -> Fitted:
     return arches, classes, open_cube(study)
 
 
-def fit_lines(study: Study, fitted: Fitted) -> list[str]:
-    """Write lines on the curves of the first arches and of classes, and cautions."""
+def fit_lines(study: Study, fitted: Fitted) -> tuple[list[str], list[str]]:
+    """Write aligned lines on the curves of classes and of arches of none, and the cautions."""
     arches, classes, cube = fitted
-    lines = [fit_text(study.intensity, name, each) for name, each in list(arches.items())[:SHOWN]]
-    if len(arches) > SHOWN:
-        lines.append(f"{len(arches) - SHOWN} more arches in {study.folder / FITS}")
-    lines += [f"class {fit_text(study.intensity, name, each)}" for name, each in classes.items()]
-    cautions = cautions_of_cube(study, cube, arches)
-    return [f"fit: {line}" for line in lines] + [f"caution: {each}" for each in cautions]
+    factor, unit = study.intensity.factor, study.intensity.unit
+    found = curves.quoted(cube, arches, classes)
+    rows = [(name, *fit_texts(study.intensity, found[name])) for name in list(found)[:SHOWN]]
+    first = max(len("report"), *(len(name) for name, _, _ in rows))
+    second = max(len(median) if beta else 0 for _, median, beta in rows)
+    lines = [f"{name:{first}}  {median:{second}}  {beta}".rstrip() for name, median, beta in rows]
+    if len(found) > SHOWN:
+        lines.append(f"{len(found) - SHOWN} more in {study.folder / CURVE}")
+    lost = {name: lost_text(each, lambda theta: f"{theta / factor:.4g} {unit}")
+            for name, each in found.items()}  # fmt: skip
+    cautions = [f"{name}: {text}" for name, text in lost.items() if text]
+    return lines, cautions + cautions_of_cube(study, cube, arches)
 
 
 def fit_text(intensity: Intensity, name: str, found: Answer) -> str:
-    """A curve in the unit of the study, or why there is none."""
-    factor, unit = intensity.factor, intensity.unit
-    lost = lost_text(found, lambda theta: f"{theta / factor:.4g} {unit}")
-    lost = f"; {lost}" if lost else ""
+    """A curve in the unit of the study, or why there is none, in a line."""
+    lost = lost_text(found, lambda theta: f"{theta / intensity.factor:.4g} {intensity.unit}")
+    texts = ", ".join(filter(None, fit_texts(intensity, found)))
+    return f"{name}: {texts}{f'; {lost}' if lost else ''}"
+
+
+def fit_texts(intensity: Intensity, found: Answer) -> tuple[str, str]:
+    """Median in the unit of the study, and dispersion; or why there is no curve."""
     if isinstance(found.curve, str):
-        return f"{name}: no curve: {found.curve}{lost}"
-    theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
+        return f"no curve: {found.curve}", ""
+    values = (value / intensity.factor for value in (found.curve.theta, *found.theta))
+    theta, low, high = (f"{v:.0f}" if v > 100.0 else f"{v:#.3g}" for v in values)
     return (
-        f"{name}: median {theta:.4g} {unit} of {intensity.measure} "
-        f"({100 * found.confidence:g} %: {low:.4g} to {high:.4g}), dispersion "
-        f"{found.curve.beta:.3g} ({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
+        f"median {theta} {intensity.unit} {intensity.measure} "
+        f"({100 * found.confidence:g} %: {low}–{high})",
+        f"dispersion {found.curve.beta:.2f} ({found.beta[0]:.2f}–{found.beta[1]:.2f})",
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -65,18 +65,23 @@ def run_batch(
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
-    time, time in the kernels summed over workers [s]) and a row for each run: arch, record, level,
-    verdict, steps, wall time [s]. `workers` take the place of the study's; `plan` is that of the
-    study, if it is known. WorkerError if workers cannot be started or are lost.
+    time, of which compiling, time in the kernels summed over workers [s]) and a row for each run:
+    arch, record, level, verdict, steps, wall time [s]. `workers` take the place of the study's;
+    `plan` is that of the study, if it is known. WorkerError if workers cannot be started or are
+    lost.
     """
     started = time.perf_counter()
     log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations"), 0)
     known = plan or store.make_plan(study)
     table = store.read_parts(make_folder(known.parts))
     count = workers or study.execution.workers or available_cores()
+    requests = known.requests(batch, study.execution.batches)
+    estimate = len(requests) * study.design.size(len(known.records), len(known.levels))[0]
+    seen = sys.stderr.isatty() or "ipykernel" in sys.modules
+    pause = 0.2 if seen else 10.0  # a file gets few lines
     bar = tqdm(
-        unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
-        mininterval=0.2 if sys.stderr.isatty() or "ipykernel" in sys.modules else 10.0,
+        unit="run", desc="simulations", total=0, disable=quiet, file=sys.stderr,
+        dynamic_ncols=True, mininterval=pause, delay=pause,
     )  # fmt: skip
 
     def verdicts_of(cases: Cases) -> Verdicts:
@@ -89,7 +94,7 @@ def run_batch(
         log["runs"] += len(keys)
         log["kept"] += len(keys) - missing.size
         if not bar.disable:  # runs that are not missing are shown as done, at no time
-            bar.total = None if study.design.adaptive else log["runs"]
+            bar.total = max(estimate if study.design.adaptive else 0, log["runs"])
             bar.initial += len(keys) - missing.size
             bar.update(len(keys) - missing.size)
         while missing.size:
@@ -99,8 +104,10 @@ def run_batch(
         return verdicts
 
     with bar, contextlib.closing(_Makers(known, count, bar)) as makers:
-        cases, _ = ask(known.requests(batch, study.execution.batches), verdicts_of)
+        cases, _ = ask(requests, verdicts_of)
+        bar.leave = False  # the caller tells what was done
     log |= {"workers": makers.used, "kernel_time": makers.kernel_time}
+    log["compile_time"] = makers.compile_time
     log["wall_time"] = time.perf_counter() - started
     add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
     rows = table[places(table, known.keys(cases))]
@@ -128,7 +135,7 @@ class _Makers:
 
     def __init__(self, plan: Plan, count: int, bar: tqdm) -> None:
         self.used = 0  # processes
-        self.kernel_time = 0.0  # [s]
+        self.kernel_time = self.compile_time = 0.0  # [s]
         self._plan, self._count, self._bar = plan, count, bar
         self._runs, self._cpu, self._losses = 0, 0.0, 0
         self._pool: Executor | None = None
@@ -189,9 +196,15 @@ class _Makers:
         with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
             for name in kernels_needed(self._plan):
                 if not kernels_are_compiled(name):  # else each worker loads them for itself
-                    warmup(name, progress=bar.set_description)
-            bar.set_description("simulations", refresh=False)
+                    bar.bar_format = "{desc}"
+                    show = partial(bar.set_description_str, refresh=False)
+                    self.compile_time += warmup(name, progress=show)
             check_standing(self._plan.arches)
+        bar.bar_format, bar.desc = None, "simulations"
+        bar.unpause()  # its clock is that of the runs
+        if self.compile_time and not bar.disable:
+            bar.delay = 0.0
+            bar.write(f"archfrag: kernels: compiled in {self.compile_time:.1f} s", sys.stderr)
 
     def _size(self) -> int:
         """Runs of the next chunk, by how long the runs so far took."""

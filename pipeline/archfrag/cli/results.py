@@ -1,0 +1,93 @@
+"""Commands for results that are there: `info` and `open`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from archfrag.cli.options import PATH, echo, json_option, show, wrapped
+
+_MOST_NAMED = 12  # entries of a list
+
+
+def _folder(path: Path) -> Path:
+    """Folder of the results of a study, which is given itself or by the study file."""
+    from archfrag.study.file.schema import load_study
+
+    return path if path.is_dir() else load_study(path).folder
+
+
+@click.command()
+@click.argument("file", type=PATH)
+@json_option
+def info(file: Path, as_json: bool) -> None:
+    """Describe FILE: a cube, a study file or a folder of results.
+
+    Shown are dimensions, arches, records, levels, numbers of runs by verdict, and how the cube was
+    made.
+    """
+    from archfrag.study.files import CUBE
+
+    facts = _facts(file if file.suffix == ".nc" else _folder(file) / CUBE)
+    lines = [line for name, value in facts.items()
+             for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)]  # fmt: skip
+    show(facts, "\n".join(lines), as_json)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {entry}" for name, entry in value.items() if entry != 0)
+    if isinstance(value, list):
+        named = [each if isinstance(each, str) else f"{each:.4g}" for each in value[:_MOST_NAMED]]
+        return f"{len(value)}: {', '.join(named)}{', …' * (len(value) > _MOST_NAMED)}"
+    return str(value)
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """Facts of a cube, levels in the unit of its study; InputError if it is none of archfrag."""
+    import numpy as np
+    import xarray as xr
+
+    from archfrag.errors import InputError
+
+    try:
+        with xr.open_dataset(path) as cube:
+            stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
+            names = verdict.attrs["flag_meanings"].split()
+            counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
+            return {
+                "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
+                "dimensions": {str(name): size for name, size in cube.sizes.items()},
+                "arches": cube["arch"].values.astype(str).tolist(),
+                "records": cube["record"].values.astype(str).tolist(),
+                "vertical_component": stated["vertical_component"],
+                "measure": level.attrs["measure"], "unit": level.attrs["unit"],
+                "levels": np.unique(level.values[np.isfinite(level.values)]).tolist(),
+                "design": json.loads(stated["archfrag_design"])["kind"],
+                "verdicts": dict(zip(names, counts)),
+                "source": stated["source"], "commit": stated["archfrag_commit"],
+                "versions": json.loads(stated["archfrag_versions"]),
+            }  # fmt: skip
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: is missing, damaged or no cube of archfrag") from error
+
+
+@click.command("open")
+@click.argument("study", type=PATH)
+def open_report(study: Path) -> None:
+    """Open the report of STUDY in the browser.
+
+    STUDY is a study file or its folder of results. Without a browser the path of the report is
+    printed.
+    """
+    import webbrowser
+
+    from archfrag.errors import InputError
+    from archfrag.study.steps import REPORT_FILES
+
+    report = _folder(study) / REPORT_FILES[0]
+    if not report.is_file():
+        raise InputError(f"{report}: is missing; `archfrag run` on the study file makes it")
+    if not webbrowser.open(report.resolve().as_uri()):
+        echo(str(report))
