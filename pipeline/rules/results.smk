@@ -38,7 +38,11 @@ rule report:
         study=study_file,
         cube=f"{FOLDER}/cube.nc",
         fits=f"{FOLDER}/fits.json",
-    output: report(f"{FOLDER}/report.html", category="{study}"),
+    output:
+        report(f"{FOLDER}/report.html", category="{study}"),
+        capacities=f"{FOLDER}/capacities.csv",
+        runs=f"{FOLDER}/runs.csv",
+        readme=f"{FOLDER}/README.txt",
     params:
         folder=lambda wildcards, output: Path(output[0]).absolute().parent,
     log: f"{HIDDEN}/logs/report.log",

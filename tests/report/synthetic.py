@@ -75,7 +75,8 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
         of_runs[name] = generator.integers(0, 40, shape)
     parts = [end - moving, *(part * moving for part in (0.3, 0.6, 0.1))]
     given = {name: (dims, values) for name, values in of_runs.items()}
-    data = xr.Dataset(given, coords={"arch": list(names), "record": records})
+    labels = {"arch": list(names), "record": records, "level": np.arange(n_level)}
+    data = xr.Dataset(given, coords=labels)
     data.attrs = {"archfrag_design": '{"kind": "stripes"}', "Conventions": "CF-1.11"}
     data.attrs["loss_limit"] = "0.5"
     data["verdict"].attrs["flag_values"] = np.arange(4, dtype=np.int8)

@@ -96,8 +96,8 @@ def test_a_run_ends_with_a_report_and_is_not_made_again(finished):
     steps = [line.split()[1].rstrip(":") for line in lines if line.startswith("archfrag: ")]
     assert steps == ["reading", "motions", "simulations", "cube", "fit", "report"]
     assert {entry.name for entry in out.iterdir()} == {
-        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "curve.csv", "fits.json",
-        "report.html", "summary.json",
+        ".archfrag", "README.txt", "capacities.csv", "cube.nc", "curve-ring.svg",
+        "curve-slab.svg", "curve.csv", "fits.json", "report.html", "runs.csv", "summary.json",
     }  # fmt: skip
     entries = json.loads((out / ".archfrag" / "run_log.json").read_text())
     assert (entries[0]["runs"], entries[0]["workers"]) == (20, 1)

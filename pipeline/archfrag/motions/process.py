@@ -21,6 +21,8 @@ from archfrag.motions.partners import AZIMUTHS, quadrant
 if TYPE_CHECKING:
     from obspy import Inventory
 
+REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
+
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
@@ -240,3 +242,14 @@ def remove_response(
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
     return motion._replaced(**changed, log=(*motion.log, done))
+
+
+def both_senses(motion: Motion) -> list[Motion]:
+    """A motion, and the same with its horizontal components reversed: records of one event."""
+    about = dict(motion.metadata)
+    about["event"] = about.get("event") or about.get("event_id") or motion.id
+    flipped = {key: -samples for key, samples in motion.components.items()
+               if samples is not None and key != "vertical"}  # fmt: skip
+    log = (*motion.log, "Horizontal components reversed.")
+    own = motion._replaced(metadata=about)
+    return [own, own._replaced(id=motion.id + REVERSED, log=log, **flipped)]

@@ -14,7 +14,7 @@ from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, figure
 from archfrag.report.inputs import ArchResults, Scale
 
 _FRACTILES = (0.16, 0.5, 0.84)
-_MEASURED = {"peak_rotation": "peak rotation [°]", "residual_rotation": "residual rotation [°]"}
+MEASURED = {"peak_rotation": "peak rotation [°]", "residual_rotation": "residual rotation [°]"}
 _MOST_BARS = 10
 
 
@@ -31,9 +31,9 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
         Entry("16 and 84 %", look.BLUE, "dash"),
     ]  # fmt: skip
     top = sheet.legend(look.LEFT, 0.0, entries)
-    boxes = sheet.grid(len(_MEASURED), 2, 260.0, look.BELOW)
+    boxes = sheet.grid(len(MEASURED), 2, 260.0, look.BELOW)
     sheet.height += top
-    for (name, title), (left, up, right, down) in zip(_MEASURED.items(), boxes):
+    for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
         curves = demand(results, name)
         shown = np.where(np.isfinite(curves), curves, np.nan)
         reach = 1.15 * float(np.nanmax(shown, initial=1e-6))
@@ -43,12 +43,7 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
         panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
         for row, capacity in zip(curves, results.capacities):
             _draw_record(panel, results.levels, row, float(capacity), look.GREY, 0.7)
-        ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
-        capacities = np.sort(results.capacities)
-        for part in _FRACTILES:
-            # The 84 % fractile of demand ends at the 16 % fractile of capacity.
-            row = ranked[min(int(part * len(ranked)), len(ranked) - 1)]
-            end = float(capacities[min(int((1.0 - part) * len(ranked)), len(ranked) - 1)])
+        for part, (row, end) in zip(_FRACTILES, fractiles(curves, results.capacities)):
             dash = "" if part == 0.5 else "5 2.5"
             _draw_record(
                 panel, results.levels, row, end, look.BLUE, 2.0 if part == 0.5 else 1.3, dash
@@ -70,6 +65,17 @@ def demand(results: ArchResults, name: str) -> FloatArray:
             x, y = np.append(0.0, levels[own]), np.append(0.0, value[own])
             found[row] = np.interp(levels, x, y)
     return np.where(levels > results.capacities[:, None], np.inf, found)
+
+
+def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float]]:
+    """The 16, 50 and 84 % fractiles of rotations (n_record, n_level), and where each ends."""
+    ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
+    ends, found, last = np.sort(capacities), [], len(ranked) - 1
+    for part in _FRACTILES:
+        # The 84 % fractile of demand ends at the 16 % fractile of capacity.
+        end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
+        found.append((ranked[min(int(part * len(ranked)), last)], end))
+    return found
 
 
 def _draw_record(

@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, attempt
+from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.motions.measures import measure, spectral_acceleration
@@ -42,14 +43,18 @@ _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of a
 
 
 def write_report(inputs: ReportInputs, out: Path) -> Path:
-    """Write the report `out`, its numbers ``summary.json`` and its curves as SVG files, or raise
-    OutputError; ``curves.svg`` has those of many arches.
+    """Write the report `out`, or raise OutputError.
+
+    Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` of many
+    arches), and the tables of `archfrag.export.papers`.
     """
     text, figures = render(inputs)
     for name, shown in figures.items():
         write_text(out.parent / name, shown.file)
     numbers = json.dumps(summary(inputs), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(out.parent / SUMMARY, numbers + "\n")
+    scale = inputs.scale
+    write_papers(inputs.cube, scale.measure, scale.unit, scale.factor, out.parent)
     write_text(out, text)
     return out
 

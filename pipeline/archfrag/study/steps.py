@@ -27,7 +27,8 @@ from archfrag.study.runs.store import Plan, gather, make_plan
 if TYPE_CHECKING:
     from archfrag.study.answer.fits import Fitted
 
-REPORT_FILES = ("report.html", "summary.json")
+README = "README.txt"
+REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _MOST_LINES = 8  # on what changed
 Say = Callable[[str], None]

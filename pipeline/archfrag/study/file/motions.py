@@ -124,6 +124,9 @@ class Motions(Section):
     vertical: bool = False
     """Whether vertical components move the arches too, from the same file or from a matching file
     next to it, scaled as the horizontal one. Every record must then have one."""
+    both_senses: bool = False
+    """Whether each record is also used with its horizontal components reversed, as ID-rev, so
+    that its sense does not decide. Both belong to one earthquake; the vertical stays as it is."""
     processing: Annotated[list[_Step], Field(max_length=50)] = Field(default_factory=list)
     """Steps applied to each record before it is measured and scaled, in this order."""
 

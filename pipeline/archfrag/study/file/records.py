@@ -19,6 +19,7 @@ from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
 from archfrag.motions.measures import measure, scale_factor
 from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
+from archfrag.motions.process import REVERSED, both_senses
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
@@ -220,7 +221,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
     chosen = dict(steps).get("choose", {}).get("components", ())
     taken: dict[str, Path] = {}
     left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
-    used, turned = set[Any](), set[Any]()
+    used, turned, known = set[Any](), set[Any](), list[str]()
     for source in find_sources(asked, measure):
         path, entry, options = source.path, source.entry, source.options
         every = (
@@ -249,17 +250,19 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
                     one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
                     common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
                     motion = motion._replaced(id=common or f"{one}+{other}")
-            if motion.id in taken:
-                whose = f"already belongs to {taken[motion.id]}; each record needs its own"
-                raise RecordError(f"{path}: the record id {motion.id!r} {whose}")
-            taken[motion.id] = path
-            if select is None or motion.id in select:
-                yield motion._replaced(metadata={**motion.metadata, **facts})
+            known.append(motion.id)
+            for each in both_senses(motion) if asked.both_senses else [motion]:
+                if each.id in taken:
+                    whose = f"already belongs to {taken[each.id]}; each record needs its own"
+                    raise RecordError(f"{path}: the record id {each.id!r} {whose}")
+                taken[each.id] = path
+                if select is None or motion.id in select:
+                    yield each._replaced(metadata={**each.metadata, **facts})
     if lost := [name for record, name in left_out.items() if record not in used]:
         text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
         raise RecordError(f"{lost[0]}: {text}")
-    check_known(select or (), taken)
-    if not taken:
+    check_known(select or (), known)
+    if not known:
         raise InputError("motions: the study has no record; give an index or files")
 
 
@@ -335,7 +338,9 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
         records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
         os.replace(folder / "new.npz", study.work / records[-1].file)
     if (select := study.motions.select) is not None:
-        records.sort(key=lambda record: select.index(record.id))
+        ends = ["", REVERSED][: 1 + study.motions.both_senses]
+        order = [name + end for name in select for end in ends]
+        records.sort(key=lambda record: order.index(record.id))
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
                 "records": [asdict(record) for record in records]}  # fmt: skip
     write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")

@@ -1,0 +1,77 @@
+"""Plain tables beside the report: capacities, runs in words, and what each file is."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import archfrag
+from archfrag.export.command import runs_table
+from archfrag.files import write_csv
+from archfrag.study.answer.curves import runs_of_cube
+from archfrag.study.files import write_text
+from archfrag.study.steps import README
+
+RUN_COLUMNS = (
+    "arch", "arch_class", "record", "event", "magnitude", "distance", "intensity", "scale_factor",
+    "verdict", "collapse_mode", "collapse_joint", "collapse_time", "lost_contact_time",
+    "lost_contact_joint", "peak_rotation", "residual_rotation", "peak_displacement",
+    "residual_displacement", "impacts", "openings", "slides", "end_time", "status", "energy_error",
+)  # fmt: skip
+_HEAD = "Results of archfrag"
+_FILES = """\
+report.html      the report; open it in a browser
+curve.csv        fragility curves: probability of collapse over intensity, with its band
+capacities.csv   bracket of each record's capacity (0, empty: no such end), its geometric mean
+runs.csv         one row a run: verdict, mechanism, largest motions; empty: does not apply
+curve-ARCH.svg   the curves as figures; curves.svg if there are many
+figures/         figures as PDF and PNG, made by `archfrag figures`
+converge.csv     curves by number of voussoirs, made by `archfrag converge` from converge/
+summary.json     results of the report as data
+fits.json        curves with covariances, limit states and measures compared, in SI units
+cube.nc          every value of every run (CF netCDF), with the study, versions and hashes
+export/          files for other programs, made by `archfrag export`
+.archfrag/       working files: stored runs, motions and logs
+"""
+
+
+def write_papers(cube: xr.Dataset, measure: str, unit: str, factor: float, folder: Path) -> None:
+    """Write ``capacities.csv``, ``runs.csv`` and ``README.txt``; an SI level times `factor` is in
+    `unit`. A README of somebody else is left alone.
+    """
+    brackets = [
+        (runs.name, record, *ends)
+        for runs in runs_of_cube(cube) for b in [runs.brackets]
+        for record, *ends in zip(cube["record"].values.astype(str), b.lower, b.upper, b.middle)
+    ]  # fmt: skip
+    heads = [f"{name} [{unit}]" for name in ("lower", "upper", "middle")]
+    capacities = pd.DataFrame(brackets, columns=["arch", "record", *heads])
+    capacities[heads] = (factor * capacities[heads]).replace(np.inf, np.nan)
+    runs = runs_in_words(cube, f"{measure} [{unit}]", factor)
+    for name, pieces in (("capacities.csv", [capacities]), ("runs.csv", runs)):
+        write_csv(folder / name, pieces, float_format="%.7g")
+    path = folder / README
+    if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
+        title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
+        about = f"{_HEAD} {archfrag.__version__}: {title} (study {study})\nIntensities are "
+        write_text(path, f"{about}{measure} [{unit}].\n\n{_FILES}")
+
+
+def runs_in_words(cube: xr.Dataset, intensity: str, factor: float) -> Iterator[pd.DataFrame]:
+    """Runs in pieces: words for codes, units in the names, empty where nothing applies."""
+    about, pieces = runs_table(cube)
+    units = {name: about[name].get("unit", "1") for name in RUN_COLUMNS if name in about}
+    names = {name: name if unit == "1" else f"{name} [{unit}]" for name, unit in units.items()}
+    names["intensity"] = intensity
+    for piece in pieces:
+        own: dict[str, Any] = {"intensity": factor * piece["intensity"]}
+        for name in names:
+            if codes := about[name].get("codes"):
+                words = {code: word.replace("_", " ") for word, code in codes.items()}
+                own[name] = piece[name].map(words)
+            elif name.endswith("_joint"):
+                own[name] = piece[name].where(piece[name] >= 0).astype("Int64")
+        yield piece.assign(**own)[list(names)].rename(columns=names)

@@ -1,0 +1,126 @@
+"""Main figures of a report for papers: PDF and PNG in the style of `archfrag.plots`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from archfrag import plots
+from archfrag.files import make_folder
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.quoted import Answer
+from archfrag.report.demand import MEASURED, demand, fractiles
+from archfrag.report.inputs import ArchResults, ReportInputs, Scale, arch_results
+from archfrag.report.runs import VERDICTS
+from archfrag.study.answer.curves import quoted
+
+_COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
+_LOOKS = (("16 %", "--"), ("median", "-"), ("84 %", ":"))
+_MOST_NAMED = 60  # records whose names are written
+
+
+def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
+    """Write the figures to a folder; the files.
+
+    They are the fragility curves, and for each arch that the report shows the IDA curves (not of
+    a cloud), every run, and the arch at onset.
+    """
+    make_folder(folder)
+    cube, scale, (figure, ax) = inputs.cube, inputs.scale, _axes(3.6)
+    results = {name: arch_results(cube, name, scale) for name, _, _ in inputs.arches}
+    answers = quoted(cube, inputs.answers, inputs.classes)
+    for number, (name, answer) in enumerate(answers.items()):
+        _draw_curve(ax, answer, results.get(name), scale, (name, number))
+    ax.set(xlabel=scale.label, ylabel="probability of collapse",
+           xlim=(0.0, 1.05 * inputs.highest), ylim=(0.0, 1.02))  # fmt: skip
+    if ax.get_legend_handles_labels()[0]:
+        plots.legend(ax)
+    paths = _saved(figure, folder / "fragility")
+    for name, _, onset in inputs.arches:
+        if results[name].own_levels is None:
+            paths += _saved(_ida_figure(results[name]), folder / f"ida-{name}")
+        paths += _saved(_runs_figure(results[name]), folder / f"runs-{name}")
+        figure, ax = _axes(3.6)
+        onset.plot(ax)
+        paths += _saved(figure, folder / f"onset-{name}")
+    return paths
+
+
+def _axes(height: float) -> tuple[Figure, Axes]:
+    figure = Figure((5.4, height), layout="constrained")
+    return figure, plots.dressed(figure.add_subplot())
+
+
+def _saved(figure: Figure, path: Path) -> list[Path]:
+    """Save for print: black text on white, fonts that editors can change, no date."""
+    figure.patch.set(alpha=1.0, facecolor="white")
+    for text in figure.findobj(Text):
+        text.set_color("black")
+    paths = [path.with_name(f"{path.name}.{ending}") for ending in ("pdf", "png")]
+    with rc_context({"pdf.fonttype": 42}):
+        figure.savefig(paths[0], metadata={"CreationDate": None})
+        figure.savefig(paths[1], dpi=300)
+    return paths
+
+
+def _draw_curve(
+    ax: Axes, answer: Answer, results: ArchResults | None, scale: Scale, which: tuple[str, int]
+) -> None:
+    """A curve with its band, and if the runs are known the fractions behind it."""
+    name, number = which
+    colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
+    if isinstance(fit := answer.curve, Fragility):
+        im, label = np.array(answer.im), f"{name}: median {scale.text(fit.theta)}"
+        ax.plot(scale.factor * im, fit.probability(im), style, color=colour, label=label)
+        band = answer.lower, answer.upper
+        ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
+    if results is not None:
+        used = results.known["n"] > 0
+        fraction = results.known["collapsed"][used] / results.known["n"][used]
+        ax.plot(results.levels[used], fraction, "o", color=colour, ms=3.0)
+
+
+def _ida_figure(results: ArchResults) -> Figure:
+    """Largest and residual rotation against intensity; collapse is a flat line."""
+    figure = Figure((7.2, 3.6), layout="constrained")
+    axes: Any = figure.subplots(1, 2, sharey=True)
+    for ax, (name, title) in zip(map(plots.dressed, axes), MEASURED.items()):
+        curves = demand(results, name)
+        right = 1.1 * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
+        lines = [(row, end, "", "-") for row, end in zip(curves, results.capacities.tolist())]
+        found = fractiles(curves, results.capacities)
+        lines += [(*line, *look) for line, look in zip(found, _LOOKS)]
+        for row, end, label, style in lines:
+            seen = np.isfinite(row)
+            x, y = np.append(0.0, row[seen]), np.append(0.0, results.levels[seen])
+            flat = [end, end] if np.isfinite(end) else []
+            x, y = np.append(x, [x[-1], right][: len(flat)]), np.append(y, flat)
+            colour, width = (plots.BLUE, 1.5) if label else (plots.GREY, 0.6)
+            ax.plot(x, y, style, color=colour, lw=width, label=label)
+        ax.set(xlabel=title, xlim=(0.0, right))
+        ax.locator_params(axis="x", nbins=5)
+    axes[0].set(ylabel=results.scale.label, ylim=(0.0, 1.05 * results.levels.max()))
+    plots.legend(axes[0])
+    return figure
+
+
+def _runs_figure(results: ArchResults) -> Figure:
+    """Verdict of every run: records in the order of their capacities, intensities to the right."""
+    order, count = np.argsort(results.capacities, kind="stable"), len(results.records)
+    figure, ax = _axes(1.0 + 0.16 * min(count, _MOST_NAMED))
+    own, size = results.own_levels, min(16.0, 1000.0 / count)
+    for code, entry in VERDICTS.items():
+        row, place = np.nonzero(results.simulated[order] & (results.verdict[order] == code))
+        x = results.levels[place] if own is None else own[order][row]
+        if row.size:
+            ax.scatter(x, row, size, entry.colour, marker="s", label=entry.label, lw=0.0)
+    if count <= _MOST_NAMED:
+        names = [results.records[i] for i in order]
+        ax.set_yticks(range(count), names, fontsize=plots.SIZE - 2.0)
+    ax.set(xlabel=results.scale.label, ylim=(count - 0.4, -0.6))
+    plots.legend(ax, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    return figure

@@ -1,0 +1,141 @@
+"""Files for papers: tables beside the report, figures, and curves by number of voussoirs."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from archfrag.export.papers import RUN_COLUMNS, write_papers
+from archfrag.report.demand import fractiles
+from archfrag.study.answer.cube import in_si
+from tests.study.small import TEXT, command, small_study
+
+DENSE = TEXT.replace("[0.1, 0.6, 1.2]", "[0.1, 0.2, 0.4, 0.6, 1.2, 2.4]")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    path = small_study(tmp_path_factory.mktemp("papers"), DENSE)
+    done = command("run", path, "--quiet")
+    assert done.exit_code == 0, done.output
+    with xr.open_dataset(path.parent / "out" / "cube.nc") as cube:
+        return path, path.parent / "out", in_si(cube.load())
+
+
+def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
+    _, out, cube = finished
+    runs = pd.read_csv(out / "runs.csv")
+    assert len(runs.columns) == len(RUN_COLUMNS) <= 25
+    assert len(runs) == cube["verdict"].size == 24
+    words = dict(zip(cube["verdict"].flag_values.tolist(), cube["verdict"].flag_meanings.split()))
+    for row in runs.to_dict("records"):
+        levels = cube["intensity"].values / 9.80665
+        cell = cube.sel(arch=row["arch"], record=row["record"])
+        cell = cell.isel(level=int(np.abs(levels - row["PGA [g]"]).argmin()))
+        assert row["verdict"] == words[int(cell["verdict"])].replace("_", " ")
+        collapsed = row["verdict"] == "collapsed"
+        assert collapsed == (row["collapse_joint"] == int(cell["collapse_joint"]))
+        assert np.isnan(row["collapse_joint"]) != collapsed
+        assert row["peak_rotation [rad]"] == pytest.approx(float(cell["peak_rotation"]), rel=1e-6)
+    assert {"standing", "collapsed"} <= set(runs["verdict"])
+
+
+def test_capacities_lie_between_the_levels_that_runs_show(finished):
+    _, out, _ = finished
+    runs, table = pd.read_csv(out / "runs.csv"), pd.read_csv(out / "capacities.csv")
+    assert list(table) == ["arch", "record", "lower [g]", "upper [g]", "middle [g]"]
+    for _, arch, record, low, high, middle in table.itertuples():
+        own = runs[(runs["arch"] == arch) & (runs["record"] == record)]
+        fell = own["verdict"] == "collapsed"
+        if not fell.any():
+            assert np.isnan(high)
+            continue
+        assert middle == pytest.approx(np.sqrt(low * high), rel=1e-6)
+        assert fell[own["PGA [g]"] == high].all()
+        assert (own["verdict"] == "standing")[own["PGA [g]"] == low].all()
+    assert table["middle [g]"].notna().any()
+
+
+def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
+    _, out, cube = finished
+    named = {line.split()[0].strip("/") for line in (out / "README.txt").open() if line.strip()}
+    for entry in out.iterdir():
+        assert re.sub("curve-.*", "curve-ARCH.svg", entry.name) in {"README.txt", *named}
+    (tmp_path / "README.txt").write_text("mine")
+    write_papers(cube, "PGA", "g", 1 / 9.80665, tmp_path)
+    assert (tmp_path / "README.txt").read_text() == "mine"
+    assert (tmp_path / "runs.csv").read_bytes() == (out / "runs.csv").read_bytes()
+
+
+def test_a_table_that_is_gone_is_made_again(finished):
+    path, out, _ = finished
+    before = (out / "capacities.csv").read_bytes()
+    (out / "capacities.csv").unlink()
+    assert "nothing to do" not in command("run", path, "--quiet").output
+    assert (out / "capacities.csv").read_bytes() == before
+
+
+def test_figures_of_all_arches_are_the_same_each_day(finished, tmp_path):
+    path, _, _ = finished
+    done = command("figures", path, "--to", tmp_path / "figures")
+    assert done.exit_code == 0, done.output
+    names = {entry.name for entry in (tmp_path / "figures").iterdir()}
+    own = {f"{kind}-{arch}" for kind in ("ida", "runs", "onset") for arch in ("ring", "slab")}
+    assert names == {f"{name}.{end}" for name in {"fragility", *own} for end in ("pdf", "png")}
+    assert {line.split("/")[-1] for line in done.stdout.split()} == names
+    for file in (tmp_path / "figures").glob("*.pdf"):
+        content = file.read_bytes()
+        assert b"/CreationDate" not in content
+        assert b"/Type3" not in content  # fonts that journals do not take
+
+
+def test_fractiles_end_where_the_capacities_of_the_other_side_are():
+    """Of four records one collapses above 1, two above 3 and one never."""
+    inf = np.inf
+    curves = np.array([[0.4, inf, inf], [0.3, 0.5, inf], [0.2, 0.3, inf], [0.1, 0.2, 0.4]])
+    low, median, high = fractiles(curves, np.array([1.4, 2.8, 2.8, inf]))
+    assert (low[0].tolist(), low[1]) == ([0.1, 0.2, 0.4], inf)
+    assert (median[0].tolist(), median[1]) == ([0.3, 0.5, inf], 2.8)
+    assert (high[0].tolist(), high[1]) == ([0.4, inf, inf], 1.4)
+
+
+class TestConverge:
+    def test_compares_curves_with_those_of_the_last_number(self, tmp_path):
+        arch = "  - {id: ring, profile: segmental, span: 8.0, rise: 3.0, thickness: 0.6,\n"
+        arch += "     voussoirs: 9, friction: 0.7}\n"
+        text = TEXT[: TEXT.index("  - {id: ring")] + arch + TEXT[TEXT.index("motions:") :]
+        text = text.replace("[0.1, 0.6, 1.2]", "[0.4, 0.6, 0.8, 1.2, 2.4, 4.8]")
+        path, counts = small_study(tmp_path, text), ("--voussoirs", "4,5")
+        done = command("converge", path, *counts)
+        assert done.exit_code == 0, done.output
+        out = tmp_path / "out"
+        table = pd.read_csv(out / "converge.csv")
+        assert table["voussoirs"].tolist() == [4, 5]
+        made, thetas = [], []
+        for count in (4, 5):
+            folder = out / "converge" / f"voussoirs-{count}"
+            made.append(pd.read_csv(folder / "capacities.csv")["middle [g]"].to_numpy())
+            fit = json.loads((folder / "fits.json").read_text())["fits"]["ring"]
+            thetas.append(fit["theta"] / 9.80665)
+        assert table["theta [g]"].to_numpy() == pytest.approx(thetas, rel=1e-6)
+        assert table["ratio"].to_numpy() == pytest.approx([thetas[0] / thetas[1], 1.0])
+        scatter = np.log(made[0] / made[1]).std(ddof=1)
+        assert scatter > 0.1
+        assert table["scatter"].to_numpy() == pytest.approx([scatter, 0.0], abs=1e-6)
+        assert table["records"].tolist() == [2, 2]
+        again = command("converge", path, *counts)
+        assert "simulations" not in again.output
+        assert "ring" in again.stdout
+
+    @pytest.mark.parametrize(
+        ("counts", "message"),
+        [("3,5", "arches[1] (slab) has profile block"), ("7", "two different numbers"),
+         ("a,b", "must be numbers such as")],
+    )  # fmt: skip
+    def test_refusals(self, tmp_path, counts, message):
+        done = command("converge", small_study(tmp_path), "--voussoirs", counts)
+        assert done.exit_code == 2
+        assert message in done.output
