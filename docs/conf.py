@@ -60,6 +60,7 @@ extensions = [
     "numpydoc",
     "sphinx_click",
     "cells",
+    "gallery",
     "mathml",
     "study_keys",
 ]

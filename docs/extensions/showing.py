@@ -17,7 +17,8 @@ from look import picture, svg_of, themed
 from matplotlib.figure import Figure
 
 import archfrag as af
-from archfrag.report.arch import arch_at_onset
+from archfrag.report.arch import Example, arch_at_onset
+from archfrag.report.arch import film as film_and_frames
 from archfrag.report.drawing import BLUE, GREY, SKY, VERMILION
 from archfrag.report.html import STYLE
 
@@ -102,11 +103,22 @@ def curve_of(results: Path, caption: str = "") -> HTML:
 
 def film(report: Path | str, caption: str = "") -> HTML:
     """The first film of a report, with a box that stops it."""
-    text = Path(report).read_text(encoding="utf-8")
+    return _moving(Path(report).read_text(encoding="utf-8"), caption)
+
+
+def film_of(response: af.Response, caption: str = "") -> HTML:
+    """A run with its history as the film that reports have."""
+    motion, factor = response.motion, response.scale
+    run = Example(response.arch, motion, factor, f"times {factor:.3g}", response, "", same=True)
+    drawn = "".join(str(each.svg) for each in film_and_frames(run, "film", "A run"))
+    return HTML(f'<div class="small">{_moving(drawn, caption).data}</div>')
+
+
+def _moving(text: str, caption: str) -> HTML:
     start = text.find('<svg class="moving"')
     drawn = re.findall(r"<svg.*?</svg>", text[start:], flags=re.DOTALL)[:2] if start >= 0 else []
     if len(drawn) < 2 or 'class="still' not in drawn[1]:
-        raise LookupError(f"{report}: no film with still frames")
+        raise LookupError("no film with still frames")
     body = themed(f"<style>{STYLE}</style>{''.join(drawn)}")
     stop = '<label><input type="checkbox"> pause</label>'
     return HTML(

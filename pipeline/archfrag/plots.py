@@ -174,7 +174,7 @@ def plot_response(response: Any, ax: Axes | None = None) -> Axes:
         label = f"joint {response.collapse_joint} loses contact for good"
         ax.axvline(response.collapse_time, color=VERMILION, lw=1.2, ls="--", label=label)
     ax.set(xlabel="time [s]", ylabel="rotation [rad]", xlim=(time[0], time[-1]))
-    legend(ax, loc="upper left")
+    legend(ax, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return ax
 
 

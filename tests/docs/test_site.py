@@ -1,5 +1,6 @@
 """The site is built as a reader gets it: no warning, no dead link, no request to anywhere."""
 
+import json
 import os
 import re
 import subprocess
@@ -105,3 +106,19 @@ def test_every_figure_has_a_colour_for_dark_pages(site, pages):
     bare = re.compile(r"""[:"'] ?(?:#(?:[0-9a-f]{6}|[0-9a-f]{3})\b|white\b|black\b)""", re.I)
     assert [found[0] for figure in drawn if (found := bare.findall(figure))] == []
     assert not any("<img" in (site / name).read_text("utf-8") for name in pages)
+
+
+def test_gallery_shows_eight_pages_with_figures_and_notebooks_that_stand_alone(site, pages):
+    text = (site / "gallery" / "index.html").read_text("utf-8")
+    cards = re.findall(r'<a class="card" href="([^"]+)">(.*?)</a>', text, re.DOTALL)
+    assert len({name for name, _ in cards}) == 8
+    assert all("<svg" in inside and "?" in inside for _, inside in cards)
+    for name, _ in cards:
+        (link,) = [each for each in pages[f"gallery/{name}"].links if each.endswith(".ipynb")]
+        notebook = json.loads((site / "gallery" / link).read_text("utf-8"))
+        cells = ["".join(cell["source"]) for cell in notebook["cells"]]
+        assert "import archfrag as af" in "".join(cells)
+        of_site = re.compile(r"ARCHFRAG_DOCS|import (look|showing)|\.md\)")
+        assert [each for each in cells if of_site.search(each)] == []
+        outputs = [one for cell in notebook["cells"] for one in cell.get("outputs", [])]
+        assert any({"image/png", "text/html"} & set(one.get("data", ())) for one in outputs)

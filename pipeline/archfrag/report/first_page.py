@@ -85,7 +85,7 @@ def _sentence(inputs: ReportInputs) -> Markup:
         return html.paragraph(f"There is no fragility curve: {fit}.", "lead")
     count = len(inputs.answers)
     whose = f"{name}, the weakest of {count} arches," if count > 1 else "the arch"
-    whose = f"an arch of class {name}" if name in inputs.classes else whose
+    whose = f"an arch like {name}" if name in inputs.classes else whose
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
     if inputs.at is None and not levels:
         low, high = map(scale.digits, answer.theta)
@@ -149,21 +149,21 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
         _measure(sheet, (left, bottom + 12.0), (right, bottom + 12.0), f"{width:.3g} m")
         _measure(sheet, (right + 12.0, bottom), (right + 12.0, top), f"{height:.3g} m")
         return f"width {width:.3g} m, height {height:.3g} m"
-    line = 0.5 * (arch.intrados + arch.extrados)
-    if arch.parameters.get("span") is None:  # clear dimensions, as a drawing gives them
-        line = arch.intrados
+    line, which = 0.5 * (arch.intrados + arch.extrados), ""
+    if arch.parameters.get("span") is None:  # as a drawing gives them
+        line, which = arch.intrados, "clear "
     ends, crown = line[[0, -1]], line[line[:, 1].argmax()]
     span, springing = float(np.ptp(ends[:, 0])), float(ends[:, 1].min())
     rise = float(arch.parameters.get("rise") or crown[1] - springing)
     thickness = float(np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean())
     (start, end), base = panel.at_x(np.sort(ends[:, 0])), float(panel.at_y(springing))
-    _measure(sheet, (start, base + 16.0), (end, base + 16.0), f"span {span:.3g} m")
+    _measure(sheet, (start, base + 16.0), (end, base + 16.0), f"{which}span {span:.3g} m")
     middle = float(panel.at_x(crown[0]))
     if rise > 0.0:
         over = float(panel.at_y(springing + rise))
         _measure(sheet, (middle, base), (middle, over), f"rise {rise:.3g} m")
     sheet.text(middle, top - 8.0, f"thickness {thickness:.3g} m", "m")
-    return f"span {span:.3g} m, rise {rise:.3g} m, thickness {thickness:.3g} m"
+    return f"{which}span {span:.3g} m, rise {rise:.3g} m, thickness {thickness:.3g} m"
 
 
 def _measure(
