@@ -59,7 +59,7 @@ def dressed(ax: Axes) -> Axes:
 
 def title(ax: Axes, words: str) -> None:
     """Give axes a title."""
-    ax.set_title(words, color=INK, fontsize=SIZE + 1.0)
+    ax.set_title(words, loc="center", color=INK, fontsize=SIZE + 1.0)
 
 
 def legend(ax: Axes, **options: Any) -> None:

@@ -107,8 +107,12 @@ def _return(inputs: ReportInputs, name: str) -> str:
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
     if isinstance(risk, str | None) or risk.rate.is_bound or not risk.rate.quoted > 0.0:
         return ""
-    years = float(f"{risk.rate.return_period:.2g}")
-    return f" Collapse has a return period of {years:,.0f} years."
+    period, *ends = (
+        f"{float(f'{1.0 / rate:.2g}'):,.0f}"
+        for rate in (risk.rate.quoted, risk.rate.upper, risk.rate.lower)
+    )
+    found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
+    return f" Collapse has a return period of {period} years{found}."
 
 
 def _facts(inputs: ReportInputs) -> str:
@@ -117,7 +121,11 @@ def _facts(inputs: ReportInputs) -> str:
         (verdict != Verdict.NOT_SIMULATED).sum(),
         (verdict == Verdict.COLLAPSED).sum(),
     )
-    words = f"{runs:,} runs of {cube.sizes['record']} ground motions, {collapsed:,} collapses."
+    both = cube.attrs.get("vertical_component", "not used") != "not used"
+    words = f"{runs:,} runs of {cube.sizes['record']} ground motions"
+    words += " with their vertical components" * both
+    words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
+    words += f", {collapsed:,} collapses."
     if len(inputs.answers) == 1 and (answer := leading(inputs)[1]).n_independent:
         low, high = answer.beta
         fit = answer.curve
