@@ -43,6 +43,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
+    """The error to raise if a file or folder cannot be written."""
     return OutputError(
         f"{path}: cannot be written ({error.strerror or error}); the output folder must exist or "
         "be creatable, allow writing and have space; what was finished is kept"

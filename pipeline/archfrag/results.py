@@ -22,7 +22,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import make_report
 from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import quoted, runs_of_cube
+from archfrag.study.answer.curves import capacities, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.file.schema import Intensity, Study, load_study
 from archfrag.study.files import OWNER, read_json
@@ -221,21 +221,10 @@ class Results:
     def capacities(self) -> pd.DataFrame:
         """Capacity of each record for each arch, and the levels between which it lies.
 
-        `below` is the highest level that the arch withstands, 0 if there is none; `above` the
+        `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the
         lowest at which it collapses, inf if there is none; `capacity` their geometric mean.
         """
-        import pandas as pd
-
-        names = self._cube["record"].values.astype(str)
-        tables = [
-            pd.DataFrame({
-                "arch": runs.name, "record": names, "below": found.lower / factor,
-                "above": found.upper / factor, "capacity": found.middle / factor,
-            })
-            for factor in [self._study.intensity.factor]
-            for runs in runs_of_cube(self._cube) for found in [runs.brackets]
-        ]  # fmt: skip
-        return pd.concat(tables, ignore_index=True)
+        return capacities(self._cube, 1.0 / self._study.intensity.factor)
 
     def risk(
         self, hazard: PathLike | Sequence[PathLike] | None = None, *, years: float = 50.0,

@@ -14,6 +14,7 @@ from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
 from archfrag.report import curves, drawing, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
+from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
@@ -230,6 +231,15 @@ class TestRepeated:
         assert again().response.mechanism == fell.mechanism
         data["steps"][0, 0, 1] += 1
         assert not again().same
+
+    @pytest.mark.parametrize(("scale", "what"), [(1.0, "collapse"), (0.5, "near miss")])
+    def test_the_first_page_calls_only_a_collapse_one(self, scale, what):
+        motion, response = pulse(scale)
+        assert response.collapsed == (what == "collapse")
+        example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
+        page = str(first_page(synthetic.inputs(), example))
+        assert f"Four frames of the {what}." in page
+        assert f"A {what}: 7 voussoirs" in page
 
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""

@@ -7,6 +7,7 @@ from PIL import Image
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
+from archfrag.report import arch as arches
 from archfrag.report import film
 from archfrag.report.arch import Example
 from archfrag.simulate import simulate
@@ -24,7 +25,8 @@ def runs(study, monkeypatch):
     """Ask for films of a made-up study; record, level and reason of each run repeated."""
     kept = []
     monkeypatch.setattr(film, "report_inputs", lambda given: study)
-    monkeypatch.setattr(film, "repeat", lambda inputs, results, arch, run: kept.append(run) or run)
+    for module in (film, arches):
+        monkeypatch.setattr(module, "repeat", lambda *given: kept.append(given[-1]) or given[-1])
     return kept
 
 

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from archfrag.export.papers import RUN_COLUMNS, write_papers
-from archfrag.report.demand import fractiles
+from archfrag.report.demand import effects_on_theta, fractiles, ida_line
 from archfrag.study.answer.cube import in_si
 from tests.study.small import TEXT, command, small_study
 
@@ -46,7 +46,7 @@ def test_runs_are_told_in_words_and_in_the_unit_of_the_study(finished):
 def test_capacities_lie_between_the_levels_that_runs_show(finished):
     _, out, _ = finished
     runs, table = pd.read_csv(out / "runs.csv"), pd.read_csv(out / "capacities.csv")
-    assert list(table) == ["arch", "record", "lower [g]", "upper [g]", "middle [g]"]
+    assert list(table) == ["arch", "record", "lower [g]", "upper [g]", "capacity [g]"]
     for _, arch, record, low, high, middle in table.itertuples():
         own = runs[(runs["arch"] == arch) & (runs["record"] == record)]
         fell = own["verdict"] == "collapsed"
@@ -56,7 +56,7 @@ def test_capacities_lie_between_the_levels_that_runs_show(finished):
         assert middle == pytest.approx(np.sqrt(low * high), rel=1e-6)
         assert fell[own["PGA [g]"] == high].all()
         assert (own["verdict"] == "standing")[own["PGA [g]"] == low].all()
-    assert table["middle [g]"].notna().any()
+    assert table["capacity [g]"].notna().any()
 
 
 def test_the_readme_names_every_file_and_spares_one_of_the_user(finished, tmp_path):
@@ -117,7 +117,7 @@ class TestConverge:
         made, thetas = [], []
         for count in (4, 5):
             folder = out / "converge" / f"voussoirs-{count}"
-            made.append(pd.read_csv(folder / "capacities.csv")["middle [g]"].to_numpy())
+            made.append(pd.read_csv(folder / "capacities.csv")["capacity [g]"].to_numpy())
             fit = json.loads((folder / "fits.json").read_text())["fits"]["ring"]
             thetas.append(fit["theta"] / 9.80665)
         assert table["theta [g]"].to_numpy() == pytest.approx(thetas, rel=1e-6)
@@ -139,3 +139,22 @@ class TestConverge:
         done = command("converge", small_study(tmp_path), "--voussoirs", counts)
         assert done.exit_code == 2
         assert message in done.output
+
+
+def test_an_ida_line_is_flat_at_the_capacity_of_its_record():
+    levels, row = np.array([0.2, 0.4, 0.6]), np.array([1.0, 3.0, np.inf])
+    x, y = ida_line(levels, row, 0.5, 9.0)
+    assert (x.tolist(), y.tolist()) == ([0.0, 1.0, 3.0, 3.0, 9.0], [0.0, 0.2, 0.4, 0.5, 0.5])
+    x, y = ida_line(levels, np.array([1.0, 3.0, 4.0]), np.inf, 9.0)
+    assert (x[-1], y[-1]) == (4.0, 0.6)
+
+
+def test_effects_on_theta_are_those_of_a_power_law():
+    """ln theta = ln 2 + 3 ln a - ln b, so that the regression is exact."""
+    logs = np.random.default_rng(4).normal(size=(40, 2))
+    theta = 2.0 * np.exp(3.0 * logs[:, 0] - logs[:, 1])
+    middle, ends = effects_on_theta(theta, logs)
+    mean, spread = logs.mean(axis=0), logs.std(axis=0, ddof=1)
+    assert middle == pytest.approx(2.0 * np.exp(3.0 * mean[0] - mean[1]))
+    assert ends[0] == pytest.approx(middle * np.exp([-3.0 * spread[0], 3.0 * spread[0]]))
+    assert ends[1] == pytest.approx(middle * np.exp([spread[1], -spread[1]]))

@@ -11,7 +11,7 @@ import xarray as xr
 import archfrag
 from archfrag.export.command import runs_table
 from archfrag.files import write_csv
-from archfrag.study.answer.curves import runs_of_cube
+from archfrag.study.answer.curves import capacities
 from archfrag.study.files import write_text
 from archfrag.study.steps import README
 
@@ -42,16 +42,10 @@ def write_papers(cube: xr.Dataset, measure: str, unit: str, factor: float, folde
     """Write ``capacities.csv``, ``runs.csv`` and ``README.txt``; an SI level times `factor` is in
     `unit`. A README of somebody else is left alone.
     """
-    brackets = [
-        (runs.name, record, *ends)
-        for runs in runs_of_cube(cube) for b in [runs.brackets]
-        for record, *ends in zip(cube["record"].values.astype(str), b.lower, b.upper, b.middle)
-    ]  # fmt: skip
-    heads = [f"{name} [{unit}]" for name in ("lower", "upper", "middle")]
-    capacities = pd.DataFrame(brackets, columns=["arch", "record", *heads])
-    capacities[heads] = (factor * capacities[heads]).replace(np.inf, np.nan)
+    units = {name: f"{name} [{unit}]" for name in ("lower", "upper", "capacity")}
+    table = capacities(cube, factor).rename(columns=units).replace(np.inf, np.nan)
     runs = runs_in_words(cube, f"{measure} [{unit}]", factor)
-    for name, pieces in (("capacities.csv", [capacities]), ("runs.csv", runs)):
+    for name, pieces in (("capacities.csv", [table]), ("runs.csv", runs)):
         write_csv(folder / name, pieces, float_format="%.7g")
     path = folder / README
     if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):

@@ -33,7 +33,10 @@ def count_verdicts(verdict: ArrayLike) -> dict[str, IntArray]:
     ``n`` are those that decide, standing and collapsed, ``runs`` all that were made.
     """
     codes = np.asarray(verdict).reshape(-1, np.shape(verdict)[-1])
-    names = {"standing": 0, "collapsed": 1, "unfinished": 2, "solver_failures": 3}
+    names = {
+        "standing": Verdict.STANDING, "collapsed": Verdict.COLLAPSED,
+        "unfinished": Verdict.UNFINISHED, "solver_failures": Verdict.SOLVER_FAILURE,
+    }  # fmt: skip
     found = {name: (codes == code).sum(axis=0) for name, code in names.items()}
     n = found["standing"] + found["collapsed"]
     return found | {"n": n, "runs": n + found["unfinished"] + found["solver_failures"]}

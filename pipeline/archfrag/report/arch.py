@@ -111,6 +111,7 @@ def arch_panel(
 
 
 def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
+    """Draw a dot at each hinge, given by joint and side, "intrados" or "extrados"."""
     for joint, side in hinges:
         x, y = getattr(arch, side)[joint, :, None]
         panel.dots(x, y, look.BLUE, "hinge", 4.0)
@@ -153,7 +154,7 @@ def farthest(results: ArchResults) -> Chosen | None:
     return (int(record), int(level), reason) if reach.any() else None
 
 
-def typical_collapse(inputs: ReportInputs, results: ArchResults, place: int) -> Example | None:
+def typical_run(inputs: ReportInputs, results: ArchResults, place: int) -> Example | None:
     """The run with the capacity nearest the median, simulated again; None if nothing moves."""
     name, arch, onset = inputs.arches[place]
     if not onset.stands:

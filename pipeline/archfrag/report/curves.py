@@ -49,6 +49,7 @@ def draw_curve(
 
 
 def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
+    """Draw the fraction of the known verdicts at each level that are collapses."""
     known = results.known
     used = known["n"] > 0
     fraction = known["collapsed"][used] / known["n"][used]

@@ -41,13 +41,11 @@ def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
         panel = Panel(sheet, box, (0.0, reach), (0.0, highest))
         panel.axis_x(look.even_ticks(0.0, reach, 5), title, grid=True)
         panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
-        for row, capacity in zip(curves, results.capacities):
-            _draw_record(panel, results.levels, row, float(capacity), look.GREY, 0.7)
+        for row, capacity in zip(curves, results.capacities.tolist()):
+            panel.line(*ida_line(results.levels, row, capacity, reach), look.GREY, 0.7)
         for part, (row, end) in zip(_FRACTILES, fractiles(curves, results.capacities)):
-            dash = "" if part == 0.5 else "5 2.5"
-            _draw_record(
-                panel, results.levels, row, end, look.BLUE, 2.0 if part == 0.5 else 1.3, dash
-            )
+            width, dash = (2.0, "") if part == 0.5 else (1.3, "5 2.5")
+            panel.line(*ida_line(results.levels, row, end, reach), look.BLUE, width, dash)
     return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
 
 
@@ -78,16 +76,15 @@ def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArr
     return found
 
 
-def _draw_record(
-    panel: Panel, levels: FloatArray, row: FloatArray, capacity: float, colour: str,
-    width: float, dash: str = "",
-) -> None:  # fmt: skip
-    """A line from the origin, and flat from its last finite rotation on."""
+def ida_line(
+    levels: FloatArray, row: FloatArray, capacity: float, right: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations and levels of a line from the origin; it is flat up to `right` at the capacity."""
     seen = np.isfinite(row)
     x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
     if np.isfinite(capacity):
-        x, y = np.append(x, [x[-1], panel.x[1]]), np.append(y, [capacity, capacity])
-    panel.line(x, y, colour, width, dash)
+        x, y = np.append(x, [x[-1], right]), np.append(y, [capacity, capacity])
+    return x, y
 
 
 @figure
@@ -119,22 +116,16 @@ def tornado(
     sheet: Sheet, members: Sequence[Answer], differences: Mapping[str, NDArray], name: str,
     scale: Scale,
 ) -> str | None:  # fmt: skip
-    """How far theta moves with one standard deviation of each value that differs between arches.
-
-    From a linear regression of ln theta on the values; None if arches are too few for it.
-    """
+    """Draw `effects_on_theta` as bars, the largest on top; None if arches are too few for it."""
     theta = np.array([np.nan if isinstance(a.curve, str) else a.curve.theta for a in members])
     names = [key for key, values in differences.items() if np.isfinite(values).all()]
     known = np.isfinite(theta)
     if known.sum() < len(names) + 2 or not names:
         return None
     values = np.column_stack([differences[key] for key in names])[known]
-    unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
-    logs = np.log(theta[known])
-    fitted = np.linalg.lstsq(np.column_stack([np.ones(len(unit)), unit]), logs, rcond=None)[0]
-    middle, effect = scale.factor * np.exp(fitted[0]), fitted[1:]
-    order = np.argsort(-np.abs(effect))[:_MOST_BARS]
-    ends = middle * np.exp(np.outer(effect[order], (-1.0, 1.0)))
+    middle, ends = effects_on_theta(scale.factor * theta[known], values)
+    order = np.argsort(-np.abs(np.log(ends[:, 1] / middle)))[:_MOST_BARS]
+    ends = ends[order]
     margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
     reach = float(ends.min()) - margin, float(ends.max()) + margin
     left = 170.0 if not sheet.narrow else 110.0
@@ -151,3 +142,15 @@ def tornado(
         sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
     panel.line([middle, middle], panel.y, look.INK, 1.0)
     return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"
+
+
+def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
+    """Theta of an arch with mean values, and with each value a standard deviation off its mean.
+
+    From a linear regression of ln theta, (n_arch,), on the values, (n_arch, n_value). Returned are
+    theta at the means, and at the mean of a value less and plus its deviation, (n_value, 2).
+    """
+    unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
+    lines = np.column_stack([np.ones(len(unit)), unit])
+    middle, *effects = np.linalg.lstsq(lines, np.log(theta), rcond=None)[0]
+    return float(np.exp(middle)), np.exp(middle + np.outer(effects, (-1.0, 1.0)))

@@ -8,10 +8,9 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.fragility.curve import Fragility
-from archfrag.report.arch import Chosen, Example, choose, film, repeat
+from archfrag.report.arch import Chosen, Example, film, repeat, typical_run
 from archfrag.report.html import digits
-from archfrag.report.inputs import ArchResults, ReportInputs, arch_results, report_inputs
+from archfrag.report.inputs import ArchResults, arch_results, report_inputs
 from archfrag.study.file import meant
 from archfrag.study.file.schema import Study
 
@@ -55,17 +54,13 @@ def example_of(study: Study, run: str = "median", arch: str | None = None) -> Ex
         hint = meant(name, shapes) or f"the report shows {', '.join(shapes)}"
         raise InputError(f"--arch {name}: is not an arch of the report; {hint}")
     results = arch_results(inputs.cube, name, inputs.scale)
-    chosen = _median(inputs, results) if run == "median" else _named(results, run)
-    example = repeat(inputs, results, shapes[name], chosen)
+    if run == "median":
+        example = typical_run(inputs, results, list(shapes).index(name))
+    else:
+        example = repeat(inputs, results, shapes[name], _named(results, run))
     if example is None:
         raise InputError(f"--run {run}: no run of {name} moved the arch, so there is no film")
     return example
-
-
-def _median(inputs: ReportInputs, results: ArchResults) -> Chosen | None:
-    curve = inputs.answers[results.arch].curve
-    theta = inputs.scale.factor * curve.theta if isinstance(curve, Fragility) else None
-    return choose(results, theta)
 
 
 def _named(results: ArchResults, run: str) -> Chosen:

@@ -51,12 +51,14 @@ def leading_arch(inputs: ReportInputs) -> int:
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
-    """The page; `example` is a collapse of the arch that is drawn."""
+    """The page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
     name, arch, onset = inputs.arches[leading_arch(inputs)]
-    moving = film(example, "first", "A collapse") if example is not None else None
+    what = "collapse" if example is not None and example.response.collapsed else "near miss"
+    moving = None if example is None else film(example, "first", f"A {what}")
     return html.template(
         "first.html.j2", inputs=inputs, heading=_heading(inputs), sentence=_sentence(inputs),
-        arch=_arch(arch, onset, name), curve=_curve(inputs), film=moving, facts=_facts(inputs),
+        arch=_arch(arch, onset, name), curve=_curve(inputs), film=moving, what=what,
+        facts=_facts(inputs),
     )  # fmt: skip
 
 

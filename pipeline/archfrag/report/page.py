@@ -22,7 +22,7 @@ from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
 from archfrag.report import drawing as look
-from archfrag.report.arch import typical_collapse
+from archfrag.report.arch import typical_run
 from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
@@ -64,7 +64,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     cube, answers, classes = inputs.cube, inputs.answers, inputs.classes
     every = curves.all_curves(inputs, answers, classes)
     results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
-    examples = [typical_collapse(inputs, own, i) for i, own in enumerate(results)]
+    examples = [typical_run(inputs, own, i) for i, own in enumerate(results)]
     leads = leading_arch(inputs)
     sections: list[tuple[str, str, Iterable[Any]]] = []
     if inputs.risk is not None:

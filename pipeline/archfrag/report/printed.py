@@ -13,7 +13,7 @@ from archfrag import plots
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.report.demand import MEASURED, demand, fractiles
+from archfrag.report.demand import MEASURED, demand, fractiles, ida_line
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale, arch_results
 from archfrag.report.runs import VERDICTS
 from archfrag.study.answer.curves import quoted
@@ -95,12 +95,9 @@ def _ida_figure(results: ArchResults) -> Figure:
         found = fractiles(curves, results.capacities)
         lines += [(*line, *look) for line, look in zip(found, _LOOKS)]
         for row, end, label, style in lines:
-            seen = np.isfinite(row)
-            x, y = np.append(0.0, row[seen]), np.append(0.0, results.levels[seen])
-            flat = [end, end] if np.isfinite(end) else []
-            x, y = np.append(x, [x[-1], right][: len(flat)]), np.append(y, flat)
             colour, width = (plots.BLUE, 1.5) if label else (plots.GREY, 0.6)
-            ax.plot(x, y, style, color=colour, lw=width, label=label)
+            line = ida_line(results.levels, row, end, right)
+            ax.plot(*line, style, color=colour, lw=width, label=label)
         ax.set(xlabel=title, xlim=(0.0, right))
         ax.locator_params(axis="x", nbins=5)
     axes[0].set(ylabel=results.scale.label, ylim=(0.0, 1.05 * results.levels.max()))

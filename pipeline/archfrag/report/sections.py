@@ -80,6 +80,7 @@ def arch_parts(
 
 
 def class_parts(inputs: ReportInputs, name: str) -> Parts:
+    """Yield the parts of the section of a class of arches."""
     of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
     members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
     yield card(answer, inputs.scale, inputs.percent)

@@ -20,6 +20,7 @@ from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 POINTS = 120  # of a band
@@ -75,6 +76,26 @@ def runs_of_cube(
         rows = verdict.reshape(-1, n_level)
         found.append(Runs(name, design, rows, level, group, unit, part, worded))
     return found
+
+
+def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
+    """Capacity of each record for each arch, and the levels between which it lies.
+
+    `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the lowest
+    at which it collapses, inf if there is none; `capacity` their geometric mean; all times
+    `factor`.
+    """
+    import pandas as pd
+
+    records = cube["record"].values.astype(str)
+    tables = [
+        pd.DataFrame({
+            "arch": runs.name, "record": records, "lower": factor * known.lower,
+            "upper": factor * known.upper, "capacity": factor * known.middle,
+        })
+        for runs in runs_of_cube(cube) for known in [runs.brackets]
+    ]  # fmt: skip
+    return pd.concat(tables, ignore_index=True)
 
 
 def answer(runs: Runs, confidence: float) -> Answer:

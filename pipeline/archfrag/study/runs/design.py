@@ -7,6 +7,7 @@ returns facts for the report. What it asks for follows from the verdicts alone: 
 for the same runs whatever the workers, and a study that was stopped goes on by asking again.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -63,7 +64,7 @@ class Grid:
         return cases
 
 
-class Design(Section):
+class Design(Section, ABC):
     """Which runs are made, and how the curve follows from them."""
 
     kind: str
@@ -71,13 +72,13 @@ class Design(Section):
     adaptive: ClassVar[bool] = False  # whether runs requested depend on verdicts of others
     text: ClassVar[str] = ""  # for the report
 
+    @abstractmethod
     def requests(self, grid: Grid) -> Requests:
         """Ask for the runs of one arch."""
-        raise NotImplementedError
 
+    @abstractmethod
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch, and whether that is meant exactly, about or at most."""
-        raise NotImplementedError
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band; options and errors are those of `quoted_band`."""
