@@ -232,7 +232,7 @@ class TestRepeated:
         data["steps"][0, 0, 1] += 1
         assert not again().same
 
-    @pytest.mark.parametrize(("scale", "what"), [(1.0, "collapse"), (0.5, "near miss")])
+    @pytest.mark.parametrize(("scale", "what"), [(1.0, "collapse"), (0.9, "near miss")])
     def test_the_first_page_calls_only_a_collapse_one(self, scale, what):
         motion, response = pulse(scale)
         assert response.collapsed == (what == "collapse")
