@@ -32,6 +32,7 @@ SIZE = 9.0  # of texts [points]
 GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
 FRAMES, HOLD = 25, 1.2  # of a film, in a second; seconds that it stays at its end
+_TITLE: dict[str, Any] = {"loc": "center", "color": INK, "fontsize": SIZE + 1.0}
 _SVG = {"svg.fonttype": "none", "svg.hashsalt": "archfrag", "font.family": "sans-serif"}
 _ROOT = "stroke-linejoin:round;stroke-linecap:butt;max-width:100%;height:auto"
 
@@ -55,11 +56,6 @@ def dressed(ax: Axes) -> Axes:
     for text in (ax.xaxis.label, ax.yaxis.label):
         text.set(color=INK, fontsize=SIZE)
     return ax
-
-
-def title(ax: Axes, words: str) -> None:
-    """Give axes a title."""
-    ax.set_title(words, loc="center", color=INK, fontsize=SIZE + 1.0)
 
 
 def legend(ax: Axes, **options: Any) -> None:
@@ -123,13 +119,11 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
     towards = towards or ("-x" if onset.minus < 0.999 * onset.plus else "+x")
     limit, hinges, sliding = onset.mechanism(towards)
     arch, ax = onset.arch, plot_arch(onset.arch, ax)
-    lines = (
-        (None, EDGE, "--", "thrust of its weight"),
-        (towards, VERMILION, "-", "thrust at onset"),
-    )
-    for which, colour, style, label in lines:
-        if (line := onset.thrust_line(which)) is not None:
-            ax.plot(*line.T, color=colour, linestyle=style, lw=1.4, label=label)
+    weight, moving = onset.thrust_line(), onset.thrust_line(towards)
+    if weight is not None:
+        ax.plot(*weight.T, "--", color=EDGE, lw=1.4, label="thrust of its weight")
+    if moving is not None:
+        ax.plot(*moving.T, color=VERMILION, lw=1.4, label="thrust at onset")
     for joint in sliding:
         faces = np.array([arch.intrados[joint], arch.extrados[joint]])
         ax.plot(*faces.T, color=ORANGE, lw=4.0, label=f"joint {joint} slides")
@@ -138,7 +132,7 @@ def plot_onset(onset: Any, ax: Axes | None = None, towards: str | None = None) -
         ax.plot(*places.T, "o", color=BLUE, mec="white", mew=0.8, ms=7.0, label="hinges")
     words = f"moves from {limit:.3g} g" if np.isfinite(limit) else "never moves"
     words = words if onset.stands else "does not stand under its own weight"
-    title(ax, f"ground accelerating towards {towards}: {words}")
+    ax.set_title(f"ground accelerating towards {towards}: {words}", **_TITLE)
     legend(ax, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
     return ax
 
@@ -157,7 +151,7 @@ def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
         textcoords="offset points", fontsize=SIZE, va="center",
     )  # fmt: skip
     ax.set(xlabel="time [s]", ylabel="acceleration [g]", xlim=(0.0, time[-1]))
-    title(ax, motion.id)
+    ax.set_title(motion.id, **_TITLE)
     if motion.vertical is not None:
         legend(ax, loc="upper right")
     return ax
@@ -165,7 +159,7 @@ def plot_motion(motion: Any, ax: Axes | None = None) -> Axes:
 
 def plot_response(response: Any, ax: Axes | None = None) -> Axes:
     """Draw the rotation of each voussoir over time, the one that rotates most in colour."""
-    time, _, rotation = history_of(response)
+    time, _, rotation = response._arrays()
     ax = axes_of(ax)
     ax.plot(time, rotation, color=GREY, lw=0.6)
     most = int(np.abs(rotation).max(axis=0).argmax())
@@ -176,34 +170,6 @@ def plot_response(response: Any, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="time [s]", ylabel="rotation [rad]", xlim=(time[0], time[-1]))
     legend(ax, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return ax
-
-
-def history_of(response: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations [rad]."""
-    if response.history is None:
-        raise InputError("the response has no history; simulate with history=True")
-    names = ("time", "displacement", "rotation")
-    time, shift, turn = (np.asarray(response.history[name].values, float) for name in names)
-    return time, shift, turn
-
-
-def window(response: Any, seconds: float) -> tuple[float, float]:
-    """Times between which a film shows a run: up to its collapse, or about its largest rotation.
-
-    It lasts `seconds` at most.
-    """
-    time, shift, turn = history_of(response)
-    size = float(np.ptp(np.concatenate(response.arch.outlines), axis=0).max())
-    reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * np.abs(turn).max(axis=1))
-    moving = np.flatnonzero(reach > 1e-5 * size)
-    if moving.size < 2:
-        return float(time[0]), float(min(time[-1], time[0] + seconds))
-    first, last = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
-    peak = float(time[np.abs(turn).max(axis=1).argmax()])
-    if response.collapsed:
-        peak = last = float(time[-1])
-    first = max(first, min(peak - 0.5 * seconds, last - seconds))
-    return first, min(last, first + seconds)
 
 
 class Film(FuncAnimation):
@@ -239,15 +205,20 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     """
     if not (0.0 < seconds < np.inf and 0.0 < speed < np.inf):
         raise InputError(f"seconds = {seconds} and speed = {speed} must be positive numbers")
-    time, shift, turn = history_of(response)
-    arch, (start, end) = response.arch, window(response, seconds)
+    time, shift, turn = response._arrays()
+    arch, (start, end) = response.arch, response._window(seconds)
+    if start == end:  # nothing moves
+        end = float(min(time[-1], start + seconds))
     clock = np.linspace(start, end, max(2, round(FRAMES * (end - start) / speed)))
     centre = np.asarray(arch.chain.centroid)
-    place, angle = interpolated(clock, time, shift + centre), interpolated(clock, time, turn)
+    state = np.dstack([shift + centre, turn])
+    columns = [np.interp(clock, time, column) for column in state.reshape(time.size, -1).T]
+    state = np.transpose(columns).reshape(clock.size, *state.shape[1:])
+    place, angle = state[..., :2], state[..., 2]
     near = np.searchsorted(time, clock).clip(max=time.size - 1)
     modes = response.history["contact_mode"].values[near]
     corners = [getattr(arch, arch.corner_name(corner))[: arch.n_joint] for corner in (0, 1)]
-    figure, upper, lower = stage(*film_limits(np.concatenate(arch.outlines), place.reshape(-1, 2)))
+    figure, upper, lower = stage(np.concatenate(arch.outlines), place.reshape(-1, 2))
     ground = response.motion.acceleration * (response.scale / GRAVITY)
     lower.plot(response.motion.time, ground, color=BLUE, lw=0.7)
     lower.set_xlim(start, end)
@@ -283,10 +254,16 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     return Film(figure, show, frames=count, interval=1000.0 / FRAMES, blit=False)
 
 
-def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
-    """Axes of a film between two corners [m], and axes over time below them."""
-    width, height = high - low
-    tall = float(np.clip(6.4 * height / width, 2.0, 6.0))
+def stage(outline: FloatArray, seen: FloatArray) -> tuple[Figure, Axes, Axes]:
+    """Axes of a film of an arch and of where its parts come within reason, and axes below them.
+
+    `outline` and `seen` are points (n, 2) [m]; the axes below are over time.
+    """
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    size = float((high - low).max())
+    low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.08 * size
+    high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.08 * size
+    tall = float(np.clip(6.4 * (high - low)[1] / (high - low)[0], 2.0, 6.0))
     figure = pyplot.figure(figsize=(6.4, tall + 1.2), layout="constrained")
     upper, lower = map(dressed, figure.subplots(2, height_ratios=[tall, 1.2]))
     upper.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -294,25 +271,6 @@ def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
     lower.set(xlabel="time [s]", ylabel="ground [g]")
     lower.yaxis.set_major_locator(MaxNLocator(3))
     return figure, upper, lower
-
-
-def interpolated(clock: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
-    """Values (n_time, ...) at other times, linear between them."""
-    after = np.clip(np.searchsorted(time, clock), 1, time.size - 1)
-    before = after - 1
-    step = np.maximum(time[after] - time[before], 1e-300)
-    part = np.clip((clock - time[before]) / step, 0.0, 1.0)
-    part = part.reshape(-1, *(1,) * (values.ndim - 1))
-    return np.asarray((1.0 - part) * values[before] + part * values[after])
-
-
-def film_limits(outline: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners of what a film shows [m]: the arch, and where its parts come within reason."""
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    size = float((high - low).max())
-    low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.08 * size
-    high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.08 * size
-    return low, high
 
 
 def plot_spectra(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from markupsafe import escape
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, InputError
-from archfrag.files import WORK, make_folder, replacing
+from archfrag.files import WORK, make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
@@ -25,7 +24,7 @@ from archfrag.study.answer.cube import in_unit
 from archfrag.study.answer.curves import capacities, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.file.schema import Intensity, Study, load_study
-from archfrag.study.files import OWNER, read_json
+from archfrag.study.files import OWNER, read_json, write_text
 from archfrag.study.steps import finished, make_step
 
 if TYPE_CHECKING:
@@ -65,11 +64,10 @@ def open(path: PathLike) -> Results:
     >>> af.open("results/block").runs.collapsed.shape
     (1, 2, 3)
     """
-    given = Path(path)
-    if not given.is_dir():
-        return Results(load_study(given))
+    file = given = Path(path)
     try:
-        file = given / str(read_json(given / WORK / OWNER)["file"])
+        if given.is_dir():
+            file = given / str(read_json(given / WORK / OWNER)["file"])
     except (OSError, ValueError, LookupError, TypeError):
         what = "is not a folder with the results of a study; give results/ID, or the study file"
         raise InputError(f"{given}: {what}") from None
@@ -263,11 +261,9 @@ class Results:
         fits = {name: found.curve for name, found in self._quoted.items()}
         found = risk_of(self._cube, fits, curve, years, study.report.confidence)
         facts = risk_facts(found, study)
-        rows = {
-            name: [each["rate"], *each["rate_band"], each["return_period"], each["probability"],
-                   *each["probability_band"]]
-            for name, each in facts["arches"].items() if "none" not in each
-        }  # fmt: skip
+        columns = ("rate", "rate_band", "return_period", "probability", "probability_band")
+        known = {name: each for name, each in facts["arches"].items() if "none" not in each}
+        rows = {name: np.hstack([each[key] for key in columns]) for name, each in known.items()}
         if not rows:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
@@ -329,8 +325,7 @@ class Results:
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)
-                with replacing(path) as part:
-                    shutil.copyfile(files[0], part)
+                write_text(path, files[0].read_text("utf-8"))
                 files = [path]
         left = [f"no curve of {arch} is exported: {why}" for arch, why in made["left_out"].items()]
         for message in (*left, *made["notes"]):

@@ -141,11 +141,8 @@ class Study:
         """
         from archfrag import __version__
 
-        path = Path(path)
-        folder, keys = (
-            make_folder(path.parent).resolve(),
-            self._keys.model_dump(exclude_unset=True),
-        )
+        path, keys = Path(path), self._keys.model_dump(exclude_unset=True)
+        folder = make_folder(path.parent).resolve()
         if folder != self.folder.resolve():
             del keys["output"]
         if self._motions:
@@ -238,10 +235,8 @@ def _motions(given: Any) -> tuple[tuple[Motion, ...], dict[str, Any]]:
         raise InputError(f"Study: several motions have the id {twice[0]!r}; each needs its own")
     count = sum(one.vertical is not None for one in objects)
     if 0 < count < len(each):
-        raise InputError(
-            f"Study: {count} of {len(each)} motions have a vertical component; all of them must "
-            "have one, or none"
-        )
+        rule = "have a vertical component; all of them must have one, or none"
+        raise InputError(f"Study: {count} of {len(each)} motions {rule}")
     return tuple(objects), {"index": INDEX_NAME, "vertical": count > 0}  # which `to_file` writes
 
 

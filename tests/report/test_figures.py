@@ -5,6 +5,7 @@ from dataclasses import replace
 from html import unescape
 from itertools import combinations
 
+import lxml.etree
 import numpy as np
 import pytest
 
@@ -14,8 +15,9 @@ from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
 from archfrag.report import curves, drawing, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
+from archfrag.report.film import save_film
 from archfrag.report.first_page import first_page
-from archfrag.report.inputs import arch_results
+from archfrag.report.inputs import arch_results, thetas
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
@@ -107,16 +109,14 @@ class TestLabelsKeepClear:
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
         values = {"a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)}
-        runs.theta_panels(members, values, "ring", synthetic.SCALE)
+        curves.theta_panels(thetas(members), values, "ring", "g")
         assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
         # A point for each arch.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 20
 
     @pytest.mark.parametrize("voussoirs", [1, 7, 81])
     def test_timeline(self, voussoirs, drawn, fallen):
-        arch = af.Block(1.0, 4.0, 0.7)
-        if voussoirs > 1:
-            arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, 0.7)
+        arch = synthetic.arch_and_onset(voussoirs)[0] if voussoirs > 1 else af.Block(1.0, 4.0, 0.7)
         log = (
             change(0.0, 1.0, {}, "rest"),
             change(1.0, 3.0, {0: "hinge extrados", arch.n_joint - 1: "open"}, "four_hinges"),
@@ -256,7 +256,7 @@ class TestRepeated:
         np.testing.assert_allclose(shown, logged, atol=0.02 * (end - start))
         assert logged.max() > 0.5 * (end - start)
 
-    def test_film(self, fallen):
+    def test_film(self, fallen, tmp_path):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
         shown, strip = arches.film(fallen, "fall0", "A collapse")
         assert strip.svg.count("<text") == 4
@@ -271,3 +271,8 @@ class TestRepeated:
             rule = re.search(rf"@keyframes fall0-k{body}\{{(.*?)\}}\}}", shown.svg)[1]
             rotation = float(re.findall(r"rotate\(([-.\d]+)deg", rule)[-1])
             assert rotation == pytest.approx(-last[body], abs=0.06)
+        save_film(fallen, tmp_path / "made" / "fall.svg")
+        root = lxml.etree.parse(tmp_path / "made" / "fall.svg").getroot()
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert len(root.findall(".//{*}use[@id]")) == ARCH.n_voussoir
+        assert [path.name for path in (tmp_path / "made").iterdir()] == ["fall.svg"]

@@ -1,6 +1,5 @@
 """A film of a run of a finished study: the run and the file that are asked for."""
 
-import lxml.etree
 import numpy as np
 import pytest
 from PIL import Image
@@ -9,8 +8,6 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.report import arch as arches
 from archfrag.report import film
-from archfrag.report.arch import Example
-from archfrag.simulate import simulate
 from tests.report import synthetic
 from tests.study.small import command, small_study
 
@@ -55,18 +52,6 @@ def test_a_run_that_is_not_there_is_refused(runs, run, arch, message):
     with pytest.raises(InputError, match=message):
         film.example_of(None, run, arch)
     assert not runs
-
-
-def test_file_formats(tmp_path):
-    arch, _ = synthetic.arch_and_onset()
-    motion = synthetic.motions(1)[0]
-    response = simulate(arch, motion, scale=8.0, history=True, follow=1.0)
-    example = Example(arch, motion, 8.0, "PGA = 1 g", response, "chosen", True)
-    film.save_film(example, tmp_path / "made" / "fall.svg")
-    root = lxml.etree.parse(tmp_path / "made" / "fall.svg").getroot()
-    assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert len(root.findall(".//{*}use[@id]")) == arch.n_voussoir
-    assert [path.name for path in (tmp_path / "made").iterdir()] == ["fall.svg"]
 
 
 def test_command_writes_what_it_was_asked_for(tmp_path):

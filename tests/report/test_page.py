@@ -16,7 +16,7 @@ from archfrag.fragility.risk import HazardCurve
 from archfrag.hazard import Hazard
 from archfrag.report.first_page import leading, site_levels
 from archfrag.report.html import digits, percentage
-from archfrag.report.inputs import Scale, arch_results
+from archfrag.report.inputs import arch_results
 from archfrag.report.page import render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.risk import risk_of
@@ -232,16 +232,6 @@ def test_cautions_stand_where_they_belong(study):
     (records,) = section(page, "motions").xpath('./p[@class="caution"]')
     first, second = (study.motions[i].id for i in (1, 4))
     assert text(records).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
-
-
-@pytest.mark.parametrize(
-    ("measure", "unit", "factor", "shown"),
-    [("PGV", "cm/s", 100.0, "800 cm/s"), ("PGA", "g", 1.0 / GRAVITY, "0.816 g")],
-)
-def test_levels_are_in_the_unit_of_the_study(measure, unit, factor, shown):
-    scale = Scale(measure, unit, factor)
-    highest = arch_results(synthetic.cube(), "ring", scale).levels[-1]
-    assert f"{digits(highest)} {scale.unit}" == scale.text(8.0) == shown
 
 
 class TestOffline:

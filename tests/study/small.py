@@ -22,11 +22,11 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXT = Path(__file__).with_name("small.yaml").read_text()
 
 
-def write_at2(path: Path, acceleration: np.ndarray, dt: float) -> Path:
-    """Record in PEER's AT2, samples in g."""
+def write_at2(path: Path, acceleration: np.ndarray, dt: float, component: str = "0") -> Path:
+    """Record in PEER's AT2, samples in g; UP is a vertical component."""
     rows = "\n".join(f"{value: .7E}" for value in acceleration)
     path.write_text(
-        "PEER NGA STRONG MOTION DATABASE RECORD\nTest, 1/1/2000, Nowhere, 0\n"
+        f"PEER NGA STRONG MOTION DATABASE RECORD\nTest, 1/1/2000, Nowhere, {component}\n"
         f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS= {acceleration.size:5d}, DT= {dt:.4f} SEC\n"
         f"{rows}\n",
         encoding="ascii",

@@ -68,9 +68,8 @@ def _at_onset(
     reach, ground = 0.5 * (panel.box[2] - panel.box[0]), panel.box[3]
     middle = panel.box[0] + reach
     if sign:
-        moving, sliding = onset.thrust_plus, onset.sliding
-        if sign < 0:
-            moving, sliding = onset.thrust_minus, onset.sliding_minus
+        _, hinges, sliding = onset.mechanism("+x" if sign > 0 else "-x")
+        moving = onset.thrust_plus if sign > 0 else onset.thrust_minus
         x, y = np.transpose(np.asarray(onset.thrust))
         panel.line(x, y, look.SOFT, 1.1, "4 2.5")
         if moving is not None:
@@ -79,18 +78,15 @@ def _at_onset(
         for joint in sliding:
             x, y = np.transpose([arch.intrados[joint], arch.extrados[joint]])
             panel.line(x, y, look.ORANGE, 4.0)
-        draw_hinges(panel, arch, onset.hinges if sign > 0 else onset.hinges_minus)
+        draw_hinges(panel, arch, hinges)
         y, half = ground + 13.0, sign * 0.32 * reach
         sheet.path(f"M{middle - reach:.1f} {ground:.1f}h{2 * reach:.1f}", kind="ax")
         line = f"M{middle - half:.1f} {y:.1f}H{middle + half:.1f}"
         sheet.path(line, stroke=look.INK, stroke_width=1.3)
         tip = f"M{middle + half + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=look.INK)
-    outward = arch.extrados[: arch.n_joint] - arch.intrados[: arch.n_joint]
-    outward *= 11.0 / np.linalg.norm(outward, axis=1, keepdims=True)
-    for joint in range(0, arch.n_joint, max(1, int(np.ceil(arch.n_joint / 15)))):
-        (x, y), (right, up) = arch.extrados[joint], outward[joint]
-        sheet.text(panel.at_x(x) + right, panel.at_y(y) - up + 3.5, str(joint), "s m q")
+    for joint in range(0, arch.n_joint, -(-arch.n_joint // 15)):
+        _beside_joint(panel, arch, joint, arch.extrados[joint], 11.0, str(joint), "s m q")
     sheet.height = max(sheet.height, ground + 24.0)
 
 
@@ -110,11 +106,41 @@ def arch_panel(
     return panel
 
 
+def _beside_joint(
+    panel: Panel, arch: Arch, joint: int, place: FloatArray, away: float, words: str, kind: str
+) -> None:
+    """Write words outward of a place of a joint, so many pixels away."""
+    outward = arch.extrados[joint] - arch.intrados[joint]
+    right, up = away * outward / np.linalg.norm(outward)
+    x, y = float(panel.at_x(place[0])), float(panel.at_y(place[1]))
+    panel.sheet.text(x + right, y - up + 3.5, words, kind)
+
+
 def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
     """Draw a dot at each hinge, given by joint and side, "intrados" or "extrados"."""
     for joint, side in hinges:
         x, y = getattr(arch, side)[joint, :, None]
         panel.dots(x, y, look.BLUE, "hinge", 4.0)
+
+
+@figure
+def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
+    """The arch with a dot at each joint that lost contact, by how often; None without collapse."""
+    joint_of = results["collapse_joint"][results.verdict == Verdict.COLLAPSED]
+    joints, counts = np.unique(joint_of, return_counts=True)
+    if not joints.size:
+        return None
+    most = min(sheet.width, 480.0) - 70.0, 240.0
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
+    for joint, count in zip(joints, counts):
+        place = 0.5 * (arch.intrados[joint] + arch.extrados[joint])
+        radius = float(2.0 + 8.0 * np.sqrt(count / counts.max()))
+        x, y = place[:, None]
+        panel.dots(x, y, look.VERMILION, "hinge", radius)
+        words = f"{100 * count / counts.sum():.0f} %"
+        _beside_joint(panel, arch, joint, place, 24.0, words, "s m")
+    sheet.height = panel.box[3] + 14.0
+    return f"Joints of {results.arch} that lost contact for good, by how often"
 
 
 @dataclass(frozen=True)
@@ -189,25 +215,13 @@ def repeat(
 
 
 def key_frames(example: Example) -> Frames | None:
-    """Frames between which linear motion comes closest to the run's; None if nothing moves.
-
-    They show the last seconds of a collapse, else the seconds about the largest rotation.
-    """
-    history = example.response.history
-    assert history is not None
-    names = ("time", "displacement", "rotation")
-    time, shift, rotation = (np.asarray(history[name].values, dtype=float) for name in names)
+    """Frames between which linear motion comes closest to the run's; None if nothing moves."""
+    time, shift, rotation = example.response._arrays()
+    start, end = example.response._window(LONGEST)
+    if start == end:
+        return None
     size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
     state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
-    moving = np.flatnonzero(np.abs(state).max(axis=1) > 1e-5 * size)
-    if moving.size < 2:
-        return None
-    start, end = time[max(moving[0] - 1, 0)], time[moving[-1]]
-    peak = time[np.abs(rotation).max(axis=1).argmax()]
-    if example.response.collapsed:
-        peak = end = time[-1]
-    start = max(start, min(peak - 0.5 * LONGEST, end - LONGEST))
-    end = min(end, start + LONGEST)
     first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
     rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))

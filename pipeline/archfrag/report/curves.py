@@ -1,20 +1,22 @@
-"""Figures of fragility curves: of an arch, a class, all arches, limit states and two studies."""
+"""Figures of fragility curves, and of what the median capacities of a class depend on."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.fragility.counts import clopper_pearson
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import drawing as look
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
-from archfrag.report.html import TEXTS, Picture
+from archfrag.report.html import TEXTS
 from archfrag.report.inputs import ArchResults, ReportInputs, Scale
 from archfrag.study.answer.curves import arch_classes
 
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
+_MOST_BARS, _MOST_PANELS = 10, 9  # numbers by which the arches of a class differ
 _SHADED = 6  # curves that are drawn with their bands
 _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
 _DAMAGE = ("#fdca26", "#fb9f3a", "#ed7953", "#d8576b", "#bd3786", "#9c179e")  # light to severe
@@ -46,14 +48,6 @@ def draw_curve(
     im = np.linspace(0.0, panel.x[1], 100)
     dash = "5 2.5" if stroke.mark == "dash" else ""
     panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
-
-
-def draw_fractions(panel: Panel, results: ArchResults, colour: str, mark: str = "dot") -> None:
-    """Draw the fraction of the known verdicts at each level that are collapses."""
-    known = results.known
-    used = known["n"] > 0
-    fraction = known["collapsed"][used] / known["n"][used]
-    panel.dots(results.levels[used], fraction, colour, mark)
 
 
 def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
@@ -122,56 +116,36 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
-    _draw_data(panel, results, answer.confidence)
+    if results.design.adaptive:
+        capacity = results.capacities
+        seen = np.sort(capacity[capacity <= reach])
+        height = np.arange(seen.size + 1) / max(capacity.size, 1)
+        steps = np.concatenate([[0.0], np.repeat(seen, 2), [highest]])
+        panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
+    else:
+        used = results.counts["n"] > 0
+        ends = clopper_pearson(
+            results.counts["collapsed"][used], results.counts["n"][used], answer.confidence
+        )
+        bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
+        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), look.INK, 0.9)
+        panel.dots(results.levels, results.fraction, look.INK)
     return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
 
 
-def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
-    if results.design.adaptive:
-        capacity = results.capacities
-        seen = np.sort(capacity[capacity <= panel.x[1]])
-        height = np.arange(seen.size + 1) / max(capacity.size, 1)
-        steps = np.concatenate([[0.0], np.repeat(seen, 2), [results.levels.max()]])
-        panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
-        return
-    used = results.counts["n"] > 0
-    collapsed, n = (results.counts[name][used] for name in ("collapsed", "n"))
-    level, (low, high) = results.levels[used], clopper_pearson(collapsed, n, confidence)
-    bars = np.column_stack([low, high, np.full(low.size, np.nan)])
-    panel.line(np.repeat(level, 3), bars.ravel(), look.INK, 0.9)
-    draw_fractions(panel, results, look.INK)
-
-
 @figure
-def _several(
-    sheet: Sheet, scale: Scale, reach: float, named: Sequence[tuple[Entry, Answer | Fragility]],
-    texts: tuple[str, str], *, thin: Sequence[tuple[str, Sequence[Fragility]]] = (),
-    key: Sequence[Entry] = (), at: float | None = None, title: str = "probability of collapse",
-    data: Sequence[ArchResults] = (),
-) -> tuple[str, str]:  # fmt: skip
-    """Curves with names and data, over thin ones of one colour each; a level is marked."""
-    panel = _panel(sheet, key or [own for own, _ in named], reach, scale.label, title)
-    if at is not None and 0.0 < at < reach:
-        panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
-    im = np.linspace(0.0, reach, 34)
-    for colour, fits in thin:
-        opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
-        for fit in fits:
-            panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
-    for own, shown in named:
-        draw_curve(panel, shown, scale, own)
-    for (own, _), results, mark in zip(named, data, ("dot", "ring")):
-        draw_fractions(panel, results, own.colour, mark)
-    return texts
-
-
 def all_curves(
-    inputs: ReportInputs, answers: Mapping[str, Answer], classes: Mapping[str, Answer]
-) -> Picture | None:
-    """Curves of some arches and classes in one figure; None if there are fewer than two."""
+    sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Answer],
+    classes: Mapping[str, Answer],
+) -> tuple[str, str] | None:  # fmt: skip
+    """Curves of some arches and classes in one figure; None if there are fewer than two.
+
+    Curves with names lie over thin ones of one colour each.
+    """
     known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
     if len(known) + len(named) < 2:
         return None
+    scale, at, reach = inputs.scale, inputs.at, 1.05 * inputs.highest
     single = {k: fit for k, fit in known.items() if of_class.get(k) not in classes}
     members = [[fit for k, fit in known.items() if of_class.get(k) == name] for name in classes]
     thin = [(_stroke("", i).colour, _thinned(own)) for i, own in enumerate(members)]
@@ -180,21 +154,27 @@ def all_curves(
     elif single:
         thin.append((look.GREY, _thinned(single.values())))
     strokes = [_stroke(name, i) for i, name in enumerate(named)]
-    shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
-    shown = [{**answers, **classes}[k] if shaded else fit for k, fit in named.items()]
-    caption = words["bands" if shaded else "curves"]
-    caption += words["classes"] * bool(classes) + words["at"] * (inputs.at is not None)
-    texts = (
-        f"Fragility curves of {len(known)} arches against {inputs.scale.label}. "
-        + _medians(named | dict(list(known.items())[:40]), inputs.scale),
-        caption + "".join(map(_band_words, classes.values())),
-    )
     key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
-    drawn = inputs.scale, 1.05 * inputs.highest, list(zip(strokes, shown, strict=True)), texts
-    return _several(*drawn, thin=thin, key=key, at=inputs.at)
+    panel = _panel(sheet, key, reach, scale.label)
+    if at is not None and 0.0 < at < reach:
+        panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
+    im = np.linspace(0.0, reach, 34)
+    for colour, fits in thin:
+        opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
+        for fit in fits:
+            panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
+    shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
+    for own, (name, fit) in zip(strokes, named.items()):
+        draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, own)
+    caption = words["bands" if shaded else "curves"]
+    caption += words["classes"] * bool(classes) + words["at"] * (at is not None)
+    what = f"Fragility curves of {len(known)} arches against {scale.label}. "
+    what += _medians(named | dict(list(known.items())[:40]), scale)
+    return what, caption + "".join(map(_band_words, classes.values()))
 
 
-def limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Picture | None:
+@figure
+def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) -> str | None:
     """Curves of the limit states of an arch or a class; None if none has one."""
     states = answer.more.get("limit_states", {}).get("states", ())
     curves = [
@@ -204,20 +184,92 @@ def limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Picture | N
     ]
     if not curves:
         return None
-    scale = inputs.scale
+    scale, key = inputs.scale, [own for own, _ in curves]
+    panel = _panel(sheet, key, 1.05 * inputs.highest, scale.label, "probability of reaching it")
+    for own, fit in curves:
+        draw_curve(panel, fit, scale, own)
     medians = _medians({own.label: fit for own, fit in curves}, scale)
-    text = f"Curves of limit states of {name} against {scale.label}. {medians}"
-    texts, title = (text, TEXTS["limit_states"]["caption"]), "probability of reaching it"
-    return _several(scale, 1.05 * inputs.highest, curves, texts, title=title)
+    return f"Curves of limit states of {name} against {scale.label}. {medians}"
 
 
-def two_studies(names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]) -> Picture:
+@figure
+def two_studies(
+    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]
+) -> str:
     """Curves of an arch in two studies with their bands, and the observed fractions."""
-    scale = sides[0][0].scale
-    reach = 1.05 * max(results.levels.max() for results, _ in sides)
+    (first, _), (second, _) = sides
+    scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
     strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
+    panel = _panel(sheet, strokes, reach, scale.label)
+    for own, (_, answer) in zip(strokes, sides):
+        draw_curve(panel, answer, scale, own)
+    for own, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
+        panel.dots(results.levels, results.fraction, own.colour, mark)
     medians = _medians(_known({name: answer for name, (_, answer) in zip(names, sides)}), scale)
-    what = f"Probability of collapse of {sides[0][0].arch} against {scale.label} in two studies"
-    texts = f"{what}. {medians}", TEXTS["two_studies"]["caption"]
-    curves = [(own, answer) for own, (_, answer) in zip(strokes, sides)]
-    return _several(scale, reach, curves, texts, data=[results for results, _ in sides])
+    what = f"Probability of collapse of {first.arch} against {scale.label} in two studies"
+    return f"{what}. {medians}"
+
+
+@figure
+def theta_panels(
+    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
+) -> str | None:
+    """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
+    shown, known = dict(list(differences.items())[:_MOST_PANELS]), np.isfinite(theta)
+    if not shown or known.sum() < 2:
+        return None
+    theta = theta[known]
+    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
+    ends = float(theta.min()) - margin, float(theta.max()) + margin
+    boxes = sheet.grid(len(shown), 3, 150.0, look.BELOW - look.LINE)
+    for box, (title, values) in zip(boxes, shown.items(), strict=True):
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
+        panel = Panel(sheet, box, reach, ends)
+        panel.axis_x(look.even_ticks(*reach, 4))
+        panel.axis_y(look.even_ticks(*ends), f"θ [{unit}]")
+        panel.dots(values[known], theta, look.BLUE, radius=2.4)
+        panel.heading(look.shortened(title, box[2] - box[0]))
+    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
+
+
+@figure
+def tornado(
+    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
+) -> str | None:
+    """Draw `effects_on_theta` as bars, the largest on top; None if arches are too few for it."""
+    names = [key for key, values in differences.items() if np.isfinite(values).all()]
+    known = np.isfinite(theta)
+    if known.sum() < len(names) + 2 or not names:
+        return None
+    values = np.column_stack([differences[key] for key in names])[known]
+    middle, ends = effects_on_theta(theta[known], values)
+    order = np.argsort(-np.abs(np.log(ends[:, 1] / middle)))[:_MOST_BARS]
+    ends = ends[order]
+    margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
+    reach = float(ends.min()) - margin, float(ends.max()) + margin
+    left, height = 110.0 if sheet.narrow else 170.0, 24.0 * len(order)
+    sheet.height = height + look.BELOW + 8.0
+    box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
+    panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))
+    panel.axis_x(look.even_ticks(*reach, 6), f"θ [{unit}]", grid=True)
+    for row, (key, (low, high)) in enumerate(zip(order, ends)):
+        for end, colour in ((low, look.SKY), (high, look.BLUE)):
+            near, far = sorted((middle, end))
+            panel.boxes([near], [far], [row - 0.35], [row + 0.35], colour)
+        label = look.shortened(names[key], left - 12.0)
+        sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
+    panel.line([middle, middle], panel.y, look.INK, 1.0)
+    return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"
+
+
+def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
+    """Theta of an arch with mean values, and with each value a standard deviation off its mean.
+
+    From a linear regression of ln theta, (n_arch,), on the values, (n_arch, n_value). Returned are
+    theta at the means, and at the mean of a value less and plus its deviation, (n_value, 2).
+    """
+    unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
+    lines = np.column_stack([np.ones(len(unit)), unit])
+    middle, *effects = np.linalg.lstsq(lines, np.log(theta), rcond=None)[0]
+    return float(np.exp(middle)), np.exp(middle + np.outer(effects, (-1.0, 1.0)))

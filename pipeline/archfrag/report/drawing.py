@@ -39,8 +39,10 @@ class Entry(NamedTuple):
     mark: str = "area"
 
 
-def figure(draw: Callable[..., str | tuple[str, str] | None]) -> Callable[..., Any]:
-    """Make a function that draws on a sheet return a `Picture`, drawn for both widths.
+def figure(
+    draw: Callable[..., str | tuple[str, str] | None], width: float = WIDE
+) -> Callable[..., Any]:
+    """Make a function that draws on a sheet return a `Picture`, drawn for two widths.
 
     `draw` returns the alternative text, with the caption unless `TEXTS` has it by the function's
     name; or None if there is nothing to show.
@@ -48,14 +50,14 @@ def figure(draw: Callable[..., str | tuple[str, str] | None]) -> Callable[..., A
 
     @wraps(draw)
     def drawn(*arguments: Any, **named: Any) -> Picture | None:
-        narrow, wide = Sheet(NARROW), Sheet(WIDE)
-        words = [draw(sheet, *arguments, **named) for sheet in (narrow, wide)][-1]
+        sheets = Sheet(NARROW), Sheet(width)
+        words = [draw(sheet, *arguments, **named) for sheet in sheets][-1]
         if words is None:
             return None
         if isinstance(words, str):
             words = words, TEXTS[draw.__name__]["caption"]
-        slim = narrow.svg(words[0])
-        return Picture(wide.svg(words[0]), words[1], slim)
+        slim, wide = (sheet.svg(words[0]) for sheet in sheets)
+        return Picture(wide, words[1], slim)
 
     return drawn
 

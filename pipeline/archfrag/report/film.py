@@ -31,21 +31,9 @@ def check_target(path: Path) -> None:
 
 
 def example_of(study: Study, run: str = "median", arch: str | None = None) -> Example:
-    """Simulate one run of a finished study again, with its history.
+    """Simulate one run of a finished study again: `run` and `arch` of `Results.response`.
 
-    Parameters
-    ----------
-    study : Study
-    run : str
-        "median": the record with the capacity nearest the median; or RECORD@LEVEL, such as
-        "syn-m75-r015@0.5", the level in the study's unit.
-    arch : str, optional
-        Id of the arch; the first of the report if not given.
-
-    Raises
-    ------
-    InputError
-        If the study is not finished, or has no such arch or run.
+    InputError if the study is not finished, or has no such arch or run.
     """
     inputs = report_inputs(study)
     shapes = {name: shape for name, shape, _ in inputs.arches}

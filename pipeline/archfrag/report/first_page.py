@@ -1,6 +1,7 @@
 """First page of the report: the answer in a sentence, the arch to scale, the curve, a collapse."""
 
 import datetime
+from functools import partial
 
 import numpy as np
 from markupsafe import Markup
@@ -8,32 +9,27 @@ from markupsafe import Markup
 import archfrag
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.arch import Example, arch_panel, draw_hinges, film
 from archfrag.report.curves import draw_curve
-from archfrag.report.drawing import Entry, Panel, Sheet
+from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import Picture
-from archfrag.report.inputs import ReportInputs
+from archfrag.report.inputs import ReportInputs, thetas
 from archfrag.simulate import Onset
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _HALF = 560.0  # width of the curve [px]
-_MOST_WIDE, _MOST_HIGH = 270.0, 180.0  # of the arch [px]
+_MOST = 270.0, 180.0  # width and height of the arch [px]
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Answer]:
     """The answer that stands first: of the only class or arch, else of the weakest by median."""
-    known = {
-        name: fit.theta for name, each in inputs.answers.items()
-        if isinstance(fit := each.curve, Fragility)
-    }  # fmt: skip
     if len(inputs.classes) == 1:
         return next(iter(inputs.classes.items()))
-    name = min(known, key=known.__getitem__, default=next(iter(inputs.answers)))
-    return name, inputs.answers[name]
+    theta = thetas(inputs.answers.values())
+    return list(inputs.answers.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -44,10 +40,8 @@ def leading_arch(inputs: ReportInputs) -> int:
     names = [each for each, _, _ in inputs.arches]
     if name in names or isinstance(answer.curve, str):
         return names.index(name) if name in names else 0
-    fits = [inputs.answers[each].curve for each in names]
-    away = [abs(np.log(fit.theta / answer.curve.theta)) if isinstance(fit, Fragility) else np.inf
-            for fit in fits]  # fmt: skip
-    return int(np.argmin(away))
+    away = np.abs(np.log(thetas(inputs.answers[each] for each in names) / answer.curve.theta))
+    return int(np.where(np.isnan(away), np.inf, away).argmin())
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
@@ -55,8 +49,11 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     name, arch, onset = inputs.arches[leading_arch(inputs)]
     what = "collapse" if example is not None and example.response.collapsed else "near miss"
     moving = None if example is None else film(example, "first", f"A {what}")
+    heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    heading += [date, f"archfrag {archfrag.__version__}"]
     return html.template(
-        "first.html.j2", inputs=inputs, heading=_heading(inputs), sentence=_sentence(inputs),
+        "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
         arch=_arch(arch, onset, name), curve=_curve(inputs), film=moving, what=what,
         facts=_facts(inputs),
     )  # fmt: skip
@@ -71,12 +68,6 @@ def site_levels(inputs: ReportInputs) -> dict[str, float]:
     years, im = 1.0 / curve.rate[known], curve.im[known]
     found = np.exp(np.interp(np.log(PERIODS), np.log(years), np.log(im), np.nan, np.nan))
     return {f"{each:g}-year": float(x) for each, x in zip(PERIODS, found) if np.isfinite(x)}
-
-
-def _heading(inputs: ReportInputs) -> list[str]:
-    about = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
-    date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    return [*about, date, f"archfrag {archfrag.__version__}"]
 
 
 def _sentence(inputs: ReportInputs) -> Markup:
@@ -99,48 +90,34 @@ def _sentence(inputs: ReportInputs) -> Markup:
     at = at if inputs.at is None else inputs.at / scale.factor
     value, low, high = map(html.percentage, answer.probability(at))
     start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
-    return form.format(
-        start, value, f"({inputs.percent}: {low} to {high}).{_return(inputs, name)}"
-    )
-
-
-def _return(inputs: ReportInputs, name: str) -> str:
-    """The return period of collapse in a sentence, if it is known."""
+    end = f"({inputs.percent}: {low} to {high})."
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
-    if isinstance(risk, str | None) or risk.rate.is_bound or not risk.rate.quoted > 0.0:
-        return ""
-    period, *ends = (
-        f"{float(f'{1.0 / rate:.2g}'):,.0f}"
-        for rate in (risk.rate.quoted, risk.rate.upper, risk.rate.lower)
-    )
-    found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
-    return f" Collapse has a return period of {period} years{found}."
+    if not isinstance(risk, str | None) and not risk.rate.is_bound and risk.rate.quoted > 0.0:
+        rates = risk.rate.quoted, risk.rate.upper, risk.rate.lower
+        period, *ends = (f"{float(f'{1.0 / each:.2g}'):,.0f}" for each in rates if each > 0.0)
+        found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
+        end += f" Collapse has a return period of {period} years{found}."
+    return form.format(start, value, end)
 
 
 def _facts(inputs: ReportInputs) -> str:
     cube, verdict = inputs.cube, inputs.cube["verdict"].values
-    runs, collapsed = (
-        (verdict != Verdict.NOT_SIMULATED).sum(),
-        (verdict == Verdict.COLLAPSED).sum(),
-    )
     both = cube.attrs.get("vertical_component", "not used") != "not used"
-    words = f"{runs:,} runs of {cube.sizes['record']} ground motions"
-    words += " with their vertical components" * both
+    words = f"{(verdict != Verdict.NOT_SIMULATED).sum():,} runs of {cube.sizes['record']} "
+    words += "ground motions" + " with their vertical components" * both
     words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
-    words += f", {collapsed:,} collapses."
-    if len(inputs.answers) == 1 and (answer := leading(inputs)[1]).n_independent:
-        low, high = answer.beta
-        fit = answer.curve
-        if isinstance(fit, Fragility):
-            words += f" Dispersion β {fit.beta:.2f} ({inputs.percent}: {low:.2f} to {high:.2f})."
+    words += f", {(verdict == Verdict.COLLAPSED).sum():,} collapses."
+    answer = leading(inputs)[1]
+    if len(inputs.answers) == 1 and answer.n_independent and not isinstance(answer.curve, str):
+        interval = f"{inputs.percent}: {html.interval(answer.beta)}"
+        words += f" Dispersion β {answer.curve.beta:.2f} ({interval})."
     return words
 
 
 def _arch(arch: Arch, onset: Onset, name: str) -> Picture:
     """The arch to scale with its dimensions, and with the hinges with which it begins to move."""
     sheet = Sheet(look.NARROW)
-    most = _MOST_WIDE, _MOST_HIGH
-    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, _MOST)
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
     if not onset.stands:
@@ -191,29 +168,18 @@ def _measure(
         sheet.height = max(sheet.height, b + 20.0)
 
 
-def _curve(inputs: ReportInputs) -> Picture:
+@partial(figure, width=_HALF)
+def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     """The curve with its band, theta on the axis, and the levels of the site or of the reader."""
-    (name, answer), scale, sheets = leading(inputs), inputs.scale, []
-    for width, height in ((_HALF, 280.0), (look.NARROW, 210.0)):
-        sheet = Sheet(width)
-        _draw_curve(sheet, inputs, answer, height)
-        sheets.append(sheet)
-    what = f"Probability of collapse of {name} against {scale.label}"
-    if isinstance(answer.curve, Fragility):
-        what += f": median {scale.text(answer.curve.theta)}, dispersion {answer.curve.beta:.2f}"
-    wide, narrow = (sheet.svg(what) for sheet in sheets)
-    return Picture(
-        wide, f"Line: lognormal curve of {name}. Shaded: {inputs.percent} band.", narrow
-    )
-
-
-def _draw_curve(sheet: Sheet, inputs: ReportInputs, answer: Answer, height: float) -> None:
-    scale, fit, reach = inputs.scale, answer.curve, 1.05 * inputs.highest
+    (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
+    words = f"Probability of collapse of {name} against {scale.label}"
+    caption = f"Line: lognormal curve of {name}. Shaded: {inputs.percent} band."
+    height = 210.0 if sheet.narrow else 280.0
     panel = look.panel_below(sheet, [], height, (0.0, reach), (0.0, 1.0))
     panel.axis_y(look.even_ticks(0.0, 1.0, 5), "probability of collapse")
     panel.axis_x(look.even_ticks(0.0, reach, 6), scale.label, grid=True)
-    if isinstance(fit, str):
-        return
+    if isinstance(fit := answer.curve, str):
+        return words, caption
     marked = {word: scale.factor * level for word, level in site_levels(inputs).items()}
     marked |= {} if inputs.at is None else {"asked for": inputs.at}
     for row, (word, level) in enumerate(marked.items()):
@@ -222,9 +188,9 @@ def _draw_curve(sheet: Sheet, inputs: ReportInputs, answer: Answer, height: floa
             place = float(panel.at_x(level)) + 4.0
             sheet.text(place, panel.box[1] + 12.0 + 14.0 * row, word, "b")
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"), 2.4)
-    theta = scale.factor * fit.theta
+    theta, median = scale.factor * fit.theta, scale.text(fit.theta)
     if theta < reach:
         panel.line([0.0, theta, theta], [0.5, 0.5, 0.0], look.INK, 0.9, "4 3")
         panel.dots([theta], [0.5], look.BLUE, "hinge", 4.5)
-        place = float(panel.at_x(theta)) + 5.0
-        sheet.text(place, panel.box[3] - 7.0, f"θ = {scale.text(fit.theta)}", "b")
+        sheet.text(float(panel.at_x(theta)) + 5.0, panel.box[3] - 7.0, f"θ = {median}", "b")
+    return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption

@@ -56,15 +56,12 @@ def css_text(words: str) -> Markup:
     return Markup("".join(c if c.isalnum() or c == " " else f"\\{ord(c):x} " for c in words))
 
 
+heading = Markup("<h3>{}</h3>").format  # of words
 _ENVIRONMENT.filters |= {"px": number, "css": css_text}
 
 
 def template(file: str, **values: Any) -> Markup:
     return Markup(_ENVIRONMENT.get_template(file).render(values))
-
-
-def heading(words: str) -> Markup:
-    return Markup("<h3>{}</h3>").format(words)
 
 
 def paragraph(words: str, kind: str = "") -> Markup:
@@ -85,11 +82,10 @@ def folded(title: str, *parts: Markup | Picture) -> Markup:
 
 def facts(rows: Iterable[Sequence[str]], kind: str) -> Markup:
     """A list of labels, each with a value in large digits and remarks on it."""
-    shown, start = [], '<div><dt>{}</dt><dd class="large">{}</dd>'
-    for row in rows:
-        form = start + (len(row) - 2) * '<dd class="range">{}</dd>' + "</div>"
-        shown.append(Markup(form).format(*row))
-    return Markup('<dl class="{}">{}</dl>').format(kind, Markup("\n").join(shown))
+    start, remark = '<div><dt>{}</dt><dd class="large">{}</dd>', '<dd class="range">{}</dd>'
+    forms = ((Markup(f"{start}{(len(row) - 2) * remark}</div>"), row) for row in rows)
+    shown = Markup("\n").join(form.format(*row) for form, row in forms)
+    return Markup('<dl class="{}">{}</dl>').format(kind, shown)
 
 
 def table(

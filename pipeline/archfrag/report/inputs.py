@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -34,6 +34,7 @@ from archfrag.study.runs import Design
 from archfrag.study.steps import finished, read_timings
 
 SUMMARY_FORMAT = "archfrag-summary/2"
+COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MOST_GROUPS = 10
 _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
@@ -118,6 +119,18 @@ class ArchResults:
     def verdict(self) -> IntArray:
         return self.tables["verdict"]
 
+    @property
+    def fraction(self) -> FloatArray:
+        """Fraction of the known verdicts at each level that are collapses; nan if none is."""
+        known = self.known["n"]
+        return np.asarray(self.known["collapsed"] / np.where(known > 0, known, np.nan))
+
+
+def thetas(answers: Iterable[Answer]) -> FloatArray:
+    """Median capacity of each arch [SI]; nan without a curve."""
+    curves = [answer.curve for answer in answers]
+    return np.array([np.nan if isinstance(fit, str) else fit.theta for fit in curves])
+
 
 def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     """Results of a study, and of another one whose file is `compared`.
@@ -130,8 +143,8 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         cube.load()
     prepared, intensity = load_prepared(study), study.intensity
     entries = {member.id: member.entry for member in study.members}
-    medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-    arches = {name: entries[name].build() for name in [list(answers)[i] for i in shown(medians)]}
+    names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
+    arches = {name: entries[name].build() for name in names}
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
@@ -276,8 +289,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
 
 def _runs(verdict: NDArray, lost: NDArray, mode: NDArray, joint: NDArray) -> dict[str, Any]:
     found, collapsed = count_verdicts(verdict), verdict == Verdict.COLLAPSED
-    names = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
-    counts = {name: int(found[name].sum()) for name in names}
+    counts = {name: int(found[name].sum()) for name in COUNTS}
     counts["not_simulated"] = verdict.size - counts["runs"]
     landed = (verdict == Verdict.STANDING) & np.isfinite(lost)
     counts["lost_contact_and_stand"] = int(landed.sum())

@@ -26,7 +26,7 @@ from archfrag.report.arch import typical_run
 from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
-from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary
+from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, cautions_of, class_parts
 from archfrag.study.answer.curves import arch_classes, quoted
@@ -273,11 +273,10 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
     cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
     if intensity.ndim == 1:
-        fits = [answer.curve for answer in inputs.answers.values()]
-        medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
-        level, why = intensity.size // 2, "the middle level"
-        if medians:
-            level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
+        medians, level = thetas(inputs.answers.values()), intensity.size // 2
+        why = "the middle level"
+        if np.isfinite(medians).any():
+            level = int(np.abs(np.log(intensity) - np.log(np.nanmedian(medians))).argmin())
             why = "the level nearest to the median capacity"
         words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
     chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values

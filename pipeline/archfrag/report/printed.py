@@ -12,14 +12,12 @@ from matplotlib.text import Text
 from archfrag import plots
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.quoted import Answer
-from archfrag.report.demand import MEASURED, demand, fractiles, ida_line
-from archfrag.report.inputs import ArchResults, ReportInputs, Scale, arch_results
-from archfrag.report.runs import VERDICTS
+from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
+from archfrag.report.runs import MEASURED, VERDICTS, ida_lines
 from archfrag.study.answer.curves import quoted
 
 _COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
-_LOOKS = (("16 %", "--"), ("median", "-"), ("84 %", ":"))
+_STYLES = {"16 %": "--", "84 %": ":"}
 _MOST_NAMED = 60  # records whose names are written
 
 
@@ -34,7 +32,15 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     results = {name: arch_results(cube, name, scale) for name, _, _ in inputs.arches}
     answers = quoted(cube, inputs.answers, inputs.classes)
     for number, (name, answer) in enumerate(answers.items()):
-        _draw_curve(ax, answer, results.get(name), scale, (name, number))
+        colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
+        if isinstance(fit := answer.curve, Fragility):
+            im, label = np.array(answer.im), f"{name}: median {scale.text(fit.theta)}"
+            ax.plot(scale.factor * im, fit.probability(im), style, color=colour, label=label)
+            band = answer.lower, answer.upper
+            ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
+        if name in results:  # of a class the fractions are not shown
+            own = results[name]
+            ax.plot(own.levels, own.fraction, "o", color=colour, ms=3.0)
     ax.set(xlabel=scale.label, ylabel="probability of collapse",
            xlim=(0.0, 1.05 * inputs.highest), ylim=(0.0, 1.02))  # fmt: skip
     if ax.get_legend_handles_labels()[0]:
@@ -67,37 +73,15 @@ def _saved(figure: Figure, path: Path) -> list[Path]:
     return paths
 
 
-def _draw_curve(
-    ax: Axes, answer: Answer, results: ArchResults | None, scale: Scale, which: tuple[str, int]
-) -> None:
-    """A curve with its band, and if the runs are known the fractions behind it."""
-    name, number = which
-    colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
-    if isinstance(fit := answer.curve, Fragility):
-        im, label = np.array(answer.im), f"{name}: median {scale.text(fit.theta)}"
-        ax.plot(scale.factor * im, fit.probability(im), style, color=colour, label=label)
-        band = answer.lower, answer.upper
-        ax.fill_between(scale.factor * im, *band, color=colour, alpha=0.2, lw=0.0)
-    if results is not None:
-        used = results.known["n"] > 0
-        fraction = results.known["collapsed"][used] / results.known["n"][used]
-        ax.plot(results.levels[used], fraction, "o", color=colour, ms=3.0)
-
-
 def _ida_figure(results: ArchResults) -> Figure:
     """Largest and residual rotation against intensity; collapse is a flat line."""
     figure = Figure((7.2, 3.6), layout="constrained")
     axes: Any = figure.subplots(1, 2, sharey=True)
     for ax, (name, title) in zip(map(plots.dressed, axes), MEASURED.items()):
-        curves = demand(results, name)
-        right = 1.1 * float(np.max(curves, initial=1e-6, where=np.isfinite(curves)))
-        lines = [(row, end, "", "-") for row, end in zip(curves, results.capacities.tolist())]
-        found = fractiles(curves, results.capacities)
-        lines += [(*line, *look) for line, look in zip(found, _LOOKS)]
-        for row, end, label, style in lines:
+        right, lines = ida_lines(results, name, 1.1)
+        for x, y, label in lines:
             colour, width = (plots.BLUE, 1.5) if label else (plots.GREY, 0.6)
-            line = ida_line(results.levels, row, end, right)
-            ax.plot(*line, style, color=colour, lw=width, label=label)
+            ax.plot(x, y, _STYLES.get(label, "-"), color=colour, lw=width, label=label)
         ax.set(xlabel=title, xlim=(0.0, right))
         ax.locator_params(axis="x", nbins=5)
     axes[0].set(ylabel=results.scale.label, ylim=(0.0, 1.05 * results.levels.max()))

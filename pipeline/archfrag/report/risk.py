@@ -38,7 +38,14 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.cautions(arch.cautions)
         yield hazard_and_fragility(arch, hazard, scale)
         yield contributions(arch, scale)
-        yield _contribution_table(arch)
+        parts = arch.by_mechanism
+        rows = [
+            (parts.categories[i], f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
+            for i in np.flatnonzero(parts.shown)
+        ]
+        heads = ["mechanism", "fraction of the rate", "collapses"]
+        label = f"Contributions to the rate of collapse of {arch.arch}"
+        yield html.table(label, heads, rows, "compact")
     assumed = (f"{each[0].upper()}{each[1:]}." for each in ASSUMPTIONS)
     yield html.paragraph(" ".join(assumed), "note")
 
@@ -65,17 +72,6 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             *(html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
-
-
-def _contribution_table(arch: ArchRisk) -> Markup:
-    parts = arch.by_mechanism
-    rows = [
-        (name, f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
-        for i, name in enumerate(parts.categories) if parts.shown[i]
-    ]  # fmt: skip
-    heads = ["mechanism", "fraction of the rate", "collapses"]
-    label = f"Contributions to the rate of collapse of {arch.arch}"
-    return html.table(label, heads, rows, "compact")
 
 
 @figure

@@ -1,21 +1,19 @@
-"""Figures of runs: verdicts, mechanisms and the log of one run; what capacities depend on."""
+"""Figures of runs: verdicts, rotations (IDA curves), mechanisms, and the log of one run."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
-from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions, deaggregate
 from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground
 from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
-from archfrag.report.inputs import ArchResults, Scale
+from archfrag.report.inputs import ArchResults
 from archfrag.simulation.response import MODEL_WORDS, MechanismChange
 
 VERDICTS = {
@@ -43,9 +41,10 @@ JOINT_STATES = (
 )  # fmt: skip
 _MODELS = ((look.PALE, "area"), (look.SKY, "area"), (look.GREEN, "dots"), (look.PURPLE, "slash"))
 _LABELLED = 60  # records that have their names written
-_MOST_JOINTS, _MOST_PANELS = 4, 9
-_HIGH = 150.0  # of a panel [px]
+_MOST_JOINTS = 4
 _BINS = 600  # of the log
+MEASURED = {"peak_rotation": "peak rotation [°]", "residual_rotation": "residual rotation [°]"}
+FRACTILES = {"16 %": 0.16, "median": 0.5, "84 %": 0.84}
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
@@ -111,6 +110,75 @@ def single_runs(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     )
 
 
+@figure
+def ida_curves(sheet: Sheet, results: ArchResults) -> str | None:
+    """Peak and residual rotation of each record against intensity; None without standing runs."""
+    if results.own_levels is not None or not (results.verdict == Verdict.STANDING).any():
+        return None
+    entries = [
+        Entry("a record", look.GREY, "line"), Entry("median", look.BLUE, "line"),
+        Entry("16 and 84 %", look.BLUE, "dash"),
+    ]  # fmt: skip
+    top = sheet.legend(LEFT, 0.0, entries)
+    boxes = sheet.grid(len(MEASURED), 2, 260.0, BELOW)
+    sheet.height += top
+    highest = 1.05 * float(results.levels.max())
+    for (name, title), (left, up, right, down) in zip(MEASURED.items(), boxes):
+        reach, lines = ida_lines(results, name, 1.15)
+        panel = Panel(sheet, (left, up + top, right, down + top), (0.0, reach), (0.0, highest))
+        panel.axis_x(look.even_ticks(0.0, reach, 5), title, grid=True)
+        panel.axis_y(look.even_ticks(0.0, highest), results.scale.label)
+        strokes = {"": (look.GREY, 0.7, ""), "median": (look.BLUE, 2.0, "")}
+        for x, y, part in lines:
+            panel.line(x, y, *strokes.get(part, (look.BLUE, 1.3, "5 2.5")))
+    return f"Peak and residual rotation of {results.arch} against {results.scale.label}"
+
+
+def ida_lines(
+    results: ArchResults, name: str, margin: float
+) -> tuple[float, list[tuple[FloatArray, FloatArray, str]]]:
+    """Largest rotation [degrees] times a margin, and lines of rotations and levels up to it.
+
+    A line of each record has an empty name; those of `FRACTILES` follow with theirs. A line ends
+    flat, at the capacity of its record. Between the levels that were run it is interpolated.
+    """
+    levels, standing = results.levels, results.verdict == Verdict.STANDING
+    degrees, capacities = np.rad2deg(results[name]), results.capacities
+    found = np.full(degrees.shape, np.nan)
+    for row, (own, value, capacity) in enumerate(zip(standing, degrees, capacities)):
+        own = own & (levels < capacity)
+        if own.any():
+            x, y = np.append(0.0, levels[own]), np.append(0.0, value[own])
+            found[row] = np.interp(levels, x, y)
+    found = np.where(levels > capacities[:, None], np.inf, found)
+    reach = margin * float(np.max(found, initial=1e-6, where=np.isfinite(found)))
+    rows = [(row, end, "") for row, end in zip(found, capacities.tolist())]
+    rows += fractiles(found, capacities)
+    return reach, [(*ida_line(levels, row, end, reach), part) for row, end, part in rows]
+
+
+def fractiles(curves: FloatArray, capacities: FloatArray) -> list[tuple[FloatArray, float, str]]:
+    """Fractiles of rotations (n_record, n_level), and where each ends."""
+    ranked = np.sort(np.where(np.isnan(curves), np.inf, curves), axis=0)
+    ends, found, last = np.sort(capacities), [], len(ranked) - 1
+    for name, part in FRACTILES.items():
+        # The 84 % fractile of demand ends at the 16 % fractile of capacity.
+        end = float(ends[min(int((1.0 - part) * len(ranked)), last)])
+        found.append((ranked[min(int(part * len(ranked)), last)], end, name))
+    return found
+
+
+def ida_line(
+    levels: FloatArray, row: FloatArray, capacity: float, right: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations and levels of a line from the origin; it is flat up to `right` at the capacity."""
+    seen = np.isfinite(row)
+    x, y = np.append(0.0, row[seen]), np.append(0.0, levels[seen])
+    if np.isfinite(capacity):
+        x, y = np.append(x, [x[-1], right]), np.append(y, [capacity, capacity])
+    return x, y
+
+
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Collapses by mode and by the joint that was lost."""
     lost = results["collapse_joint"]
@@ -161,32 +229,6 @@ def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, Float
         colours = LOOKS[-1] if name.startswith("other") else LOOKS[i % len(LOOKS)]
         found.setdefault(name, Entry(name, *colours))
     return [(found[name], part) for name, part in zip(names, values) if part.any()]
-
-
-@figure
-def theta_panels(
-    sheet: Sheet, members: Sequence[Answer], differences: Mapping[str, NDArray], name: str,
-    scale: Scale,
-) -> str | None:  # fmt: skip
-    """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
-    every = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in members]
-    theta, known = scale.factor * np.array(every), np.isfinite(every)
-    shown = dict(list(differences.items())[:_MOST_PANELS])
-    if not shown or known.sum() < 2:
-        return None
-    theta = theta[known]
-    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
-    ends = float(theta.min()) - margin, float(theta.max()) + margin
-    boxes = sheet.grid(len(shown), 3, _HIGH, BELOW - LINE)
-    for box, (title, values) in zip(boxes, shown.items(), strict=True):
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
-        panel = Panel(sheet, box, reach, ends)
-        panel.axis_x(look.even_ticks(*reach, 4))
-        panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]")
-        panel.dots(values[known], theta, look.BLUE, radius=2.4)
-        panel.heading(look.shortened(title, box[2] - box[0]))
-    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
 
 
 @figure

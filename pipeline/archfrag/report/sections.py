@@ -11,10 +11,10 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
 from archfrag.report import arch as arch_figures
-from archfrag.report import curves, demand, html, runs
+from archfrag.report import curves, html, runs
 from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
-from archfrag.report.inputs import ArchResults, ReportInputs, Scale
+from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
@@ -22,7 +22,6 @@ from archfrag.study.answer.fits import lost_text
 
 Parts = Iterator[Any]  # of a section: markup and pictures; None is left out
 Rows = Iterator[tuple[str, object]]
-_COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height"), " [m]"),
     **dict.fromkeys(("depth", "intrados", "extrados"), " [m]"),
@@ -44,11 +43,12 @@ def arch_parts(
     yield card(answer, inputs.scale, percent, cautions, results, onset)
     groups = runs.groupings(results, inputs.confidence)
     yield heading("How it falls")
-    yield demand.lost_joints(arch, results)
-    yield from _mechanisms(groups, results)
+    yield arch_figures.lost_joints(arch, results)
+    collapsed = results.counts["collapsed"].any()
+    yield runs.fractions(groups, results) if collapsed else paragraph("No run collapsed.")
     if animated and onset.stands:
         yield from _films(inputs, results, place, None if leads else example)
-    if picture := demand.ida_curves(results):
+    if picture := runs.ida_curves(results):
         yield heading("How far it moves")
         yield picture
     yield heading("Every run")
@@ -99,9 +99,10 @@ def class_parts(inputs: ReportInputs, name: str) -> Parts:
             values = variable.values[own].astype(float)
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    given = list(members.values()), differences, name, inputs.scale
-    figures = [figure for figure in (demand.tornado(*given), runs.theta_panels(*given)) if figure]
-    if figures:
+    theta = inputs.scale.factor * thetas(members.values())
+    drawn = (curves.tornado, curves.theta_panels)
+    figures = [draw(theta, differences, name, inputs.scale.unit) for draw in drawn]
+    if any(figures):
         yield heading("What θ depends on")
         yield from figures
 
@@ -120,7 +121,7 @@ def card(
     fit, lost = answer.curve, lost_text(answer, scale.text)
     parts, figures, counts = [html.cautions([*cautions, *filter(None, [lost])])], [], {}
     if results is not None:
-        counts = {n.replace("_", " "): results.counts[n].sum() for n in _COUNTS}
+        counts = {n.replace("_", " "): results.counts[n].sum() for n in COUNTS}
     if isinstance(fit, str):
         parts.append(paragraph(f"No fragility curve: {fit}.", "none"))
     else:
@@ -150,12 +151,11 @@ def _levels(results: ArchResults, answer: Answer, percent: str) -> Markup:
     chance = np.full(results.levels.size, np.nan)
     if isinstance(fit, Fragility):
         chance = fit.probability(results.levels / results.scale.factor)
-    fraction = known["collapsed"] / np.where(known["n"] > 0, known["n"], np.nan)
     columns = {
         results.scale.label: map(digits, results.levels),
-        **{name.replace("_", " "): counts[name] for name in _COUNTS},
+        **{name.replace("_", " "): counts[name] for name in COUNTS},
         "records with capacity below" if results.design.adaptive else "fraction":
-            [measured(each, ".3f") for each in fraction],
+            [measured(each, ".3f") for each in results.fraction],
         f"Clopper–Pearson {percent}":
             [f"{measured(low, '.3f')} – {measured(high, '.3f')}" for low, high in ends],
         "curve": [measured(each, ".3f") for each in chance],
@@ -222,13 +222,6 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None:
         yield "dead load", "none: the ring alone, without fill and spandrels"
-
-
-def _mechanisms(groups: Sequence[Contributions], results: ArchResults) -> Parts:
-    if results.counts["collapsed"].any():
-        yield runs.fractions(groups, results)
-    else:
-        yield paragraph("No run collapsed.")
 
 
 def _mechanism_table(

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.errors import InputError
 from archfrag.mechanics.laws import CLOSED_STICK
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
 from archfrag.mechanics.types import Frames, MechanismLog, Results
@@ -190,6 +192,32 @@ class Response:
         from archfrag.plots import animate
 
         return animate(self, seconds, speed)
+
+    def _arrays(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations [rad]."""
+        if self.history is None:
+            raise InputError("the response has no history; simulate with history=True")
+        names = ("time", "displacement", "rotation")
+        time, shift, turn = (np.asarray(self.history[name].values, float) for name in names)
+        return time, shift, turn
+
+    def _window(self, seconds: float) -> tuple[float, float]:
+        """Times between which a film shows the run: up to its collapse, or about its largest
+        rotation; `seconds` at most. The same time twice if nothing moves.
+        """
+        assert self.arch is not None
+        time, shift, turn = self._arrays()
+        size = float(np.ptp(np.concatenate(self.arch.outlines), axis=0).max())
+        reach = np.maximum(np.abs(shift).max(axis=(1, 2)), 0.1 * size * np.abs(turn).max(axis=1))
+        moving = np.flatnonzero(reach > 1e-5 * size)
+        if moving.size < 2:
+            return float(time[0]), float(time[0])
+        first, last = float(time[max(moving[0] - 1, 0)]), float(time[moving[-1]])
+        peak = float(time[np.abs(turn).max(axis=1).argmax()])
+        if self.collapsed:
+            peak = last = float(time[-1])
+        first = max(first, min(peak - 0.5 * seconds, last - seconds))
+        return first, min(last, first + seconds)
 
     def __repr__(self) -> str:
         ended = self.status.name.lower().replace("_", " ")
