@@ -68,14 +68,18 @@ def test_undecided_records_are_left_out():
     assert np.isnan(found.middle[1])
 
 
-def test_bisected_grid_is_filled_to_the_grid_it_stands_for():
+def test_bisected_grid_is_filled_to_the_grid_it_stands_for_and_has_its_band():
+    """Only the two runs next to the border of each record: nothing else was known."""
     capacity = np.random.default_rng(1).uniform(0.1, 0.9, 40)
     full = (capacity[:, None] <= FEW).astype(int)
     border = np.argmax(np.hstack([full, np.ones((40, 1), int)]), axis=1)[:, None]
     near = (np.arange(5) == border) | (np.arange(5) == border - 1)
     bisected = np.where(near, full, 4)
     assert np.count_nonzero(bisected == 4) > 50
-    assert np.array_equal(find_brackets(bisected, FEW).filled, full)
+    one, other = (find_brackets(verdict, FEW) for verdict in (full, bisected))
+    assert np.array_equal(other.filled, full)
+    bands = quoted_band(one, FEW), quoted_band(other, FEW)
+    assert (bands[0].lower, bands[0].theta) == (bands[1].lower, bands[1].theta)
 
 
 @pytest.mark.parametrize(("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")])
@@ -136,18 +140,6 @@ class TestQuoted:
         assert limits[0] < held[0] < limits[1]
         if name != "events not known":
             assert np.all(held[1:] > limits[0] - 0.03)
-
-    def test_bisected_levels_hold_what_the_grid_holds(self):
-        """Only the two runs next to the border of each record: nothing else was known."""
-        full = brackets(np.random.default_rng(1), 24, GRID).collapsed.astype(int)
-        border = np.argmax(np.hstack([full, np.ones((24, 1), int)]), axis=1)[:, None]
-        near = (np.arange(15) == border) | (np.arange(15) == border - 1)
-        one, other = (
-            quoted_band(find_brackets(verdict, GRID), IM)
-            for verdict in (full, np.where(near, full, 2))
-        )
-        assert np.array_equal(one.lower, other.lower)
-        assert one.theta == other.theta
 
     def test_alike_records_count_as_their_events(self):
         capacity = np.repeat(np.exp(BETA * np.random.default_rng(1).standard_normal(10)), 3)

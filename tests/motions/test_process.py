@@ -52,17 +52,17 @@ def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(causal):
     assert short.acceleration.size == 20
 
 
-def test_cut_and_trim():
-    motion = process.cut(Motion(np.arange(101.0), 0.01), 0.2, 0.5)
+def test_trim():
+    motion = process.trim(Motion(np.arange(101.0), 0.01), times=(0.2, 0.5))
     assert np.array_equal(motion.acceleration, np.arange(20.0, 51.0))
     constant = Motion(np.full(1001, 2.0), 0.01)
     for margin, duration in ((0.0, 7.0), (0.5, 8.0)):
-        kept = process.trim_by_arias(constant, 0.1, 0.8, margin=margin)
+        kept = process.trim(constant, (0.1, 0.8), margin=margin)
         assert kept.duration == pytest.approx(duration)
     samples = np.zeros(1001)
     samples[[300, 700]] = 1.0, -2.0
-    assert process.trim_by_arias(Motion(samples, 0.01), 0.0, 1.0).acceleration.size == 1001
-    kept = process.trim_by_threshold(Motion(samples, 0.01), 0.9, margin=0.1)
+    assert process.trim(Motion(samples, 0.01), (0.0, 1.0)).acceleration.size == 1001
+    kept = process.trim(Motion(samples, 0.01), threshold_g=0.09, margin=0.1)
     assert kept.acceleration.size == 421
 
 
@@ -84,8 +84,8 @@ def test_all_components_are_changed_alike_and_nothing_given_is():
     samples = np.random.default_rng(0).standard_normal(500)
     motion = Motion(samples, 0.01, vertical=samples, transverse=samples)
     for step in (process.demean, process.detrend, process.taper, process.baseline,
-                 lambda m: process.bandpass(m, 0.1, 20.0), lambda m: process.cut(m, 0.2, 0.5),
-                 lambda m: process.resample(m, 0.02)):  # fmt: skip
+                 lambda m: process.bandpass(m, 0.1, 20.0), lambda m: process.resample(m, 0.02),
+                 lambda m: process.trim(m, times=(0.2, 0.5))):  # fmt: skip
         changed = step(motion)
         assert len(changed.log) == 1
         assert np.array_equal(changed.vertical, changed.transverse)
@@ -124,9 +124,9 @@ ALONE = Motion(wave(), 0.01, id="m")
     ("call", "parts"),
     [
         (lambda m: process.bandpass(m, 5.0, 1.0), ["m: ", "5.0 and 1.0 Hz", "50 Hz"]),
-        (lambda m: process.cut(m, -0.1, 0.5), ["m: ", "-0.1 s to 0.5 s", "3.99 s"]),
+        (lambda m: process.trim(m, times=(-0.1, 0.5)), ["m: ", "-0.1 s to 0.5 s", "3.99 s"]),
         (lambda m: process.resample(m, 0.00314159265), ["0.01 to 0.00314159 s is no ratio"]),
-        (lambda m: process.trim_by_threshold(m, 9.0), ["no sample reaches", "9 m/s2"]),
+        (lambda m: process.trim(m, threshold_g=0.9), ["no sample reaches", "8.82598 m/s2"]),
         (lambda m: rotate(m), ["one of azimuth and angle"]),
         (lambda m: rotate(ALONE, angle=1.0), ["m: rotate needs two horizontal"]),
         (lambda m: rotate(pair(component="H1"), azimuth=1.0), ["'H1' is not known"]),

@@ -44,6 +44,7 @@ VARY = [
 STEPS = [
     ("[bandpas]", "processing[0].bandpas is not a known key; did you mean bandpass?"),
     ("[{bandpass: {low: 1}}]", "processing[0].bandpass.low is not a known key"),
+    ("[{demean: 3}]", "processing[0].demean = 3 must be a block of keys\n"),
     ("[bandpass]", "processing[0] (bandpass): wave0: corners None and None Hz"),
     ("[{trim: {}}]", "(trim): one of arias, threshold_g and times is needed"),
     ("[{trim: {arias: [0.9, 0.1]}}]", "(trim): wave0: cannot cut from"),
@@ -78,7 +79,8 @@ BAD = [
     ("output: out", "output: ~nosuchuser/x", "of a user who does not exist"),
     ("output: out", "output: small.yaml/out", "small.yaml/out: "),
     # Arches.
-    ("  - {id: slab", "  - []\n  - {id: slab", "arches[1] = [] must be a mapping"),
+    ("  - {id: slab", "  - []\n  - {id: slab",
+     "arches[1] = [] must be a block of keys, such as {id: ...}"),
     ("  - {id: slab", f"{MANY}  - {{id: slab", "must have at most 1000"),
     ("profile: block", "profile: blok", "arches[1].profile = blok must be 'circular', 'segm"),
     ("profile: block, ", "", "arches[1].profile must be given"),
@@ -108,6 +110,9 @@ BAD = [
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
     ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
+    ("execution:", "design: stripes\nexecution:",
+     "design = stripes must be a block of keys, such as {kind: stripes}"),
+    ("execution:", "risk: 3\nexecution:", "risk = 3 must be a block of keys, such as {hazard: 3}"),
 ]  # fmt: skip
 
 
@@ -213,7 +218,8 @@ def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, content):
 @pytest.mark.parametrize(
     ("override", "part"),
     [
-        ("arches.0.friction=1", "no such place; only a block has keys, and a list is given as a"),
+        ("arches.2.friction=1", "no such place; only a block has keys, and a list items, num"),
+        ("arches.friction=1", "--set arches.friction=1: the study has no such place"),
         ("a." * 3000 + "a=1", "a is not a known key"),
         ("dt", "--set dt: must be key=value"),
         ("id.x=1", "--set id.x=1: the study has no such place"),

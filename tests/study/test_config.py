@@ -60,6 +60,7 @@ def test_paths_are_relative_to_the_study_file_those_of_overrides_too(tmp_path, m
     assert [f.path for f in study.motions.files] == [str(there / "x/*.AT2"), str(there / "y.txt")]
     assert load_study(path, ["output=../o"]).folder == tmp_path / "o"
     assert load_study(path, ["method.follow=1.5"]).method.follow == 1.5
+    assert load_study(path, ["arches.1.width=0.5"]).arches[1].width == 0.5
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.stem)

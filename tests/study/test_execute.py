@@ -16,13 +16,14 @@ import pytest
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
+from archfrag.motions.formats import one_reader, read_apart
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute
 from archfrag.study.runs.execute import kernels_needed, run_batch
 from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
-from tests.study.small import changed
+from tests.study.small import ROOT, changed
 
 
 def assert_same(results, expected):
@@ -233,3 +234,15 @@ def test_a_file_system_without_locks_does_without(copied, monkeypatch):
     monkeypatch.setattr("fcntl.flock", none)
     with only_run(copied.study), only_run(copied.study):
         pass
+
+
+def test_one_process_reads_all_records_and_does_not_hold_the_lock(copied):
+    path = next((ROOT / "records" / "synthetic").glob("*.mseed"))
+    before = set(psutil.Process().children())
+    with only_run(copied.study), one_reader():
+        read_apart(str(path))
+        (reader,) = set(psutil.Process().children()) - before
+        read_apart(str(path))
+        assert set(psutil.Process().children()) - before == {reader}
+        assert str(copied.study.work / "lock") not in [file.path for file in reader.open_files()]
+    assert not reader.is_running()

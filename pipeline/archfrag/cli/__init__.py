@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli import arch, figures, records, results, study
+from archfrag.cli import arch, records, results, study
 from archfrag.cli.options import PATH, echo, warn
 
 
@@ -87,6 +87,6 @@ def warmup(method: str | None) -> None:
 for command in (
     records.records, study.export, study.film, study.risk, arch.onset, arch.simulate,
     study.validate, study.run, study.clean, *study.STEPS, results.info, results.open_report,
-    figures.figures, figures.converge,
+    results.figures, results.converge,
 ):  # fmt: skip
     main.add_command(command)

@@ -15,7 +15,7 @@ from archfrag.errors import InputError
 from archfrag.files import opened
 from archfrag.motions import selection
 from archfrag.motions import target as targets
-from archfrag.motions.formats import TEXT, recognise
+from archfrag.motions.formats import TEXT, one_reader, recognise
 from archfrag.motions.index import index_table
 from archfrag.motions.partners import vertical_files
 from archfrag.motions.read import read_horizontals
@@ -63,14 +63,15 @@ def measure_files(
         raise InputError(f"--periods {text}: {needed}") from None
     periods = sorted({*selection.PERIODS, *more})
     verticals, tables = vertical_files(sorted(files)), []
-    for file in [path for path in dict.fromkeys(files) if path not in verticals]:
-        options, name = reading_of(file, reading), os.path.relpath(file, out.parent)
-        motions = [replace(motion, metadata={**motion.metadata, "file": name})
-                   for motion in read_horizontals(file, **options)]  # fmt: skip
-        known = {"unit": options["unit"], "accept": " ".join(options["accept"]),
-                 "columns": str(options["columns"] or "")}  # fmt: skip
-        table = selection.measure_records(motions, periods)
-        tables.append(table.assign(**{key: value for key, value in known.items() if value}))
+    with one_reader():
+        for file in [path for path in dict.fromkeys(files) if path not in verticals]:
+            options, name = reading_of(file, reading), os.path.relpath(file, out.parent)
+            motions = [replace(motion, metadata={**motion.metadata, "file": name})
+                       for motion in read_horizontals(file, **options)]  # fmt: skip
+            known = {"unit": options["unit"], "accept": " ".join(options["accept"]),
+                     "columns": str(options["columns"] or "")}  # fmt: skip
+            table = selection.measure_records(motions, periods)
+            tables.append(table.assign(**{key: value for key, value in known.items() if value}))
     return pd.concat(tables, ignore_index=True)
 
 

@@ -96,27 +96,23 @@ def run(
 
 def _summary(study: Any, named: Path, anything: bool) -> None:
     """Print the answers of a finished study if there was anything to do, and its report's path."""
+    from archfrag.files import printable
     from archfrag.study.steps import REPORT_FILES
 
     if anything:
-        _answers(study)
+        from archfrag.study.answer.fits import fit_lines, load_fits
+
+        answers, cautions = fit_lines(study, load_fits(study))
+        for line in (line for answer in answers for line in wrapped(answer, 8)):
+            echo(line)
+        for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
+            click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
     else:  # at once: reading the answers takes a second
         warn("nothing to do: all results are up to date")
     report = study.folder / REPORT_FILES[0]
     if report.is_relative_to(Path.cwd()):
         report = report.relative_to(Path.cwd())
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
-
-
-def _answers(study: Any) -> None:
-    from archfrag.files import printable
-    from archfrag.study.answer.fits import fit_lines, load_fits
-
-    answers, cautions = fit_lines(study, load_fits(study))
-    for line in (line for answer in answers for line in wrapped(answer, 8)):
-        echo(line)
-    for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
-        click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
 
 
 @click.command()

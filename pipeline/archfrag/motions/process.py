@@ -98,34 +98,40 @@ def bandpass(
     return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
 
 
-def cut(motion: Motion, start: float, end: float) -> Motion:
-    """Keep the samples from `start` to `end` [s]; InputError unless two samples remain."""
+def trim(
+    motion: Motion, arias: Sequence[float] | None = None, threshold_g: float | None = None,
+    times: Sequence[float] | None = None, margin: float = 0.0,
+) -> Motion:  # fmt: skip
+    """Keep the samples from one time to another [s]; InputError unless two samples remain.
+
+    They are `times`, or those at which the Arias intensity reaches two fractions (`arias`; 0 and
+    1 are the ends), or the first and the last at which a horizontal component reaches
+    `threshold_g` [g]; these two with a `margin` [s].
+    """
+    name, length = motion.id or "motion", motion.duration
+    if [arias, threshold_g, times].count(None) != 2:
+        raise InputError("one of arias, threshold_g and times is needed")
+    if times is not None:
+        start, end = times
+    elif arias is not None:
+        reached = arias_times(motion.acceleration, motion.transverse, motion.dt, arias)
+        start = max(0.0, reached[0] - margin) if arias[0] > 0.0 else 0.0
+        end = reached[1] + margin if arias[1] < 1.0 else length
+    else:
+        least = float(threshold_g or 0.0) * STANDARD_GRAVITY
+        rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
+        strong = motion.dt * np.flatnonzero((np.abs(rows) >= least).any(axis=0))
+        if not strong.size:
+            needed = f"the threshold {least:g} m/s2 ({threshold_g:.4g} g)"
+            raise InputError(f"{name}: no sample reaches {needed} of the trim")
+        start, end = max(0.0, strong[0] - margin), strong[-1] + margin
     first = int(np.ceil(start / motion.dt - 1e-9)) if start >= 0.0 else -1
-    last = int(np.floor(min(end, motion.duration) / motion.dt + 1e-9))
+    last = int(np.floor(min(end, length) / motion.dt + 1e-9))
     if first < 0 or last <= first:
-        left = f"the record lasts {motion.duration:g} s and at least two samples must remain"
-        raise InputError(f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; {left}")
+        left = f"the record lasts {length:g} s and at least two samples must remain"
+        raise InputError(f"{name}: cannot cut from {start} s to {end} s; {left}")
     done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
     return motion._changed(lambda a: a[first : last + 1].copy(), done)
-
-
-def trim_by_arias(
-    motion: Motion, start: float = 0.001, end: float = 0.999, margin: float = 0.0
-) -> Motion:
-    """Keep what is between fractions of the Arias intensity, and a margin [s]; 0 and 1: ends."""
-    first, last = arias_times(motion.acceleration, motion.transverse, motion.dt, (start, end))
-    return cut(motion, max(0.0, first - margin) if start > 0.0 else 0.0,
-               last + margin if end < 1.0 else motion.duration)  # fmt: skip
-
-
-def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
-    """Keep what is between horizontal samples of a `threshold` [m/s2], and a margin [s]."""
-    rows = [row for row in (motion.acceleration, motion.transverse) if row is not None]
-    reached = motion.dt * np.flatnonzero((np.abs(rows) >= threshold).any(axis=0))
-    if not reached.size:
-        needed = f"the threshold {threshold:g} m/s2 ({threshold / STANDARD_GRAVITY:.4g} g)"
-        raise InputError(f"{motion.id or 'motion'}: no sample reaches {needed} of the trim")
-    return cut(motion, max(0.0, reached[0] - margin), reached[-1] + margin)
 
 
 def resample(motion: Motion, dt: float) -> Motion:

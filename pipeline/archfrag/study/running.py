@@ -106,6 +106,7 @@ def only_run(study: Study) -> Iterator[None]:
         try:
             # Nothing is written to it: it may be a hard link that somebody else made.
             lock = stack.enter_context(open(path, "ab"))
+            os.register_at_fork(after_in_child=lock.close)  # a reader of records holds no lock
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             what = f"another run of study {study.id!r} is at work here"

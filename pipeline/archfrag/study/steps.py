@@ -11,8 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
@@ -64,6 +62,8 @@ def read_timings(study: Study) -> dict[str, list[float]]:
     paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
     if not all(path.is_file() for path in paths):
         return {}
+    import pandas as pd
+
     table = pd.concat([pd.read_csv(path, converters={"arch": str}) for path in paths])
     return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
@@ -225,10 +225,10 @@ def run_study(
 ) -> bool:  # fmt: skip
     """Do all of a study that is not done yet; whether there was anything to do."""
     files.check_own(study)
-    check_start(study)
     owner = _owner(study, study_file)
     if not stale_steps(study)[0]:
         return False
+    check_start(study)
 
     def say(text: str) -> None:
         if not quiet:

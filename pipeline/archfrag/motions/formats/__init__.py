@@ -13,7 +13,7 @@ import os
 import resource
 import signal
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from importlib.metadata import entry_points
@@ -39,6 +39,7 @@ IN_C = ("MSEED", "GSE2", "GSE1", "GCF")  # damaged files have crashed these read
 COMPUTING_TIME = 60  # [s] of processor time for a file that is read apart
 _entry_points = functools.cache(entry_points)  # a look-up reads the metadata of all packages
 MEMORY = 2**30  # [bytes] of address space for it, beyond that of this process
+_shared = list[ProcessPoolExecutor]()  # of the blocks of `one_reader`
 
 
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
@@ -121,16 +122,27 @@ def read_apart(path: str) -> list[Trace]:
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
     try:
-        with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
-            return process.submit(_read_in_c, path).result()
+        with contextlib.nullcontext() if _shared else one_reader():
+            return _shared[-1].submit(_read_in_c, path).result()
     except BrokenProcessPool:
         ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
         what = "the file is damaged or not what it seems"
         raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
 
 
+@contextlib.contextmanager
+def one_reader() -> Iterator[None]:
+    """Read the files of a block that readers in C read in one process, up to one that crashes."""
+    with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
+        _shared.append(process)
+        try:
+            yield
+        finally:
+            _shared.remove(process)
+
+
 def _limit() -> None:
-    """Limit this process, let signals end it, and end it with its parent, whose lock it holds."""
+    """Limit this process, let signals end it, and end it with its parent."""
     end_with_parent()
     for number in (signal.SIGINT, signal.SIGPROF, signal.SIGSEGV):
         signal.signal(number, signal.SIG_DFL)
@@ -141,9 +153,9 @@ def _limit() -> None:
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
-    signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
 
 
 def _read_in_c(path: str) -> list[Trace]:
+    signal.setitimer(signal.ITIMER_PROF, COMPUTING_TIME)
     name = recognise(path, IN_C)
     return read_as(path, name) if name else []

@@ -34,6 +34,7 @@ MODEL = (
     "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
 )
 CYCLES = 2.0  # of a pulse, gamma: neither paper predicts it
+DT = 0.01  # time step of all motions [s]
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
@@ -61,7 +62,7 @@ _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from 
 
 
 _RANGES = (("magnitude", 3.0, 8.0), ("distance [km]", 0.0, 300.0), *[("seed", 0, 2**63 - 1)] * 3,
-           ("time step [s]", 1e-6, 0.02), ("vs30 [m/s]", 450.0, 1000.0))  # fmt: skip
+           ("vs30 [m/s]", 450.0, 1000.0))  # fmt: skip
 
 
 class Recipe(NamedTuple):
@@ -72,7 +73,6 @@ class Recipe(NamedTuple):
     seed: int
     event_seed: int | None = None  # equal for the motions of one event; `seed` if None
     site_seed: int | None = None
-    dt: float = 0.01  # [s]
     vs30: float = VS30  # [m/s], 450 to 1000: the range of V/H and of linear soil
     vary: bool = True  # amplitudes; if not, only phases vary
     vertical: bool = False
@@ -87,12 +87,12 @@ def make_motion(recipe: Recipe) -> Motion:
     cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then come taper, pulse if any, and
     `_finished`.
     """
-    magnitude, distance, seed, *own, dt, vs30 = recipe[:7]
+    magnitude, distance, seed, *own, vs30 = recipe[:6]
     event, site = (seed if each is None else each for each in own)
-    for (name, low, high), value in zip(_RANGES, (*recipe[:3], event, site, dt, vs30)):
+    for (name, low, high), value in zip(_RANGES, (*recipe[:3], event, site, vs30)):
         if not low <= value <= high:
             raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
-    length = fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
+    dt, length = DT, fourier.WINDOW_LENGTH * fourier.ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (fourier.low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN

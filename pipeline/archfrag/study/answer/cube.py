@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 import archfrag
@@ -156,9 +155,14 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_study": study.id,
         "archfrag_config": strict_json(config),
-        "archfrag_inputs_sha256": strict_json(_by_name(inputs["record"])),
-        "archfrag_index_sha256": strict_json(_by_name(inputs["index"])),
-        "archfrag_inventories_sha256": strict_json(_by_name(inputs["inventory"])),
+        **{
+            f"archfrag_{name}_sha256": strict_json(_by_name(inputs[kind]))
+            for name, kind in (
+                ("inputs", "record"),
+                ("index", "index"),
+                ("inventories", "inventory"),
+            )
+        },
         "archfrag_processing": strict_json(steps),
         "archfrag_versions": strict_json(files.versions()),
         "archfrag_commit": files.commit(),
@@ -223,6 +227,8 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
 
 
 def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
+    import pandas as pd
+
     from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
 

@@ -235,26 +235,22 @@ def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
     }  # fmt: skip
     if not np.isfinite(limits).all():
         del known["rotation"]
-    meanings, conditions = zip(*known.values())
+    codes = []  # verdicts on each state, as those on collapse
+    for _, condition in known.values():
+        holds = condition(runs.cube).values.reshape(runs.verdict.shape)
+        code = np.where(holds, Verdict.COLLAPSED, Verdict.STANDING)
+        code = np.where(runs.decided, code, Verdict.NOT_SIMULATED)
+        # The runs of a record in a search imply others.
+        codes.append(find_brackets(code, runs.level).filled if runs.design.adaptive else code)
     level = np.broadcast_to(runs.level, runs.verdict.shape)
-    found, message = fit_limit_states(_exceeded(runs, conditions), level, list(known))
+    found, message = fit_limit_states(np.stack(codes, axis=-1), level, list(known))
     onset = _onset(runs.cube)
     states = []
-    for name, meaning, (fit, none) in zip(known, meanings, found):
+    for (name, (meaning, _)), (fit, none) in zip(known.items(), found):
         reason = runs.worded(none) if none else ""
         curve = curve_to_dict(_above(fit, onset) or reason)
         states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
     return {"message": message, "states": states}
-
-
-def _exceeded(runs: Runs, conditions: Sequence[Callable[[Any], Any]]) -> NDArray[np.int64]:
-    """Verdicts on the limit states, as those on collapse, (n_record, n_level, n)."""
-    holds = [condition(runs.cube).values.reshape(runs.verdict.shape) for condition in conditions]
-    codes = [np.where(each, Verdict.COLLAPSED, Verdict.STANDING) for each in holds]
-    codes = [np.where(runs.decided, code, Verdict.NOT_SIMULATED) for code in codes]
-    if runs.design.adaptive:  # where the runs of a record imply others
-        codes = [find_brackets(code, runs.level).filled for code in codes]
-    return np.stack(codes, axis=-1)
 
 
 def _onset(cube: "xr.Dataset") -> float:

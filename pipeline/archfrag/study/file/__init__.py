@@ -1,11 +1,15 @@
 """The study file: what its blocks have in common, its text, and the message on what is wrong."""
 
+import ast
 import contextlib
 import difflib
+import inspect
 import os
 import re
 import reprlib
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
 import yaml
@@ -18,7 +22,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
     "union_tag_not_found": "must be given",
-    "model_type": "must be a mapping of keys to values",
+    "dict_type": "must be a block of keys with their values",
     "string_type": "must be text; put it in quotes",
     "string_unicode": "must be text in UTF-8",
     "string_pattern_mismatch": "must begin with a letter or a digit and hold only letters, digits "
@@ -30,8 +34,7 @@ class Section(BaseModel):
     """A block of a study file: no unknown keys, no conversions, no changes once read."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False,
-        use_attribute_docstrings=True, defer_build=True,
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )  # fmt: skip
 
     # Where keys depend on the value of one, or on whether a key is there: that one, keys that
@@ -44,7 +47,7 @@ class Section(BaseModel):
     @classmethod
     def _check_keys(cls, given: Any) -> Any:
         if not isinstance(given, dict):
-            return given
+            return check_block(given, next(iter(cls.model_fields), ""))
         by_key = next((key for key in cls.kinds if key in given), None)
         own = (cls.kind_key,) if cls.kinds and by_key is None else ()
         kind = by_key or str(given.get(cls.kind_key))
@@ -59,11 +62,35 @@ class Section(BaseModel):
             raise refuse("must be given", *missing)
         return given
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+        """Describe each key by the text below it, which pydantic would read at every start."""
+        found: dict[str, Any] = handler(core)
+        keys = handler.resolve_ref_schema(found).get("properties", {})
+        with contextlib.suppress(OSError):  # of a class that is made from a table
+            own: Any = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+            for key, text in pairwise(own.body):
+                if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
+                    about = inspect.cleandoc(ast.literal_eval(text.value))
+                    keys[ast.unparse(key.target)]["description"] = about
+        return found
+
 
 def meant(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """Ask whether the known name nearest to a wrong one was meant; empty if none is near."""
     close = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
     return f"did you mean {close[0]}?" if close else ""
+
+
+def check_block(given: Any, key: str) -> Any:
+    """Return a block as it is given; a value in the place of a block is refused.
+
+    `key` is a key of such a block, for the message; empty if it has none.
+    """
+    if isinstance(given, dict | Section):
+        return given
+    value = _shown(given) if isinstance(given, str | int | float) else "..."
+    raise refuse("must be a block of keys" + f", such as {{{key}: {value}}}" * bool(key))
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:

@@ -1,67 +1,20 @@
 """Motions of a study file: record files, and steps that process them in order."""
 
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
-from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.file import PathText, Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
-Frequency = Annotated[float, Field(gt=0.0, le=1e4)]
-Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-TWO, FOUR = Field(min_length=2, max_length=2), Field(min_length=4, max_length=4)
-# Steps by name: what is done, and of each setting its type, its default and its meaning.
-STEPS: dict[str, tuple[str, dict[str, tuple[Any, Any, str]]]] = {
-    "demean": ("Subtract the mean of the record.", {}),
-    "detrend": ("Subtract the straight line that fits best.", {}),
-    "taper": ("Bring the ends to zero by half a cosine wave.", {
-        "fraction": (Annotated[float, Field(gt=0.0, le=0.5)], 0.05, "Of the record, at each end."),
-        "side": (Literal["both", "left", "right"], "both", "Which ends."),
-    }),
-    "bandpass": ("Butterworth filter; a low-pass or a high-pass if one corner is left out.", {
-        "lowest": (Frequency, None, "Lower corner [Hz]."),
-        "highest": (Frequency, None, "Upper corner [Hz]."),
-        "order": (Annotated[int, Field(ge=1, le=10)], 4, "Order of one pass."),
-        "causal": (bool, False, "Forwards only; if not, also backwards, without a phase shift."),
-    }),
-    "trim": ("Keep the strong part: by the Arias intensity, by a threshold, or by times.", {
-        "arias": (Annotated[list[Fraction], TWO], None,
-                  "Fractions of the Arias intensity between which to keep, e.g. [0.001, 0.999]."),
-        "threshold_g": (Annotated[float, Field(gt=0.0, le=10.0)], None,
-                        "Keep from the first to the last time with this acceleration [g]."),
-        "times": (Annotated[list[Seconds], TWO], None, "From and to, from the first sample [s]."),
-        "margin": (Seconds, 0.0, "Kept before and after what arias or threshold_g find [s]."),
-    }),
-    "resample": ("Give all records one time step, band-limited.", {
-        "dt": (Annotated[float, Field(ge=1e-4, le=0.1)], ..., "Time step [s]."),
-    }),
-    "baseline": ("Subtract the derivative of a polynomial fitted to the velocity.", {
-        "order": (Annotated[int, Field(ge=1, le=5)], 2, "Of the polynomial."),
-    }),
-    "response": ("Remove the instrument's response by its StationXML (obspy).", {
-        "water_level": (Annotated[float, Field(ge=0.0, le=300.0)], 60.0,
-                        "How far below its largest value the response counts at most [dB]."),
-        "band": (Annotated[list[Frequency], FOUR], None,
-                 "f1, f2, f3, f4 [Hz] to keep: cosine tapers between the first and last two."),
-    }),
-    "rotate": ("Make one motion of two horizontal components, in the plane of the arch.", {
-        "azimuth": (Degrees, None, "Of the arch's +x, clockwise from north [degrees]."),
-        "angle": (Degrees, None,
-                  "From the first component to the other, if azimuths are not known [degrees]."),
-    }),
-    "choose": ("Use some horizontal components only.", {
-        "components": (Annotated[list[str], Field(min_length=1)], ...,
-                       "Codes, or their last letters."),
-    }),
-}  # fmt: skip
+with Path(__file__).with_name("steps.toml").open("rb") as _file:
+    STEPS: dict[str, Any] = tomllib.load(_file)
+_KINDS: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str}
 
 
 def _mapping(given: Any) -> Any:
@@ -73,13 +26,24 @@ def _mapping(given: Any) -> Any:
     return {name: {} if settings is None else settings for name, settings in named.items()}
 
 
+def _setting(about: dict[str, Any]) -> Any:
+    """Type and field of a setting, as the table of steps describes it."""
+    if "one_of" in about:
+        kind: Any = Literal[tuple(about["one_of"])]
+    else:
+        bounds = {key: about[key] for key in ("gt", "ge", "le") if key in about}
+        kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
+    if least := about.get("size", about.get("least")):
+        kind = Annotated[list[kind], Field(min_length=least, max_length=about.get("size"))]
+    default = about.get("default", ... if "required" in about else None)
+    return kind | None if default is None else kind, Field(default, description=about["text"])
+
+
 def _settings(name: str) -> Any:
-    text, settings = STEPS[name]
-    fields: dict[str, Any] = {
-        key: (kind | None if default is None else kind, Field(default, description=about))
-        for key, (kind, default, about) in settings.items()
-    }
-    return create_model(name.capitalize(), __base__=Section, __doc__=text, **fields)
+    given = STEPS[name].get("settings", {})
+    fields: dict[str, Any] = {key: _setting(about) for key, about in given.items()}
+    about = STEPS[name]["text"]
+    return create_model(name.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
 _blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}
@@ -147,14 +111,5 @@ def apply_step(
         return motion
     if name == "response":
         return process.remove_response(motion, record, inventory, **settings)
-    if name != "trim":
-        changed: Motion = getattr(process, name)(motion, **settings)
-        return changed
-    arias, threshold, times, margin = settings.values()
-    if [arias, threshold, times].count(None) != 2:
-        raise InputError("one of arias, threshold_g and times is needed")
-    if arias is not None:
-        return process.trim_by_arias(motion, arias[0], arias[1], margin)
-    if threshold is not None:
-        return process.trim_by_threshold(motion, threshold * STANDARD_GRAVITY, margin)
-    return process.cut(motion, *times)
+    changed: Motion = getattr(process, name)(motion, **settings)
+    return changed

@@ -215,6 +215,7 @@ def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
 
 def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
     """Read the motions that a study asks for one after the other, processed as it states."""
+    from archfrag.motions.formats import one_reader
     from archfrag.motions.read import load_motion, read_horizontals
 
     select, steps, needed = asked.select, asked.steps, _components(asked, measure)
@@ -222,42 +223,44 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
     taken: dict[str, Path] = {}
     left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
     used, turned, known = set[Any](), set[Any](), list[str]()
-    for source in find_sources(asked, measure):
-        path, entry, options = source.path, source.entry, source.options
-        every = (
-            [load_motion(entry)] if entry else read_horizontals(path, name=source.name, **options)
-        )
-        facts = {"file": path.name, "file_sha256": sha256_of(path)}
-        for motion in every:
-            about, code = motion.metadata, str(motion.metadata.get("component", ""))
-            shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
-            record = shared if any(shared) else path
-            if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
-                left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
-                continue
-            used.add(record)
-            if (path, code) in turned:  # the other component of a motion that was rotated
-                continue
-            motion = _with_components(needed, motion, every, source)
-            if "rotate" in dict(steps):
-                same = motion.metadata.get("file_transverse", "") == path.name
-                file = path if same else source.others.get("transverse")
-                turned.add((file, motion.metadata.get("component_transverse", "")))
-            for number, (name, settings) in enumerate(steps):
-                with at(f"{path}: motions.processing[{number}] ({name})", kind=RecordError):
-                    motion = apply_step(name, settings, motion, path, options.get("inventory"))
-                if name == "rotate":
-                    one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
-                    common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
-                    motion = motion._replaced(id=common or f"{one}+{other}")
-            known.append(motion.id)
-            for each in both_senses(motion) if asked.both_senses else [motion]:
-                if each.id in taken:
-                    whose = f"already belongs to {taken[each.id]}; each record needs its own"
-                    raise RecordError(f"{path}: the record id {each.id!r} {whose}")
-                taken[each.id] = path
-                if select is None or motion.id in select:
-                    yield each._replaced(metadata={**each.metadata, **facts})
+    with one_reader():
+        for source in find_sources(asked, measure):
+            path, entry, options = source.path, source.entry, source.options
+            if entry is None:
+                every = read_horizontals(path, name=source.name, **options)
+            else:
+                every = [load_motion(entry)]
+            facts = {"file": path.name, "file_sha256": sha256_of(path)}
+            for motion in every:
+                about, code = motion.metadata, str(motion.metadata.get("component", ""))
+                shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
+                record = shared if any(shared) else path
+                if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
+                    left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
+                    continue
+                used.add(record)
+                if (path, code) in turned:  # the other component of a motion that was rotated
+                    continue
+                motion = _with_components(needed, motion, every, source)
+                if "rotate" in dict(steps):
+                    same = motion.metadata.get("file_transverse", "") == path.name
+                    file = path if same else source.others.get("transverse")
+                    turned.add((file, motion.metadata.get("component_transverse", "")))
+                for number, (name, settings) in enumerate(steps):
+                    with at(f"{path}: motions.processing[{number}] ({name})", kind=RecordError):
+                        motion = apply_step(name, settings, motion, path, options.get("inventory"))
+                    if name == "rotate":
+                        one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
+                        common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
+                        motion = motion._replaced(id=common or f"{one}+{other}")
+                known.append(motion.id)
+                for each in both_senses(motion) if asked.both_senses else [motion]:
+                    if each.id in taken:
+                        whose = f"already belongs to {taken[each.id]}; each record needs its own"
+                        raise RecordError(f"{path}: the record id {each.id!r} {whose}")
+                    taken[each.id] = path
+                    if select is None or motion.id in select:
+                        yield each._replaced(metadata={**each.metadata, **facts})
     if lost := [name for record, name in left_out.items() if record not in used]:
         text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
         raise RecordError(f"{lost[0]}: {text}")

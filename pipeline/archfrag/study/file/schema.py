@@ -19,7 +19,6 @@ from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
-# Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 MOST_LEVELS = 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -267,11 +266,14 @@ def _override(given: dict[str, Any], text: str) -> None:
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
-    block, value = given, parse_value(value_text, f"--set {key}")
+    block: Any = given
+    place: Any = parts[0]
+    value = parse_value(value_text, f"--set {key}")
     try:
-        for part in parts[:-1]:
-            block = block.setdefault(part, {})
-        block[parts[-1]] = value
-    except (AttributeError, TypeError):
-        what = "only a block has keys, and a list is given as a whole"
+        for part in parts[1:]:
+            block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
+            place = int(part) if isinstance(block, list) else part
+        block[place] = value
+    except (LookupError, TypeError, ValueError):
+        what = "only a block has keys, and a list items, numbered from 0"
         raise InputError(f"--set {text}: the study has no such place; {what}") from None

@@ -1,17 +1,22 @@
 """The runs of a study, and all designs that ask for them."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter
+from pydantic import BeforeValidator, Field, TypeAdapter
 
+from archfrag.study.file import check_block
 from archfrag.study.runs.design import Cloud, Design, Stripes
 from archfrag.study.runs.ida import Ida
 
 __all__ = ["AnyDesign", "Design", "Stripes", "design_of"]
 
 # By the key `design` of a study file.
-AnyDesign = Annotated[Stripes | Ida | Cloud, Field(discriminator="kind")]
+AnyDesign = Annotated[
+    Stripes | Ida | Cloud, Field(discriminator="kind"),
+    BeforeValidator(partial(check_block, key="kind")),
+]  # fmt: skip
 
 
 def design_of(facts: Mapping[str, Any]) -> Design:

@@ -12,10 +12,9 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -30,6 +29,9 @@ from archfrag.study.files import add_to_log, available_cores, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.design import Cases, Verdicts, ask
 from archfrag.study.runs.store import Plan, Table, places
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 IN_PROCESS = 5.0  # CPU time of runs that this process makes before workers are started [s]
 IN_FLIGHT = 2  # chunks for each worker
@@ -61,7 +63,7 @@ def make_runs(
 def run_batch(
     study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False,
     plan: Plan | None = None,
-) -> tuple[dict[str, Any], pd.DataFrame]:  # fmt: skip
+) -> tuple[dict[str, Any], "pd.DataFrame"]:  # fmt: skip
     """Make the runs of one batch that the design requests; those that are there are kept.
 
     Returned are the entry of the log (runs requested and of them kept, iterations, workers, wall
@@ -70,6 +72,8 @@ def run_batch(
     `plan` is that of the study, if it is known. WorkerError if workers cannot be started or are
     lost.
     """
+    import pandas as pd
+
     started = time.perf_counter()
     log: dict[str, Any] = dict.fromkeys(("runs", "kept", "iterations"), 0)
     known = plan or store.make_plan(study)

@@ -6,9 +6,11 @@ or grows keeps every run that is still what it was.
 """
 
 import contextlib
+import csv
 import hashlib
 import io
 import re
+from collections import namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -16,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
@@ -46,8 +47,10 @@ Table = NDArray[np.void]
 # there is no such value; missing, what stands in a cell that was not simulated; flags, the
 # enumeration of the codes or the meanings of 0, 1 and so on; source, an array of the kernels'
 # results with the entry there, or a record's attribute; long_name; comment.
-_ABOUT = pd.read_csv(Path(__file__).with_name("variables.csv"), dtype=str, keep_default_na=False)
-VARIABLES: dict[str, Any] = {str(row.name): row for row in _ABOUT.itertuples(index=False)}
+with Path(__file__).with_name("variables.csv").open(encoding="utf-8", newline="") as _file:
+    _rows: list[Any] = list(csv.reader(_file))
+_Variable: Any = namedtuple("_Variable", _rows[0])  # type: ignore[misc]  # names of a file
+VARIABLES: dict[str, Any] = {row[0]: _Variable(*row) for row in _rows[1:]}
 COLUMNS = tuple(each for each in VARIABLES.values() if each.dimensions == "run")
 _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
