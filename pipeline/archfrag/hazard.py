@@ -24,7 +24,7 @@ FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the f
 LARGEST = 100_000_000  # [bytes] of a file
 _RULE = (
     "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then "
-    "`rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), "
+    "`rate` or `annual rate` (of exceedance) or `poe_50` (probability of exceedance in 50 years), "
     "further ones as `rate_NAME` or `poe_50_NAME`"
 )
 _UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}  # of OpenQuake
@@ -149,7 +149,8 @@ def _plain(table: "pd.DataFrame") -> _Stated:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
     curves = []
     for head in others:
-        kind = re.fullmatch(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?", head)
+        plain = re.sub(r"^annual[ _]|\s*\[1/(?:year|yr|a)\]$", "", head)
+        kind = re.fullmatch(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?", plain)
         if kind is None:
             raise InputError(f"has a column {head[:60]!r}; {_RULE}")
         levels, values = (np.array(table[name], dtype=float) for name in (first, head))

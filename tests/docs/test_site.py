@@ -28,6 +28,21 @@ def test_readme_is_one_page_whose_links_lead_somewhere():
     assert len(re.sub("```.*?```", "", text, flags=re.S).split()) < 480
 
 
+def test_pages_can_be_read_as_source():
+    """On a forge no cell runs: links have words, pages begin with prose, visible code fits."""
+    others = ("evidence", "practice", "validation")
+    for path in (ROOT / "docs").rglob("*.md"):
+        name, text = path.relative_to(ROOT / "docs").as_posix(), path.read_text("utf-8")
+        if name.startswith(others) or name == "changelog.md":
+            continue
+        assert re.findall(r"\[\]\(\S+", text) == [], name
+        first = re.split(r"^# .*\n", text, maxsplit=1, flags=re.M)[1].strip()
+        assert re.match(r"[\w$`][^`{|]", first), f"{name}: {first[:60]}"
+        for block in re.findall(r"^```(.*?)^```", text, re.M | re.S):
+            if "remove-" not in block and not block.startswith("{glossary}"):
+                assert [line for line in block.splitlines() if len(line) > 88] == [], name
+
+
 class Page(HTMLParser):
     """Anchors, links and what is loaded of one page."""
 

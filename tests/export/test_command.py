@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
+from archfrag.export import FORMATS, formats
 from archfrag.export.command import export_study
 from archfrag.study import steps
 from archfrag.study.answer.fits import load_fits
@@ -15,19 +16,25 @@ from tests.export.made import fragility
 from tests.report import synthetic
 from tests.study.small import command, files_below, small_study
 
-ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 FILES = {
     "fragility-continuous.xml", "fragility-discrete.xml", "in-core-ring.json", "pelicun.csv",
     "pelicun.json", "tables.json",
     *(f"{table}.{ending}" for ending in ("csv", "parquet")
       for table in ("arches", "curves", "parameters", "records", "runs")),
 }  # fmt: skip
-# As a study stores them, [m/s2]: of motion no arch has a curve, residual lies above collapse.
+# As a study stores them, [m/s2]: of motion there is no curve, impact lies above residual.
 STATES = [
     {"name": "motion", "curve": {"none": "all runs collapse"}},
-    {"name": "residual", "curve": fragility(9.0, 0.4).to_dict()},
+    {"name": "impact", "curve": fragility(1.1, 0.3).to_dict()},
+    {"name": "residual", "curve": fragility(1.0, 0.4).to_dict()},
     {"name": "contact lost", "curve": fragility(1.0, 0.4).to_dict()},
 ]
+MOVED = (
+    "limit state 'impact': 1 curve lay below that of a severer state by more than 0.01 and took "
+    "up its dispersion as far as needed (such as ring: dispersion 0.3 to 0.384, median times "
+    "0.909)"
+)
+LEFT_OUT = "limit state 'motion' is left out: ring has no curve of it: all runs collapse"
 
 
 @pytest.fixture
@@ -48,16 +55,18 @@ def study(tmp_path, monkeypatch):
 
 def test_all_formats(study, tmp_path):
     pytest.importorskip("pyarrow")
-    made, folder = export_study(study, ALL, tmp_path / "x"), tmp_path / "x"
+    made, folder = export_study(study, list(FORMATS), tmp_path / "x"), tmp_path / "x"
     assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
     assert sorted(each["file"] for each in made["files"]) == sorted(map(str, folder.iterdir()))
     assert made["left_out"] == {"slab": "it fell"}
-    assert made["notes"][0].startswith(
-        "limit state 'residual' is left out: its curve lies below that of a severer state by"
-    )
-    assert made["notes"][1] == "limit state 'motion' is left out: not every arch has a curve of it"
+    assert made["notes"] == [MOVED, LEFT_OUT]
+    for name in ("fragility-continuous.xml", "pelicun.json", "in-core-ring.json", "tables.json"):
+        text = (folder / f"small-{name}").read_text()
+        assert [note in text for note in made["notes"]] == [True, True], name
     stated = pd.read_csv(folder / "small-parameters.csv")
-    assert stated["limit_state"].tolist() == ["contact_lost", "collapse"]
+    assert stated["limit_state"].tolist() == ["impact", "residual", "contact_lost", "collapse"]
+    assert stated["kind"].tolist()[:2] == ["adjusted", "stripes"]
+    assert np.isnan(stated["theta_maximum_likelihood"][0])  # it is no longer the likeliest curve
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
     answer = load_fits(study)[0]["ring"]
     curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
@@ -65,8 +74,37 @@ def test_all_formats(study, tmp_path):
         expected = np.interp(curves["intensity"], answer.im, getattr(answer, side))
         np.testing.assert_allclose(curves[side], expected, rtol=1e-9, atol=1e-12)
     before = files_below(folder)
-    assert export_study(study, ALL, folder) == made
+    assert export_study(study, list(FORMATS), folder) == made
     assert files_below(folder) == before
+
+
+def test_limit_states_that_are_asked_for(study, tmp_path):
+    made = export_study(study, ["pelicun"], tmp_path, limit_states=["contact lost", "impact"])
+    row = pd.read_csv(tmp_path / "small-pelicun.csv").iloc[0]
+    assert [name for name in row.index if name.endswith("Theta_0")] == [
+        "LS1-Theta_0", "LS2-Theta_0", "LS3-Theta_0",
+    ]  # fmt: skip
+    about = json.loads((tmp_path / "small-pelicun.json").read_text())["ring"]["LimitStates"]
+    names = [one["Description"] for each in about.values() for one in each.values()]
+    assert names == ["impact", "contact_lost", "collapse"]
+    assert [note.split(":")[0] for note in made["notes"]] == ["limit state 'impact'"]
+    for state, error, message in (
+        ("motion", FitError, LEFT_OUT),
+        ("sliding", InputError, "the study has motion, impact, residual, contact_lost, collapse"),
+    ):
+        with pytest.raises(error, match=message):
+            export_study(study, ["pelicun"], tmp_path / "none", limit_states=[state])
+    assert not (tmp_path / "none").exists()
+    result = command("export", tmp_path / "small.yaml", "--format=csv", "--limit-state=motion")
+    assert (result.exit_code, result.stderr) == (6, f"archfrag: error: {LEFT_OUT}\n")
+
+
+def test_formats_have_their_functions_and_are_told_in_the_help():
+    text = command("export", "--help").stdout
+    for name, (about, receiver, functions) in FORMATS.items():
+        assert f"{name:15}  {about}" in text
+        assert bool(functions) == bool(receiver)
+        assert all(callable(getattr(formats, each)) for each in functions.values())
 
 
 def test_no_curve_at_all(study):

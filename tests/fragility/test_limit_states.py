@@ -5,8 +5,16 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import norm
 
+from archfrag.fragility.curve import mixture
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.limit_states import fit_limit_states, nest_exceedance
+from archfrag.fragility.limit_states import (
+    MOST_CROSSING,
+    above,
+    crossing,
+    fit_limit_states,
+    nest_exceedance,
+)
+from tests.export.made import fragility
 
 LEVELS = np.geomspace(0.05, 2.0, 10)
 NAMES = ("motion", "contact lost", "collapse")
@@ -102,3 +110,35 @@ class TestTies:
         step = LEVELS[LEVELS <= 0.1][-1], LEVELS[LEVELS > 0.1][0]
         assert step[0] < fit.theta < step[1]
         assert (fit.kind == "posterior") == ("no likeliest curve" in str(none))
+
+
+class TestOrderOfTwo:
+    """A milder state is nowhere less probable than a severer one, with the least change."""
+
+    def test_crossing_is_measured(self):
+        found = crossing(fragility(1.0, 0.6), fragility(1.1, 0.2))
+        assert found == pytest.approx(0.1897, abs=1e-3)
+        assert crossing(fragility(1.0, 0.4), fragility(1.5, 0.4)) < 1e-3
+
+    @pytest.mark.parametrize(
+        ("mild", "severe"),
+        [((1.0, 0.4), (1.0, 0.5)), ((1.0, 0.6), (1.1, 0.2)), ((1.2, 0.4), (1.0, 0.4)),
+         ((0.3, 0.2), (1.0, 0.9))],
+    )  # fmt: skip
+    def test_curves_that_cross_are_moved_as_far_as_needed(self, mild, severe):
+        given, other = fragility(*mild), fragility(*severe)
+        found = above(given, other)
+        assert crossing(given, other) > MOST_CROSSING >= crossing(found, other)
+        assert found.theta == min(given.theta, other.theta)
+        assert min(mild[1], severe[1]) <= found.beta <= max(mild[1], severe[1])
+        if mild[1] != severe[1]:  # not farther than needed
+            assert crossing(found, other) > 0.9 * MOST_CROSSING
+
+    def test_curves_that_do_not_cross_stay(self):
+        given = fragility(1.0, 0.4)
+        assert above(given, fragility(1.5, 0.41)) is given
+
+    def test_below_a_class_of_unlike_arches(self):
+        parts = [fragility(theta, 0.1) for theta in (0.5, 2.0)]
+        severe = mixture(parts[0], parts)
+        assert crossing(above(fragility(1.5, 0.2), severe), severe) <= MOST_CROSSING

@@ -11,9 +11,9 @@ from typing import Any
 import click
 
 from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn, wrapped
+from archfrag.export import FORMATS
 from archfrag.report import make_report
 
-FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
 cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
@@ -173,34 +173,36 @@ _step("report", "Write the report: one HTML file that needs no network.",
                    help="Compare the arches with those of another, finished study."))  # fmt: skip
 
 
-@click.command()
+_FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
+
+
+@click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
 @_with_study(
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
                  help="Format to write. Repeatable."),
+    click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
+                 help="Limit state to write besides collapse; all if not given. Repeatable."),
     click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
                  help="Folder to write to; `export` in the results folder if not given."),
     members_option, json_option,
 )  # fmt: skip
 def export(
-    study: Any, formats: tuple[str, ...], out: Path | None, members: bool, as_json: bool
-) -> None:
+    study: Any, formats: tuple[str, ...], limit_states: tuple[str, ...], out: Path | None,
+    members: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Export a finished study in the formats of other programs.
-
-    \b
-    nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation
-    nrml-discrete    OpenQuake: probabilities at levels
-    pelicun          damage database: CSV of medians and dispersions, and JSON
-    in-core          IN-CORE: a DFR3 set in JSON for each arch
-    csv              curves, parameters, runs, records and arches; JSON on columns
-    parquet          the same tables: pip install 'archfrag[parquet]'
 
     OpenQuake, pelicun and IN-CORE get PGA, Sa and AvgSA in g, and PGV in cm/s. A class of arches
     has one curve, the mean of those of its arches. An arch without a curve is in the tables of
     runs, records and arches only, and a message states why.
+
+    All limit states with a curve are written, and a note names the others and the reason. If the
+    curve of a state lies below that of a severer one by more than 0.01 in probability, it takes up
+    that one's dispersion as far as needed, and a note states it. The files hold these notes too.
     """
     from archfrag.export.command import export_study
 
-    made = export_study(study, formats, out, members)
+    made = export_study(study, formats, out, members, limit_states)
     for arch, why in made["left_out"].items():
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:
@@ -265,7 +267,7 @@ def risk(
     A class of arches has one rate, the mean of those of its arches.
 
     FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
-    `rate` (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years),
+    `rate` or `annual rate` (of exceedance) or `poe_50` (probability of exceedance in 50 years),
     and a column `rate_NAME` or `poe_50_NAME` for each quantile. OpenQuake's hazard curves in CSV
     work too. The measure must be that of the study.
 

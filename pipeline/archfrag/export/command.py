@@ -12,18 +12,20 @@ import pandas as pd
 import xarray as xr
 
 import archfrag
-from archfrag.errors import FitError, from_extra
-from archfrag.export.formats import FORMATS, CurveSet, named_measure
-from archfrag.files import make_folder, replacing, sha256_of, write_csv
+from archfrag.errors import FitError, InputError, from_extra
+from archfrag.export import FORMATS
+from archfrag.export import formats as writers
+from archfrag.export.formats import CurveSet, named_measure
+from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.limit_states import MOST_CROSSING, above
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
 
-MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211
 _RUN = ("arch", "record", "level")
@@ -39,17 +41,19 @@ _COLUMNS = pd.read_csv(Path(__file__).with_name("columns.csv"), keep_default_na=
 
 
 def export_study(
-    study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False
-) -> dict[str, Any]:
+    study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False,
+    limit_states: Sequence[str] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Write curves and runs of a study whose results are up to date.
 
-    `formats` are of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet; `folder` is
-    ``export`` in the study's folder if not given. With `members` the curves of the arches of
-    classes are written too.
+    `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
+    given. With `members` the arches of classes have curves too. `limit_states` are written besides
+    collapse; if none is given, all that have curves.
 
     Returned are ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no
-    curve; ``notes`` on the use of the files. Nothing is written after an InputError (a receiver
-    has no name for the measure, pyarrow is not installed) or a FitError (no arch has a curve).
+    curve; ``notes`` on limit states and on the use of the files. Nothing is written after an
+    InputError (a receiver has no name for the measure, there is no such limit state, pyarrow is
+    not installed) or a FitError (no arch, or a limit state asked for, has no curve).
     """
     of_arches, of_classes, cube = finished(study)
     answers = quoted(cube, of_arches, of_classes, members)
@@ -63,26 +67,27 @@ def export_study(
         }  # fmt: skip
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
-        states, messages = _limit_states(answers)
-        curves = CurveSet(states, study.intensity.measure, ends, made, classes)
+        states, messages = _limit_states(answers, [n.replace(" ", "_") for n in limit_states])
+        curves = CurveSet(states, study.intensity.measure, ends, made, classes, tuple(messages))
         texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
         for name in dict.fromkeys(formats):
-            if name not in FORMATS:
-                continue
-            receiver, write = FORMATS[name]
-            if not curves.complete:
+            _, receiver, functions = FORMATS[name]
+            if functions and not curves.complete:
                 reasons = "; ".join(f"{arch}: {why}" for arch, why in curves.left_out.items())
                 raise FitError(f"there is no curve to export for {receiver}: {reasons}")
-            if message := named_measure(receiver, curves.measure).condition:
+            if functions and (message := named_measure(receiver, curves.measure).condition):
                 messages.append(f"{name}: {message}")
-            texts += [(name, ending, text) for ending, text in write(curves).items()]
+            for ending, function in functions.items():
+                text = getattr(writers, function)(curves)
+                each = {"": text} if isinstance(text, str) else text  # one file, or one an arch
+                texts += [(name, ending.format(arch), text) for arch, text in each.items()]
         if "parquet" in formats:
             from_extra("pyarrow", "parquet")  # before anything is written
         folder = make_folder(folder or study.folder / "export")
         for name, ending, text in texts:
             files.append((name, folder / f"{study.id}-{ending}"))
             write_text(files[-1][1], text)
-        for name in dict.fromkeys(name for name in formats if name not in FORMATS):
+        for name in dict.fromkeys(name for name in formats if not FORMATS[name][1]):
             paths = _write_tables(study, cube, curves, answers, folder, name)
             files += [(name, path) for path in paths]
     return {
@@ -92,58 +97,48 @@ def export_study(
 
 
 def _limit_states(
-    answers: Mapping[str, Answer],
+    answers: Mapping[str, Answer], requested: Sequence[str]
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
-    """Curves of the limit states from mild to collapse, and the reason where one has no curve.
+    """Curves of the limit states from mild to collapse, and what was left out or moved, and why.
 
-    Kept are those of which every arch with a curve of collapse has one that does not cross that of
-    a severer state: receivers take differences of states, and want the same ones of all arches.
+    Receivers take differences of states and want the same ones of all arches. So a state is left
+    out if an arch with a curve of collapse has none of it, and curves must not cross (`above`).
     """
     own = {
         arch: {
             state["name"].replace(" ", "_"): curve_of_dict(state["curve"])
             for state in answer.more.get("limit_states", {}).get("states", ())
-        }
+        } | {"collapse": answer.curve}
         for arch, answer in answers.items()
-    }
+    }  # fmt: skip
+    names = list(dict.fromkeys(state for each in own.values() for state in each))
+    for name in sorted(set(requested) - set(names)):
+        raise InputError(f"there is no limit state {name!r}; the study has {', '.join(names)}")
     # Curves of the next severer state, by arch with a curve of collapse.
-    after = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
-    kept: list[str] = []
-    messages = []
-    names = dict.fromkeys(state for each in own.values() for state in each if state != "collapse")
-    for name in reversed(names):
-        found = {arch: own[arch].get(name) for arch in after}
+    severe = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
+    kept, messages = ["collapse"], list[str]()
+    for name in reversed([name for name in names if name in (requested or names)]):
+        found = {arch: own[arch].get(name, "the study fitted none") for arch in severe}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
-        above = {arch: crossing(fit, after[arch]) for arch, fit in curves.items()}
-        worst = max(above, key=above.__getitem__, default="")
-        if len(curves) < len(after):
-            why = "not every arch has a curve of it"
-        elif above and above[worst] > MOST_CROSSING:
-            why = (
-                f"its curve lies below that of a severer state by up to {above[worst]:.2g} (arch "
-                f"{worst!r}); more levels where it begins, or every record at every level, would "
-                "distinguish them"
-            )
-        else:
+        if lacking := [arch for arch in found if arch not in curves]:
+            why = f"{lacking[0]} has no curve of it: {found[lacking[0]]}"
+            messages.append(f"limit state {name!r} is left out: {why}")
+            if requested:
+                raise FitError(messages[-1])
+        elif name != "collapse":
             kept.insert(0, name)
-            after = curves
-            continue
-        messages.append(f"limit state {name!r} is left out: {why}")
-    none = "there is no curve of this limit state"
-    return {
-        arch: {k: own[arch].get(k, none) for k in kept} | {"collapse": answer.curve}
-        for arch, answer in answers.items()
-    }, messages
-
-
-def crossing(mild: Fragility, severe: Fragility) -> float:
-    """Largest probability by which the curve of the severer state lies above that of the milder.
-
-    Between them lies no probability there: receivers would take a negative one.
-    """
-    ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
-    im = np.geomspace(min(ends), max(ends), 400)
-    return float((severe.probability(im) - mild.probability(im)).max())
+            severe = {arch: above(fit, severe[arch]) for arch, fit in curves.items()}
+            if moved := [arch for arch in curves if severe[arch] is not curves[arch]]:
+                old, new = curves[moved[0]], severe[moved[0]]
+                messages.append(
+                    f"limit state {name!r}: {counted(len(moved), 'curve')} lay below that of a "
+                    f"severer state by more than {MOST_CROSSING:g} and took up its dispersion as "
+                    f"far as needed (such as {moved[0]}: dispersion {old.beta:.3g} to "
+                    f"{new.beta:.3g}, median times {new.theta / old.theta:.3g})"
+                )
+            for arch, fit in severe.items():
+                own[arch][name] = fit
+    return {arch: {k: each.get(k, "none") for k in kept} for arch, each in own.items()}, messages
 
 
 def _write_tables(
@@ -152,7 +147,8 @@ def _write_tables(
 ) -> list[Path]:  # fmt: skip
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     about = {name: curves.described(name) for name in curves.classes}
-    facts = {"made": curves.made, "classes": about, "left_out": curves.left_out}
+    facts = {"made": curves.made, "classes": about, "left_out": curves.left_out,
+             "notes": curves.remarks}  # fmt: skip
     units = study.intensity.unit, str(cube["intensity"].attrs["units"])
     every = {
         **curve_tables(curves, answers, *units, study.intensity.factor),
@@ -203,7 +199,8 @@ def curve_tables(
             lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
             if state != "collapse":
                 ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-                found = Answer(fit, fit, *ends, method="covariance of the fit")
+                likely = fit if fit.kind in ("stripes", "ordered") else ""
+                found = Answer(fit, likely, *ends, method="covariance of the fit")
                 lower, upper = fit.band(levels, confidence)
             points.append(pd.DataFrame(labels | {
                 "im": levels / factor, "intensity": levels, "lower": lower, "upper": upper,

@@ -5,11 +5,11 @@ Units are those that the receiver expects and are named in each file.
 
 import json
 import re
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 import pandas as pd
@@ -30,7 +30,6 @@ _FACTORS = dict.fromkeys(("g", "g s"), 1.0 / STANDARD_GRAVITY)
 _FACTORS |= {"cm/s": 100.0, "cmps": 100.0, "cm": 100.0, "m": 1.0, "m/s": 1.0}
 # What receivers call the kinds of measures (OpenQuake: hazardlib's imt.py).
 _KNOWN = pd.read_csv(Path(__file__).with_name("receivers.csv"))
-Element = ElementTree.Element
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,7 @@ class CurveSet:
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     made: Mapping[str, str]  # study, title, versions and commits of archfrag, SHA-256 of the cube
     classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
+    remarks: Sequence[str] = ()  # on limit states that are left out or were made consistent
 
     def described(self, name: str) -> str:
         """Describe what a curve is of."""
@@ -61,9 +61,8 @@ class CurveSet:
             "{title}. Study {study}, exported by archfrag {archfrag} (commit {archfrag_commit}) "
             "from the cube with SHA-256 {cube_sha256} (commit {cube_archfrag_commit})."
         )
-        return text.format(**{**self.made, "title": title}) + (
-            f" Note: {condition}." if condition else ""
-        )
+        remarks = "".join(f" Note: {each}." for each in (condition, *self.remarks) if each)
+        return text.format(**{**self.made, "title": title}) + remarks
 
     @property
     def limit_states(self) -> tuple[str, ...]:
@@ -176,7 +175,7 @@ def _nrml(
 
 
 def _add(parent: Element, tag: str, text: str | None = None, **attributes: str) -> Element:
-    element = ElementTree.SubElement(parent, tag, attributes)
+    element = SubElement(parent, tag, attributes)
     element.text = text
     return element
 
@@ -186,8 +185,8 @@ def _row(values: Iterable[float]) -> str:
 
 
 def _xml(root: Element) -> str:
-    ElementTree.indent(root, " ")
-    body = ElementTree.tostring(root, encoding="unicode")
+    indent(root, " ")
+    body = tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
 
 
@@ -250,7 +249,7 @@ def _ids(curves: CurveSet) -> list[str]:
 
 
 def in_core_sets(curves: CurveSet) -> dict[str, str]:
-    """A set for each arch, as JSON, by the ends of their files' names.
+    """A set for each arch, as JSON, by arch.
 
     IN-CORE takes four curves for a bridge under an earthquake, no more and no fewer: the severest
     four. Where there are fewer limit states, the severest is repeated: the damage states between
@@ -273,7 +272,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
                 "returnType": {"type": "Limit State", "unit": "", "description": f"LS_{n}"},
                 "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
             })  # fmt: skip
-        sets[f"in-core-{arch}.json"] = _text({
+        sets[arch] = _text({
             "description": f"{curves.described(arch)}. {curves.origin(demand.condition)}",
             "creator": f"archfrag {curves.made['archfrag']}",
             "demandTypes": [demand.name], "demandUnits": [demand.unit],
@@ -287,14 +286,3 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
             "fragilityCurves": rules,
         })  # fmt: skip
     return sets
-
-
-# By name of a format: its receiver, and its files' texts by the ends of their names.
-FORMATS: dict[str, tuple[str, Callable[[CurveSet], dict[str, str]]]] = {
-    "nrml-continuous": ("OpenQuake", lambda c: {"fragility-continuous.xml": nrml_continuous(c)}),
-    "nrml-discrete": ("OpenQuake", lambda c: {"fragility-discrete.xml": nrml_discrete(c)}),
-    "pelicun": ("pelicun", lambda c: {
-        "pelicun.csv": pelicun_table(c), "pelicun.json": pelicun_description(c),
-    }),
-    "in-core": ("IN-CORE", in_core_sets),
-}  # fmt: skip

@@ -15,6 +15,7 @@ from archfrag.fragility.posterior import fit_posterior
 from archfrag.fragility.probit import interval_terms, least
 
 _FLAT = 1e-6
+MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
 # A curve or none, and why there is no likeliest one.
 State = tuple[Fragility | None, FitError | None]
 
@@ -136,3 +137,29 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
         covariance = jacobian @ inverse @ jacobian.T
         fits.append(Fragility(theta, beta, covariance, -loss, n_levels, n, "ordered"))
     return fits
+
+
+def above(mild: Fragility, severe: Fragility) -> Fragility:
+    """The curve of a milder state, nowhere more than `MOST_CROSSING` below that of a severer one.
+
+    Fits of two states can cross, by chance and because that of collapse is another estimate. If
+    they do, the median is at most that of the severer state, and the dispersion is the nearest, on
+    the way to that of the severer state, at which they do not.
+    """
+    if crossing(mild, severe) <= MOST_CROSSING:
+        return mild
+    theta = min(mild.theta, severe.theta)
+    for beta in np.linspace(mild.beta, severe.beta, 101):
+        found = replace(mild, theta=theta, beta=float(beta), kind="adjusted")
+        if crossing(found, severe) <= MOST_CROSSING:
+            return found
+    return severe  # a mean of curves, which no lognormal one of this dispersion comes close to
+
+
+def crossing(mild: Fragility, severe: Fragility) -> float:
+    """Largest probability by which the curve of the severer state lies above that of the milder:
+    other programs would take a negative one from between them.
+    """
+    ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
+    im = np.geomspace(min(ends), max(ends), 400)
+    return float((severe.probability(im) - mild.probability(im)).max())
