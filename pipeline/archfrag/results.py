@@ -294,34 +294,48 @@ class Results:
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
 
-    def to_nrml(self, path: PathLike, discrete: bool = False, members: bool = False) -> Path:
+    def to_nrml(
+        self, path: PathLike, discrete: bool = False, members: bool = False,
+        limit_states: Sequence[str] = (),
+    ) -> Path:  # fmt: skip
         """Write the curves for OpenQuake, as fragility model in NRML; its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
-        `members` its arches have theirs too. Warnings name what is left out and what to heed.
+        `members` its arches have theirs too. `limit_states` are written besides collapse, all that
+        have curves if none is given. Warnings name what is left out and what to heed.
         """
-        return self._export(f"nrml-{'discrete' if discrete else 'continuous'}", path, members)[0]
+        kind = f"nrml-{'discrete' if discrete else 'continuous'}"
+        return self._export(kind, path, members, limit_states)[0]
 
-    def to_pelicun(self, path: PathLike, members: bool = False) -> list[Path]:
+    def to_pelicun(
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
+    ) -> list[Path]:
         """Write the curves as a damage database of pelicun: a CSV, and beside it a JSON."""
-        return self._export("pelicun", path, members)
+        return self._export("pelicun", path, members, limit_states)
 
-    def to_incore(self, path: PathLike, members: bool = False) -> list[Path]:
+    def to_incore(
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
+    ) -> list[Path]:
         """Write the curves for IN-CORE into a folder: a DFR3 set in JSON for each arch."""
-        return self._export("in-core", path, members)
+        return self._export("in-core", path, members, limit_states)
 
-    def to_csv(self, path: PathLike, members: bool = False) -> list[Path]:
+    def to_csv(
+        self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
+    ) -> list[Path]:
         """Write tables of curves, parameters, runs, records and arches into a folder."""
-        return self._export("csv", path, members)
+        return self._export("csv", path, members, limit_states)
 
-    def _export(self, kind: str, path: PathLike, members: bool) -> list[Path]:
+    def _export(
+        self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str]
+    ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
         from archfrag.export.command import export_study
 
         path = Path(path)
         with tempfile.TemporaryDirectory() as temporary:
             single = kind.startswith("nrml")
-            made = export_study(self._study, [kind], Path(temporary) if single else path, members)
+            to = Path(temporary) if single else path
+            made = export_study(self._study, [kind], to, members, limit_states)
             files = [Path(each["file"]) for each in made["files"]]
             if single:
                 make_folder(path.parent)

@@ -103,7 +103,8 @@ class TestPairs:
         one, other = (CODES[code][0] for code in ("000", "090"))
         study = study_with(tmp_path, 'files: ["quake/*.AT2"]', text)
         named = check_study(study)["partners"]
-        assert set(named) == {f"{one} with {other}", f"{other} with {one}"}
+        assert set(named[:2]) == {f"{one} with {other}", f"{other} with {one}"}
+        assert "vertical component that is not used; motions.vertical: true" in named[2]
         assert any(f"from {other}" in line for line in stored(study)["Q-ELC000"].log)
 
 

@@ -16,7 +16,13 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import PreparedRecord, described, read_sources
+from archfrag.study.file.records import (
+    VERTICAL_LEFT,
+    PreparedRecord,
+    described,
+    find_sources,
+    read_sources,
+)
 from archfrag.study.file.schema import Study, study_schema
 from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
@@ -131,13 +137,21 @@ def check_study(study: Study) -> dict[str, Any]:
     Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
     """
     check_start(study)
-    records, partners = [], []
+    records, partners, unused = [], [], set[str]()
+    every = study.motions.model_copy(update={"vertical": True})
+    beside = {source.path.name for source in find_sources(every, study.intensity.measure)
+              if "vertical" in source.others}  # fmt: skip
     for motion in read_sources(study.motions, study.intensity.measure):
         records.append(described(study, motion))
         about = motion.metadata
         others = [about.get("file_transverse"), about.get("vertical_file")]
         if used := " and ".join(name for name in others if name and name != about["file"]):
             partners.append(f"{about['file']} with {used}")
+        if motion.vertical is None and (about["file"] in beside or VERTICAL_LEFT in motion.log):
+            unused.add(records[-1].id)
+    if unused:
+        partners.append(f"{len(unused)} of {counted(len(records), 'record')} have a vertical "
+                        "component that is not used; motions.vertical: true uses it")
     found, design, levels = study.members, study.design, len(study.intensity.si)
     some = checked(found)
     check_standing(some)

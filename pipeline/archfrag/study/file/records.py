@@ -49,6 +49,9 @@ class Source:
     others: dict[str, Path] = field(default_factory=dict)
 
 
+VERTICAL_LEFT = "Vertical component left out."
+
+
 @dataclass(frozen=True)
 class PreparedRecord:
     """One stored motion with its facts for results."""
@@ -279,7 +282,7 @@ def _with_components(
     own = motion
     if own.vertical is not None and not asked["vertical"]:
         labels = {**own.metadata, "vertical_component": ""}
-        log = (*own.log, "Vertical component left out.")
+        log = (*own.log, VERTICAL_LEFT)
         motion = own._replaced(vertical=None, metadata=labels, log=log)
     for kind, needed in asked.items():
         if not needed or (kind == "vertical" and own.vertical is not None):
