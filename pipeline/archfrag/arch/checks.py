@@ -66,14 +66,17 @@ def flag(name: str, value: object) -> bool:
 
 
 def shared_or_each(
-    name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: bool = False
-) -> FloatArray:
-    """One non-negative number for all, or one for each."""
-    allowed = f"one number or one for each of the {size} {each}s, all at least 0 {unit}".rstrip()
-    allowed += " (inf: the limit of large friction)" if infinite else " and finite"
+    name: str, value: Any, size: int, each: str, unit: str = "", *, infinite: bool = False,
+    least: float = 0.0,
+) -> FloatArray:  # fmt: skip
+    """One number for all, or one for each; none below `least`, lengths within their bounds."""
+    most = LARGEST if unit == "m" else math.inf
+    allowed = f"one number or one for each of the {size} {each}s, all at least {least:g} {unit}"
+    end = f" and at most {most:g} m" if math.isfinite(most) else " and finite"
+    end = " (inf: the limit of large friction)" if infinite else end
     array = _floats(
-        name, value, allowed,
-        lambda x: (x >= 0.0) & (np.isfinite(x) | infinite),
+        name, value, allowed.rstrip() + end,
+        lambda x: (x >= least) & (x <= most) & (np.isfinite(x) | infinite),
         lambda shape: shape in ((), (size,)),
     )  # fmt: skip
     return np.broadcast_to(array, size).copy()

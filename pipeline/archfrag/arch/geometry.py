@@ -5,14 +5,18 @@ angle of the arc to the next corner, positive anticlockwise, 0 for a straight si
 """
 
 import math
+from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 
 from archfrag.arch.checks import FloatArray
 
+_SLIP = 1e-12  # part of a side within which a cut is at its end
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(24)
 # Of a plane figure: area [m2], centroid (2,) [m], polar second moment about the centroid [m4].
 Section = tuple[float, FloatArray, float]
+Side = tuple[FloatArray, FloatArray]  # (3,) each: start x, y [m] and bulge; end, its bulge unused
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -125,6 +129,43 @@ def outline_section(outline: FloatArray) -> Section:
     weight = 0.5 * _WEIGHT * cross(point, slope)
     polar = 0.25 * (weight * (point**2).sum(axis=2)).sum()
     return abs(area), origin + shift, abs(polar)
+
+
+def cut_sides(line: FloatArray, levels: Iterable[float] = ()) -> list[Side]:
+    """Sides of a line ``(m, 3)``, cut at heights and where arcs are level or upright.
+
+    So each rises or falls from its start to its end, and goes to the left or to the right.
+    """
+    sides = []
+    for start, end in pairwise(line):
+        turn, chord = 4.0 * math.atan(start[2]), (end - start)[:2]
+        if turn == 0.0:
+            cuts = [(level - start[1]) / chord[1] for level in levels if chord[1] != 0.0]
+        else:
+            away = (1.0 - start[2] ** 2) / (4.0 * start[2]) * np.array([-chord[1], chord[0]])
+            centre = 0.5 * (start + end)[:2] + away
+            radius = math.hypot(*(start[:2] - centre))
+            first = math.atan2(*(start[:2] - centre)[::-1])
+            sines = [(level - centre[1]) / radius for level in levels]
+            rise = [math.asin(sine) for sine in sines if abs(sine) < 1.0]
+            angles = [*(0.5 * math.pi * k for k in range(4)), *rise, *(math.pi - a for a in rise)]
+            whole = math.copysign(2.0 * math.pi, turn)
+            cuts = [(angle - first) % whole / turn for angle in angles]
+        parts = np.array([0.0, *sorted(p for p in cuts if _SLIP < p < 1.0 - _SLIP), 1.0])
+        points = start[:2] + parts[:, None] * chord
+        if turn != 0.0:
+            angle = first + parts[1:-1] * turn
+            points[1:-1] = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        bulges = np.append(np.tan(0.25 * turn * np.diff(parts)), 0.0)
+        sides += list(pairwise(np.column_stack([points, bulges])))
+    return sides
+
+
+def height_at(line: FloatArray, x: float) -> float:
+    """Greatest height of a line ``(m, 3)`` at an x within its reach [m]."""
+    exchanged = line[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # a reflection, which turns arcs round
+    points = np.concatenate(cut_sides(exchanged, (x,)))
+    return float(points[np.isclose(points[:, 1], x, rtol=0.0, atol=1e-9), 0].max())
 
 
 def rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import checks
+from archfrag.arch import bridge, checks
 from archfrag.arch import ring as rings
 from archfrag.errors import GeometryError
 from archfrag.files import counted
@@ -50,7 +50,7 @@ class Arch:
     friction : float or (n_joint,) array_like
         Coulomb coefficient of all joints or of each. With inf, the limit of large friction, a
         joint slides only where it has no normal force, as with a coefficient of 1e6.
-    density, depth : float
+    density, depth : float or (voussoirs,) array_like
         Of the masonry [kg/m3], 2000 if not given; across its plane [m], 1 if not given.
     joints : (voussoirs + 1,) array_like, optional
         Positions of the joints from 0 at the left springing: up to `embrace` [degrees] for
@@ -85,6 +85,7 @@ class Arch:
     free_end: bool
     flipped: bool
     parameters: dict[str, Any]
+    again: partial[dict[str, Any]]  # makes these fields anew, with other piers or fill
 
     @property
     def n_voussoir(self) -> int:
@@ -95,6 +96,12 @@ class Arch:
     def n_joint(self) -> int:
         """Number of joints, those with the ground included."""
         return len(self.chain.friction)
+
+    @property
+    def springings(self) -> tuple[int, int]:
+        """Joints at the ends of the ring: of an arch on piers its skewbacks."""
+        left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
+        return left, self.n_voussoir - right
 
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
@@ -386,6 +393,72 @@ class Arch:
         given = {**self.parameters, "recess": recess}
         return Arch(**{**vars(self), **ends, "chain": chain, "parameters": given})
 
+    def on_piers(self, height: ArrayLike, width: ArrayLike, **more: Any) -> Arch:
+        """Return the arch on two piers or buttresses, which are further bodies of its chain.
+
+        Each is cut to a springing joint of the ring, the skewback. Its other joints are level. Its
+        inner face is upright below the intrados; the outer one is straight. Joints count from the
+        left base over the ring to the right one; at piers the intrados is the inner face. Values
+        are one for both piers or one for the left and one for the right. `GeometryError` if a
+        pier does not fit the skewback.
+
+        Parameters
+        ----------
+        height : float
+            From the base to the intrados of the springing [m].
+        width, base_width : float
+            From the inner to the outer face at the top, and at the base if it differs [m].
+        courses : int, optional
+            Bodies, equally high but for the top one, which is cut to the skewback; 1 by default.
+        above : float, optional
+            Height of the level top over the extrados of the springing, 0 by default [m].
+        friction, density, depth : float, optional
+            As of the ring's joint or voussoir at the springing if not given.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> ring = af.Arch.circular(10.75, 1.5, 120.0, voussoirs=12, friction=0.7)
+        >>> nave = ring.on_piers(height=20.0, width=5.0, courses=4)
+        >>> nave.n_voussoir, nave.springings, af.onset(nave).hinges[0]
+        (20, (4, 16), (0, 'extrados'))
+        """
+        return self._with(piers={"height": height, "width": width, **more})
+
+    def filled(self, height_over_crown: float, unit_weight: float, **more: Any) -> Arch:
+        """Return the arch with the weight and mass of fill and backing over its extrados.
+
+        Each body carries the column above it up to a level surface: a point mass on its extrados,
+        below the column's centroid. Tops of piers carry fill too. The soil neither resists (no
+        passive pressure) nor pushes. `GeometryError` if the backing reaches above the fill.
+
+        Parameters
+        ----------
+        height_over_crown : float
+            Of the surface over the highest point of the ring [m].
+        unit_weight : float
+            Of the fill [N/m3].
+        backing_height, backing_unit_weight : float, optional
+            Of the backing, which replaces fill, over the middle of the lower springing joint [m],
+            and its weight [N/m3].
+        inertia : float, optional
+            Part of the mass that moves with the ring. Only 1 can be modelled: a body has one mass.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> ring = af.Arch.segmental(8.0, 2.0, 0.5, voussoirs=12, friction=0.6)
+        >>> ring.filled(height_over_crown=0.5, unit_weight=18e3)
+        <Arch segmental: 12 voussoirs, 13 joints; span 8 m, rise 2 m, thickness 0.5 m; 246 kN>
+        """
+        given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
+        return self._with(fill={**given, **more})
+
+    def _with(self, **more: dict[str, Any]) -> Arch:
+        if "recess" in self.parameters:
+            raise GeometryError("the arch is recessed; call recessed after on_piers and filled")
+        return Arch(**self.again(**more))
+
 
 class Block(Arch):
     """Rectangular block on the ground: a chain of one body and one joint, with a free end.
@@ -420,28 +493,61 @@ class Block(Arch):
 
 def _fields(
     profile: str, shape: dict[str, Any], ring: rings.Ring, friction: ArrayLike,
-    free_end: bool = False, density: float = 2000.0, depth: float = 1.0,
-    dead_load: ArrayLike | None = None,
+    free_end: bool = False, density: ArrayLike = 2000.0, depth: ArrayLike = 1.0,
+    dead_load: ArrayLike | None = None, piers: dict[str, Any] | None = None,
+    fill: dict[str, Any] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here."""
-    n_voussoir = len(ring.outlines)
-    n_joint = n_voussoir if free_end else n_voussoir + 1
+    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here.
+
+    `piers` and `fill` are the arguments of `Arch.on_piers` and `Arch.filled` by name.
+    """
+    again = partial(
+        _fields, profile, shape, ring, friction, free_end, density, depth, dead_load, piers=piers,
+        fill=fill,
+    )  # fmt: skip
+    count, load = len(ring.outlines), 0.0 if dead_load is None else dead_load
+    n_joint = count if free_end else count + 1
+    weight = checks.shared_or_each("dead_load", load, count, "voussoir", "N")
+    density_of, depth_of = (
+        checks.shared_or_each(name, value, count, "voussoir", unit, least=checks.SMALLEST)
+        for name, value, unit in (("density", density, "kg/m3"), ("depth", depth, "m"))
+    )
+    more: dict[str, Any] = {}
+    springings, whole = (0, count), False
+    if piers is not None or fill is not None:
+        bridge.check_upright(ring, free_end)
+    if piers is not None:
+        piers = bridge.checked_piers(**piers)
+        ring, (left, right) = bridge.on_piers(ring, piers), piers["courses"]
+        springings, whole = (left, left + count), np.shape(friction) == (n_joint + left + right,)
+        if whole and piers["friction"] is not None:
+            raise GeometryError("piers.friction is given, and friction for each of their joints")
+        n_joint += (left + right) * whole
+        weight = np.pad(weight, (left, right))
+        density_of = bridge.extended(density_of, piers, "density")
+        depth_of = bridge.extended(depth_of, piers, "depth")
+        more["piers"] = {name: each and _plain(each) for name, each in piers.items()}
+        more["piers"]["courses"] = piers["courses"]
     coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
-    load = 0.0 if dead_load is None else dead_load
-    weight = checks.shared_or_each("dead_load", load, n_voussoir, "voussoir", "N")
-    density = checks.number("density", density, "kg/m3", closed=False)
-    depth = checks.number("depth", depth)
-    matter = {"friction": _plain(friction), "density": density, "depth": depth}
+    if piers is not None and not whole:
+        coefficient = bridge.extended(coefficient, piers, "friction")
+    loads = [(weight, np.array(ring.backs))]
+    if fill is not None:
+        more["fill"] = bridge.checked_fill(**fill)
+        loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth_of))
+        dead_load = load  # none would say that nothing lies on the ring
     if profile != "block":
-        matter["dead_load"] = _plain(dead_load)
+        more["dead_load"] = _plain(dead_load)
+    matter = {"friction": _plain(friction), "density": _plain(density), "depth": _plain(depth)}
     return {
-        "chain": rings.chain_of(ring, coefficient, density * depth, weight),
+        "chain": rings.chain_of(ring, coefficient, density_of * depth_of, loads),
         "intrados": ring.intrados,
         "extrados": ring.extrados,
         "outlines": tuple(ring.outlines),
         "free_end": free_end,
         "flipped": ring.sense < 0,
-        "parameters": {"profile": profile, **shape, **matter},
+        "parameters": {"profile": profile, **shape, **matter, **more},
+        "again": again,
     }
 
 

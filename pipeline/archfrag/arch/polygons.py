@@ -138,22 +138,26 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
                 given.refuse(block, f"has two joints that meet at {place_text(side[place])}")
     placed = [outlines[block] for block in order]
-    backs = [_back_middle(outline, *extrados[i : i + 2]) for i, outline in enumerate(placed)]
+    surfaces = [_back(placed[i], *ends, tolerance) for i, ends in enumerate(pairwise(extrados))]
+    backs = [middle_of(sampled(line)) for line in surfaces]
     sections = [outline_section(outline) for outline in placed]
-    ring = Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs)
+    ring = Ring(intrados, extrados, 1, sections, list(map(sampled, placed)), backs, surfaces)
     ground = list(np.stack([intrados, extrados], axis=1)[[0] if free else [0, -1]])
     return ring, replace(given, outlines=placed, ground=ground)
 
 
-def _back_middle(outline: FloatArray, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Middle of the side between the extrados ends of a voussoir's two joints ``(2,)``."""
-    points = sampled(outline)
-    closed = np.column_stack([points, np.zeros(len(points))])
+def _back(
+    outline: FloatArray, first: FloatArray, second: FloatArray, tolerance: float
+) -> FloatArray:
+    """Side ``(m, 3)`` between the extrados ends of a voussoir's two joints, with its bulges."""
     # Anticlockwise the back runs from the second joint to the first.
-    along, (start, end), total = _places_along(closed, [second, first])
-    inside = (along - start) % total < (end - start) % total
-    inner = points[inside][np.argsort((along[inside] - start) % total)]
-    return middle_of(np.vstack([second, inner, first]))
+    along, (start, end), total = _places_along(outline, [second, first])
+    slip = 2.0 * tolerance  # a joint may end at a corner, whose arc then belongs to the back
+    offset = (along - start + slip) % total
+    inside = offset < (end - start) % total - slip
+    inner = outline[inside][np.argsort(offset[inside])]
+    back = np.vstack([[*second, 0.0], inner, [*first, 0.0]])[::-1]
+    return without_repeated(np.column_stack([back[:, :2], -np.roll(back[:, 2], -1)]))
 
 
 def _places_along(

@@ -7,7 +7,7 @@ springing, +1/2 at the right one. Joint lines are the ends at the intrados and a
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -43,6 +43,7 @@ class Ring(NamedTuple):
     sections: list[Section]
     outlines: list[FloatArray]  # (m, 2) each: intrados, then extrados backwards; not closed [m]
     backs: list[FloatArray]  # (2,) each: middle of the back, where its dead load sits [m]
+    surfaces: list[FloatArray]  # (m, 3) each: the back from joint to joint with bulges, for fill
 
 
 def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
@@ -138,8 +139,9 @@ def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None =
     spans = [slice(first, last + 1) for first, last in pairwise(ends)]
     outlines = [np.concatenate([intrados[s], extrados[s][::-1]]) for s in spans]
     backs = [middle_of(extrados[s]) for s in spans]
+    surfaces = [np.pad(extrados[s], ((0, 0), (0, 1))) for s in spans]
     sections = [polygon_section(each) for each in outlines]
-    return Ring(intrados[ends], extrados[ends], sense, sections, outlines, backs)
+    return Ring(intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces)
 
 
 def circular_ring(
@@ -159,13 +161,15 @@ def circular_ring(
         )
     if not sector:
         return straight_ring(intrados, extrados)
-    ring = Ring(intrados, extrados, 1, [], [], [])
-    for start, end in pairwise(angle):
+    ring = Ring(intrados, extrados, 1, [], [], [], [])
+    for i, (start, end) in enumerate(pairwise(angle)):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)
         ring.sections.append(sector_section(centre, radius, thickness, start, end))
         ring.outlines.append(np.concatenate([arc(centre, inner, start, end), back[::-1]]))
         ring.backs.append(centre + outer * np.array([np.sin(middle), np.cos(middle)]))
+        bulge = -math.tan(0.25 * (end - start))  # clockwise
+        ring.surfaces.append(np.column_stack([extrados[i : i + 2], [bulge, 0.0]]))
     return ring
 
 
@@ -220,30 +224,32 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
 
 
 def chain_of(
-    ring: Ring, friction: FloatArray, surface_density: float, weight: FloatArray
-) -> Chain:
+    ring: Ring, friction: FloatArray, surface_density: FloatArray,
+    loads: Iterable[tuple[FloatArray, FloatArray]],
+) -> Chain:  # fmt: skip
     """Chain of rigid bodies of a ring's voussoirs, as many joints as there is friction.
 
-    A point mass p (a `weight` [N] on the back) at the distance d from the centroid of a body of
-    mass m and inertia J moves the centroid by p/(m + p) of d and gives J + m p/(m + p) d² about
-    the new one.
+    Each load is a point mass on each body: its weights ``(n,)`` [N] and places ``(n, 2)`` [m]. A
+    point mass p at the distance d from the centroid of a body of mass m and inertia J moves the
+    centroid by p/(m + p) of d and gives J + m p/(m + p) d² about the new one.
     """
-    area, plane_centroid, polar = (np.array(each) for each in zip(*ring.sections))
-    added = weight / STANDARD_GRAVITY
+    area, centroid, polar = (np.array(each) for each in zip(*ring.sections))
     # Whatever overflows here is refused below.
     with np.errstate(all="ignore"):
-        own = surface_density * area
-        mass = own + added
-        lever = np.array(ring.backs) - plane_centroid
-        centroid = plane_centroid + (added / mass)[:, None] * lever
-        inertia = surface_density * polar + own * (added / mass) * (lever**2).sum(axis=1)
+        mass, inertia = surface_density * area, surface_density * polar
+        for weight, place in loads:
+            added, own = weight / STANDARD_GRAVITY, mass
+            mass = own + added
+            lever = place - centroid
+            inertia = inertia + own * (added / mass) * (lever**2).sum(axis=1)
+            centroid = centroid + (added / mass)[:, None] * lever
         good = (mass > 0.0) & (inertia > 0.0) & np.isfinite(mass + inertia + centroid.sum(axis=1))
     if not good.all():
         body = int(np.argmin(good))
         raise GeometryError(
             f"voussoir {body} has a mass of {mass[body]:.6g} kg and an inertia of "
             f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. Check its size, "
-            "density, depth and dead_load"
+            "density, depth and loads"
         )
     n_voussoir, n_joint = mass.size, friction.size
     corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)

@@ -42,6 +42,10 @@ def thrust_curve(arch: Arch, centre: NDArray, load: float) -> NDArray[np.float64
     # The forces at the ends of a body meet on the line of its weight. Spread evenly, the weight
     # bends the line between them to a parabola that is tangent to both.
     corner = start + (cross(body - start, force) / turn)[:, None] * reaction
+    # Where they meet beyond both ends, as in a pier almost along its weight, the line is straight.
+    chord = end - start
+    place = ((corner - start) * chord).sum(axis=1) / (chord**2).sum(axis=1)
+    along |= ~((place > 0.0) & (place < 1.0))
     corner[along] = 0.5 * (start + end)[along]
     part = np.linspace(0.0, 1.0, 9)[:, None, None]
     line = (1.0 - part) ** 2 * start + 2.0 * part * (1.0 - part) * corner + part**2 * end

@@ -13,14 +13,15 @@ if TYPE_CHECKING:
     from archfrag.arch.uncertain import Marginal
 
 _SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
-_DRAWN = ("thickness_factor", "tolerance", "dead_load")
+_LOADED = ("dead_load", "fill", "piers")
+_DRAWN = ("thickness_factor", "tolerance", *_LOADED)
 # Keys that each profile needs, and keys that it may have.
 PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "circular": (("radius", "thickness", "embrace", "voussoirs", "friction"),
-                 ("sector", "joints", "dead_load")),
-    "segmental": (_SPANNED, ("sector", "joints", "dead_load")),
-    **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", "dead_load"))),
-    "from_joints": (("intrados", "extrados", "friction"), ("free_end", "dead_load")),
+                 ("sector", "joints", *_LOADED)),
+    "segmental": (_SPANNED, ("sector", "joints", *_LOADED)),
+    **dict.fromkeys(("pointed", "elliptic", "catenary"), (_SPANNED, ("joints", *_LOADED))),
+    "from_joints": (("intrados", "extrados", "friction"), ("free_end", *_LOADED)),
     "block": (("width", "height", "friction"), ()),
     "polygons": (("outlines", "friction"), ("ground", *_DRAWN)),
 }  # fmt: skip
@@ -56,6 +57,7 @@ Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximu
 Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
 # Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
 Density = Annotated[float, Field(le=1e6, json_schema_extra={"exclusiveMinimum": 0})]
+UnitWeight = Annotated[float, Field(json_schema_extra={"minimum": 0, "maximum": 1e6})]
 Load = Annotated[float, Field(le=1e12, json_schema_extra={"minimum": 0})]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Friction = Annotated[
@@ -80,6 +82,46 @@ class Recess(Section):
     """Depth from the intrados along the joint, one for all joints or one for each [m]."""
     extrados: OneOrList[Depth] = 0.0
     """Depth from the extrados along the joint, one for all joints or one for each [m]."""
+
+
+class Piers(Section):
+    """Two piers or buttresses under the ring, bodies of the same chain, cut to its springing
+    joints; every key is one for both or a pair [left, right]."""
+
+    height: OneOrList[Length]
+    """From the base to the intrados of the springing joint [m]."""
+    width: OneOrList[Length]
+    """From the inner face, which is upright, to the outer one at the top [m]."""
+    base_width: OneOrList[Length] | None = None
+    """The same at the base; if not given, as at the top [m]."""
+    courses: OneOrList[Annotated[int, Field(ge=1)]] = 1
+    """Bodies of a pier, equally high but for the top one; the joints between them are level."""
+    above: OneOrList[Depth] = 0.0
+    """Height of the top above the extrados of the springing joint, as of a buttress [m]."""
+    friction: OneOrList[Friction] | None = None
+    """Coulomb coefficient of its level joints; if not given, as of the ring's springing joint."""
+    density: OneOrList[Density] | None = None
+    """Density of its masonry; if not given, as of the ring's first or last voussoir [kg/m3]."""
+    depth: OneOrList[Length] | None = None
+    """Width across the plane; if not given, as of the ring's first or last voussoir [m]."""
+
+
+class Fill(Section):
+    """Fill and backing as weight and mass on the extrados, of the columns above it up to a level
+    surface. The soil neither resists nor pushes: passive pressure is not modelled."""
+
+    height_over_crown: Depth
+    """Height of the surface over the highest point of the ring [m]."""
+    unit_weight: UnitWeight
+    """Weight of the fill [N/m3]."""
+    backing_height: Depth = 0.0
+    """Height of the backing, masonry or concrete over the haunches, above the middle of the lower
+    springing joint; 0: none [m]."""
+    backing_unit_weight: UnitWeight | None = None
+    """Weight of the backing, in place of that of the fill [N/m3]."""
+    inertia: Annotated[float, Field(json_schema_extra={"const": 1.0})] = 1.0
+    """Part of the mass of fill and backing that moves horizontally with the ring. It can only be
+    1: a body has one mass, so that all that weighs on it also moves with it."""
 
 
 class Distribution(Section):
@@ -254,12 +296,17 @@ class ArchEntry(Section):
     """Distance within which edges of drawn neighbours agree [m]; 1e-5 of the size by default."""
     dead_load: OneOrList[Load] | None = None
     """Weight on the back of all voussoirs, or a list with one for each [N]."""
+    fill: Fill | None = None
+    """Fill and backing, as weight and mass."""
+    piers: Piers | None = None
+    """Piers or buttresses on which the ring stands."""
     friction: OneOrList[Friction] | None = None
-    """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction."""
-    density: Density = 2000.0
-    """Density of the masonry [kg/m3]."""
-    depth: Length = 1.0
-    """Width of the arch across its plane [m]."""
+    """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction. On
+    piers a list is for the joints of the ring alone, or for all of the arch."""
+    density: OneOrList[Density] = 2000.0
+    """Density of the masonry, or of each voussoir of the ring [kg/m3]."""
+    depth: OneOrList[Length] = 1.0
+    """Width of the arch across its plane, or of each voussoir of the ring [m]."""
     recess: Recess | None = None
     """Depths near the ends of joints over which they transmit nothing."""
     vary: Vary | None = None
@@ -271,6 +318,11 @@ class ArchEntry(Section):
             if distribution.relative and getattr(self, key, None) is None:
                 text = f"needs a key {key} of the arch, which it multiplies"
                 raise refuse(text, f"vary.of.{key}.relative")
+        joints = self.vary.joints if self.vary and self.piers else None
+        many = isinstance(self.friction, list) or (self.piers and self.piers.friction is not None)
+        if joints and (joints.position or (joints.friction and many)):
+            text = "with piers cannot have position, or friction unless all joints share one"
+            raise refuse(text, "vary.joints")
         return self
 
     @property
@@ -300,6 +352,7 @@ class ArchEntry(Section):
         name = str(entry.profile)
         make: Any = makers.get(name) or getattr(arch.Arch, name)
         values = {key: getattr(entry, key) for key in (*sum(PROFILES[name], ()), *_MATERIAL)}
+        values |= {key: values[key].model_dump() for key in ("fill", "piers") if values.get(key)}
         built: Arch = make(**{key: value for key, value in values.items() if value is not None})
         if entry.recess is None:
             return built

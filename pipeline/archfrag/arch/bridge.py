@@ -1,0 +1,176 @@
+"""What a ring stands on and what lies on it: piers as further bodies, and the weight of fill."""
+
+from typing import Any
+
+import numpy as np
+
+from archfrag.arch import checks
+from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import cut_sides, height_at, outline_section, polygon_section
+from archfrag.arch.ring import Ring
+from archfrag.errors import GeometryError
+
+Piers = dict[str, Any]  # of each key the values of the left and the right pier
+_SIDES = ((-1.0, "left"), (1.0, "right"))
+
+
+def check_upright(ring: Ring, free_end: bool) -> None:
+    """Refuse a chain on which piers or fill have no meaning."""
+    if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
+        raise GeometryError(
+            "piers and fill need an arch between two springings, its joints listed from the left "
+            "one and its intrados below"
+        )
+
+
+def checked_piers(
+    height: Any, width: Any, base_width: Any = None, courses: Any = 1, above: Any = 0.0,
+    friction: Any = None, density: Any = None, depth: Any = None,
+) -> Piers:  # fmt: skip
+    """Values of the left and the right pier by key; None for what the ring gives."""
+    base_width = width if base_width is None else base_width
+    rows = (
+        ("height", height, "m", checks.SMALLEST), ("width", width, "m", checks.SMALLEST),
+        ("base_width", base_width, "m", checks.SMALLEST), ("above", above, "m", 0.0),
+        ("friction", friction, "", 0.0), ("density", density, "kg/m3", checks.SMALLEST),
+        ("depth", depth, "m", checks.SMALLEST),
+    )  # fmt: skip
+    found: Piers = {
+        name: value if value is None else checks.shared_or_each(
+            f"piers.{name}", value, 2, "pier", unit, least=least, infinite=name == "friction"
+        ).tolist()
+        for name, value, unit, least in rows
+    }  # fmt: skip
+    count = checks.shared_or_each("piers.courses", courses, 2, "pier", least=1.0)
+    if (count % 1.0).any() or count.sum() > checks.MOST_VOUSSOIRS:
+        most = f"integers, together at most {checks.MOST_VOUSSOIRS}"
+        raise GeometryError(f"piers.courses = {count.tolist()} is impossible; it must be {most}")
+    return found | {"courses": count.astype(int).tolist()}
+
+
+def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
+    """Values of the ring's bodies or joints, and before and after them those of the piers'."""
+    own = piers[name] or values[[0, -1]]
+    left, right = (np.full(n, each) for n, each in zip(piers["courses"], own))
+    return np.concatenate([left, values, right])
+
+
+def on_piers(ring: Ring, piers: Piers) -> Ring:
+    """The ring with the bodies of two piers: from the left base to the right one."""
+    left, right = (_pier(ring, place, piers) for place in (0, 1))
+    return Ring(
+        np.concatenate([left.intrados, ring.intrados, right.intrados[::-1]]),
+        np.concatenate([left.extrados, ring.extrados, right.extrados[::-1]]),
+        ring.sense,
+        [*left.sections, *ring.sections, *right.sections[::-1]],
+        [*left.outlines, *ring.outlines, *right.outlines[::-1]],
+        [*left.backs, *ring.backs, *right.backs[::-1]],
+        [*left.surfaces, *ring.surfaces, *right.surfaces[::-1]],
+    )
+
+
+def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
+    """Level joints and courses of the left or the right pier, from its base up."""
+    (side, name), end = _SIDES[place], -place
+    height, width, base_width, above = (
+        piers[key][place] for key in ("height", "width", "base_width", "above")
+    )
+    inner, outer, courses = ring.intrados[end], ring.extrados[end], piers["courses"][place]
+    base, top, reach = inner[1] - height, outer[1] + above, side * (outer[0] - inner[0])
+    level, slip = base + height * np.arange(courses) / courses, 1e-9 * width
+    if level[-1] >= outer[1]:
+        raise GeometryError(
+            f"piers: the {name} springing joint reaches down to {outer[1]:.6g} m, below the last "
+            f"bed at {level[-1]:.6g} m; the pier must have fewer courses or more height"
+        )
+
+    def out(y: Any) -> Any:
+        return base_width + (width - base_width) * (y - base) / (top - base)
+
+    if not -slip <= reach <= min(width, out(outer[1])) + slip:
+        raise GeometryError(
+            f"piers.width = {width:g} m is impossible; the {name} springing joint reaches "
+            f"{reach:.6g} m outwards, which must be from 0 to the width of the pier there"
+        )
+    if above > 0.0 and (side * np.concatenate(ring.outlines)[:, 0]).max() > side * outer[0] + slip:
+        raise GeometryError(f"piers.above must be 0 on the {name}, where the ring bulges outwards")
+    inside = np.column_stack([np.full(courses, inner[0]), level])
+    outside = np.column_stack([inner[0] + side * out(level), level])
+    upper = np.array([[outer[0], top], [inner[0] + side * width, top]])
+    upper = upper[[above > 0.0, width - reach > slip]]
+    outlines = [np.vstack([inside[i : i + 2], outside[i : i + 2][::-1]]) for i in range(courses)]
+    outlines[-1] = np.vstack([inside[-1], inner, outer, upper, outside[-1]])
+    sections = [polygon_section(each) for each in outlines]
+    backs = [centroid for _, centroid, _ in sections]
+    surface = np.array([[*outlines[-1][-2], 0.0], [outer[0], top, 0.0]])[:: -int(side)]
+    surfaces = [np.empty((0, 3))] * (courses - 1) + [surface]
+    return Ring(inside, outside, ring.sense, sections, outlines, backs, surfaces)
+
+
+def checked_fill(
+    height_over_crown: Any, unit_weight: Any, backing_height: Any = 0.0,
+    backing_unit_weight: Any = None, inertia: Any = 1.0,
+) -> dict[str, float]:  # fmt: skip
+    """Keys of fill with their values."""
+    if backing_unit_weight is None:
+        if backing_height != 0.0:
+            raise GeometryError("fill.backing_unit_weight must be given with a backing_height")
+        backing_unit_weight = unit_weight
+    if inertia != 1.0:
+        raise GeometryError(
+            f"fill.inertia = {inertia} is impossible; it must be 1: a voussoir has one mass, and "
+            "what weighs on it also moves with it"
+        )
+    found = {
+        "height_over_crown": (height_over_crown, "m over the crown"),
+        "unit_weight": (unit_weight, "N/m3"),
+        "backing_height": (backing_height, "m over the springing"),
+        "backing_unit_weight": (backing_unit_weight, "N/m3"),
+    }
+    numbers = {key: checks.number(f"fill.{key}", *each, most=1e6) for key, each in found.items()}
+    return numbers | {"inertia": 1.0}
+
+
+def weight_of_fill(
+    ring: Ring, springings: tuple[int, int], fill: dict[str, float], depth: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weight of fill and backing on each body ``(n,)`` [N], and where it acts ``(n, 2)`` [m].
+
+    The column above each body reaches from the upward sides of its extrados to the level of the
+    fill. With the areas A and first moments S of the columns up to the levels of the fill and of
+    the backing,
+
+        W = b (g_f A_f + (g_b - g_f) A_b),   x = b (g_f S_f + (g_b - g_f) S_b) / W.
+
+    It acts on the extrados below x, where the fill hands its force to the ring: columns lean on
+    each other, so that no voussoir carries the overturning moment of the column above it.
+    """
+    first, last = springings
+    sides = (side for line in ring.surfaces[first:last] for side in cut_sides(line))
+    crown = max(point[1] for side in sides for point in side)
+    springing = float(0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min())
+    level, backed = crown + fill["height_over_crown"], springing + fill["backing_height"]
+    if backed > level and fill["backing_height"] > 0.0:
+        raise GeometryError(
+            f"fill.backing_height = {fill['backing_height']:g} m reaches above the fill; it must "
+            f"be at most {level - springing:.6g} m"
+        )
+    more = fill["backing_unit_weight"] - fill["unit_weight"]
+    weight, place = np.zeros(len(depth)), np.array(ring.backs)
+    for body, line in enumerate(ring.surfaces):
+        both = fill["unit_weight"] * _column(line, level) + more * _column(line, backed)
+        if both[0] > 0.0:
+            x = both[1] / both[0]
+            weight[body], place[body] = both[0] * depth[body], (x, height_at(line, x))
+    return weight, place
+
+
+def _column(line: FloatArray, level: float) -> FloatArray:
+    """Area [m2] from the upward sides of a line to a level above, and its first moment of x."""
+    found = np.zeros(2)
+    for start, end in cut_sides(line, (level,)):
+        if end[0] > start[0] and 0.5 * (start[1] + end[1]) < level:
+            rest = [[end[0], end[1], 0.0], [end[0], level, 0.0], [start[0], level, 0.0]]
+            area, centroid, _ = outline_section(np.array([start, *rest]))
+            found += area * np.array([1.0, centroid[0]])
+    return found
