@@ -146,7 +146,11 @@ def test_results_show_themselves_in_two_lines(folder, monkeypatch):
         af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.9])
     arches["post"] = arches.pop("<post>")
     study = af.Study(arches, "records/?-N.AT2", levels=[0.3, 0.6, 1.2], design="ida")
-    results = study.run(progress=False, cores=1)
+    used = list[int]()
+    made = studies.run_study
+    monkeypatch.setattr(studies, "run_study", lambda *a, **k: (used.append(a[4]), made(*a, **k)))
+    results = study.run(progress=False, workers=1)
+    assert used == [1]
     assert results.runs.intensity.values.tolist() == [0.3, 0.6, 1.2]
     assert results.runs.collapsed.sel(intensity=1.2, arch="post").all()
     assert results.capacities.groupby("arch")["capacity"].median()["post"] < 1.2

@@ -5,6 +5,7 @@ OpenQuake's format: the engine's manual, section on the outputs of a classical c
 
 import contextlib
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file
+_COLUMNS = tomllib.loads(Path(__file__).with_name("hazard_columns.toml").read_text("utf-8"))
 _RULE = (
-    "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then "
-    "`rate` or `annual rate` (of exceedance) or `poe_50` (probability of exceedance in 50 years), "
-    "further ones as `rate_NAME` or `poe_50_NAME`"
+    "the header is `im [g]` or the measure's name with its unit, such as `PGA [g]`, and then one "
+    f"of {', '.join(_COLUMNS['rate']['names'])} (with or without [1/year]), poe_50 (probability "
+    "of exceedance in 50 years) or return period [years]; further ones have a name at their end, "
+    "as rate_NAME or poe_50_NAME. Brackets may be ( ), and separators are , ; or tab"
 )
 _UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}  # of OpenQuake
 # What a file states: its measure and unit, None if not stated, and its curves by name.
@@ -64,7 +67,9 @@ def load_hazard(
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            table = read_csv(text)
+            if re.search(r"^[^#\n]*[;\t]", text, re.M):  # then commas may be decimal
+                text = re.sub(r"(\d),(\d)(?![^(\n]*\))", r"\1.\2", text)
+            table = read_csv(re.sub("[;\t]", ",", text))
             by_site = {"lon", "lat"} <= set(table)
             stated, own, curves = _openquake(text, table, site) if by_site else _plain(table)
             factor = _factor(stated, own or unit, measure, unit, by_site)
@@ -86,9 +91,10 @@ def load_hazard(
 
 
 def _measure(stated: str) -> Measure | None:
-    """The measure that a file states; None if it is not one of ours."""
+    """The measure that a file states, in any case; None if it is not one of ours."""
+    known = _COLUMNS["measure"]
     with contextlib.suppress(InputError):
-        return parse_measure("Arias" if stated == "IA" else stated)
+        return parse_measure(re.sub(r"\w+", lambda w: known.get(w[0].casefold(), w[0]), stated))
     return None
 
 
@@ -104,8 +110,13 @@ def _factor(
     if unit not in (None, own):
         raise InputError(f"gives {measure} in {own}, not in {unit}")
     if own not in allowed:
-        what = "no unit is stated" if own is None else f"{own!r} is not a unit of {measure}"
-        raise InputError(f"{what}; give one of {', '.join(allowed)}")
+        what = f"{own!r} is not a unit of {measure}"
+        if own is None:
+            what = (
+                f"only the unit of {measure} is missing: write `{stated or 'im'} "
+                f"[{next(iter(allowed))}]` in the header, or give --unit or risk.unit"
+            )
+        raise InputError(f"{what}; allowed are {', '.join(allowed)}")
     return allowed[own]
 
 
@@ -141,22 +152,41 @@ def _openquake(text: str, table: "pd.DataFrame", site: Sequence[float] | None) -
     return about["imt"], unit, [(about.get("kind", "one branch"), curve)]
 
 
+def _with_unit(head: str) -> tuple[str, str | None]:
+    """Name and unit, in lower case, of a header; a measure's own brackets hold no unit."""
+    found = re.fullmatch(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]", head)
+    if found is None or _measure(head) is not None:
+        return head, None
+    return found[1], found[2].strip().casefold()
+
+
 def _plain(table: "pd.DataFrame") -> _Stated:
-    """A column of intensities, and one or several of rates or probabilities."""
+    """A column of intensities, and one or several of rates, probabilities or return periods."""
     first, *others = table.columns
-    stated = re.fullmatch(r"([^\[\]]+?)\s*(?:\[([^\[\]]*)\])?", first)
-    if stated is None or not others:
+    if not others:
         raise InputError(f"has {first[:60]!r} as its first of {len(others) + 1} columns; {_RULE}")
+    stated, unit = _with_unit(first)
     curves = []
     for head in others:
-        plain = re.sub(r"^annual[ _]|\s*\[1/(?:year|yr|a)\]$", "", head)
-        kind = re.fullmatch(r"(rate|poe_([0-9.eE+-]+))(?:_(.+))?", plain)
-        if kind is None:
-            raise InputError(f"has a column {head[:60]!r}; {_RULE}")
-        levels, values = (np.array(table[name], dtype=float) for name in (first, head))
-        if kind[2]:
-            curve = HazardCurve.from_exceedance(levels, values, float(kind[2]))
+        kind, rest = _kind(head)
+        levels, values = (np.array(table[column], dtype=float) for column in (first, head))
+        if kind == "poe":
+            years, _, rest = rest.partition("_")
+            curve = HazardCurve.from_exceedance(levels, values, float(years))
         else:
-            curve = HazardCurve(levels, values)
-        curves.append((kind[3] or "mean", curve))
-    return None if stated[1] == "im" else stated[1], stated[2], curves
+            with np.errstate(divide="ignore"):
+                curve = HazardCurve(levels, values if kind == "rate" else 1.0 / values)
+        curves.append((rest or "mean", curve))
+    return None if stated.casefold() in _COLUMNS["im"]["names"] else stated, unit, curves
+
+
+def _kind(head: str) -> tuple[str, str]:
+    """What a column of a hazard holds, and the rest of its name, which begins with poe's years."""
+    text, unit = _with_unit(head)
+    for kind in ("rate", "poe", "return period"):
+        known, rest = _COLUMNS[kind], r"_([\d.eE+-]+(?:_.+)?)" if kind == "poe" else "(?:_(.+))?"
+        names = "|".join(known["names"]).replace(" ", "[ _]")
+        found = re.fullmatch(f"(?:{names}){rest}", text, re.IGNORECASE)
+        if found and (unit is None or unit in known["units"]):
+            return kind, found[1] or ""
+    raise InputError(f"has a column {head[:60]!r}; {_RULE}")

@@ -62,7 +62,7 @@ class Study:
         Of the levels: g for accelerations, else m/s or m, if not given.
     design : "stripes", "ida", "cloud", or mapping of `kind` and settings
     vary : mapping, optional
-        Number of `samples` of each arch, and by key, such as friction, its distribution.
+        Number of `samples`, and by key its distribution, which a study file has under `of`.
     hazard : path or mapping, optional
         Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
     id, title : str
@@ -152,15 +152,17 @@ class Study:
         write_text(path, _HEAD.format(version=__version__, name=path.name) + text)
         return path
 
-    def run(self, progress: bool = True, cores: int | None = None) -> Results:
+    def run(
+        self, progress: bool = True, cores: int | None = None, *, workers: int | None = None
+    ) -> Results:
         """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
 
         Parameters
         ----------
         progress : bool
             Show what is done, with a progress bar.
-        cores : int, optional
-            Number of processes; all cores by default.
+        cores, workers : int, optional
+            Number of processes, by either name; all cores by default.
 
         Returns
         -------
@@ -172,7 +174,7 @@ class Study:
             Of the step that failed. What is finished is kept: call `run` again to continue.
         """
         path = self._file or self.to_file(self.folder / "study.yaml")
-        study = schema.load_study(path)
+        study, cores = schema.load_study(path), workers if cores is None else cores
         with _without_main():
             run_study(study, path, lambda: None, make_report, cores, quiet=not progress)
         return Results(study)

@@ -1,20 +1,22 @@
 """The command `archfrag export`: what it writes, and what it refuses."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.export import FORMATS, formats
-from archfrag.export.command import export_study
+from archfrag.export.command import LIMIT_STATES, _not_fitted, export_study
 from archfrag.study import steps
 from archfrag.study.answer.fits import load_fits
-from archfrag.study.file.schema import load_study
+from archfrag.study.file.schema import LimitStates, load_study
 from tests.export.made import fragility
 from tests.report import synthetic
-from tests.study.small import command, files_below, small_study
+from tests.study.small import ROOT, command, files_below, small_study
 
 FILES = {
     "fragility-continuous.xml", "fragility-discrete.xml", "in-core-ring.json", "pelicun.csv",
@@ -35,6 +37,10 @@ MOVED = (
     "0.909)"
 )
 LEFT_OUT = "limit state 'motion' is left out: ring has no curve of it: all runs collapse"
+SLIDES = (
+    "limit state 'rotation' is left out: ring has no curve of it: the mechanism at onset slides "
+    "or does not have four hinges, so there is no rotation of unstable equilibrium to compare with"
+)
 
 
 @pytest.fixture
@@ -43,6 +49,7 @@ def study(tmp_path, monkeypatch):
     loaded = load_study(small_study(tmp_path))
     cube = synthetic.cube(("ring", "slab")).assign_coords(level=range(9))
     cube.attrs |= {"archfrag_study": "small", "archfrag_commit": "0123abcd"}
+    cube["static_limit"] = "arch", [np.nan, 0.1]
     loaded.folder.mkdir()
     cube.assign(intensity_si=cube["intensity"]).to_netcdf(loaded.folder / "cube.nc")
     answers = {"ring": synthetic.answers_of(cube)["ring"], "slab": synthetic.none("it fell")}
@@ -59,10 +66,10 @@ def test_all_formats(study, tmp_path):
     assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
     assert sorted(each["file"] for each in made["files"]) == sorted(map(str, folder.iterdir()))
     assert made["left_out"] == {"slab": "it fell"}
-    assert made["notes"] == [MOVED, LEFT_OUT]
+    assert made["notes"] == [SLIDES, MOVED, LEFT_OUT]
     for name in ("fragility-continuous.xml", "pelicun.json", "in-core-ring.json", "tables.json"):
         text = (folder / f"small-{name}").read_text()
-        assert [note in text for note in made["notes"]] == [True, True], name
+        assert [note in text for note in made["notes"]] == [True, True, True], name
     stated = pd.read_csv(folder / "small-parameters.csv")
     assert stated["limit_state"].tolist() == ["impact", "residual", "contact_lost", "collapse"]
     assert stated["kind"].tolist()[:2] == ["adjusted", "stripes"]
@@ -90,13 +97,60 @@ def test_limit_states_that_are_asked_for(study, tmp_path):
     assert [note.split(":")[0] for note in made["notes"]] == ["limit state 'impact'"]
     for state, error, message in (
         ("motion", FitError, LEFT_OUT),
-        ("sliding", InputError, "the study has motion, impact, residual, contact_lost, collapse"),
+        ("Rotation", FitError, SLIDES),
+        (
+            "sliding",
+            InputError,
+            "they are motion, impact, residual, rotation, contact",
+        ),
     ):
         with pytest.raises(error, match=message):
             export_study(study, ["pelicun"], tmp_path / "none", limit_states=[state])
     assert not (tmp_path / "none").exists()
     result = command("export", tmp_path / "small.yaml", "--format=csv", "--limit-state=motion")
     assert (result.exit_code, result.stderr) == (6, f"archfrag: error: {LEFT_OUT}\n")
+
+
+@pytest.mark.parametrize("name", ["contact lost", "contact_lost", "Residual Displacement"])
+def test_limit_states_go_by_their_names_in_texts_and_tables(study, tmp_path, name):
+    made = export_study(study, ["csv"], tmp_path / "x", limit_states=[name])
+    assert made["limit_states"] == [name.lower().split(" d")[0].replace(" ", "_"), "collapse"]
+
+
+def test_a_state_without_a_curve_says_why_and_what_helps(study, tmp_path):
+    """An arch whose every run exceeds a state, beside one that has a curve of it."""
+    stored = json.loads((study.folder / "fits.json").read_text())
+    slab = stored["arches"]["slab"] = json.loads(json.dumps(stored["arches"]["ring"]))
+    slab["more"]["limit_states"]["states"][2]["curve"] = {"none": "every run collapsed"}
+    (study.folder / "fits.json").write_text(json.dumps(stored))
+    for design, help_ in (("stripes", ""), ("ida", "design: {kind: stripes} or ")):
+        result = command("export", tmp_path / "small.yaml", "--set", f"design.kind={design}",
+                         "--format=csv", "--limit-state", "residual displacement")  # fmt: skip
+        assert result.stderr == (
+            "archfrag: error: limit state 'residual' is left out: slab has no curve of it: every "
+            f"run collapsed; try {help_}a larger limit_states.residual; 1 of 2 arches or classes "
+            "have one\n"
+        )
+    del slab["more"]["limit_states"]
+    (study.folder / "fits.json").write_text(json.dumps(stored))
+    with pytest.raises(FitError, match="fits limit states to all of up to 12 arches, and to thre"):
+        export_study(study, ["csv"], limit_states=["residual"])
+
+
+def test_a_class_says_how_many_of_its_arches_slide():
+    arches = xr.Dataset({"arch": list("abc"), "arch_class": ("arch", ["k", "k", "c"])})
+    cube = arches.assign(static_limit=("arch", [0.1, np.nan, np.nan]))
+    assert "at onset of 1 of its 2 arches slides" in _not_fitted(cube, "k", "rotation")
+    assert "at onset slides" in _not_fitted(cube, "c", "rotation")
+    assert "up to 12 arches" in _not_fitted(cube, "a", "rotation")
+
+
+def test_the_page_on_exports_lists_the_limit_states_with_their_limits():
+    page = (ROOT / "docs" / "howto" / "export.md").read_text("utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| [^|]*\|[^|]*\| ([^|]*) \|", page, re.M))
+    assert tuple(rows) == LIMIT_STATES
+    for name, field in LimitStates.model_fields.items():
+        assert rows[name] == f"`limit_states.{name}`, {field.default:g}"
 
 
 def test_formats_have_their_functions_and_are_told_in_the_help():
@@ -121,7 +175,10 @@ def test_messages_and_json(study, tmp_path):
     result = command(*call, "pelicun", "--format", "pelicun", "--out", str(tmp_path / "x"))
     assert result.stderr.splitlines()[0] == "archfrag: no curve of slab is exported: it fell"
     names = "small-pelicun.csv", "small-pelicun.json"
-    assert result.stdout.splitlines() == [f"pelicun: {tmp_path / 'x' / name}" for name in names]
+    assert result.stdout.splitlines() == [
+        *(f"pelicun: {tmp_path / 'x' / name}" for name in names),
+        "limit states written: 4 (impact, residual, contact_lost, collapse)",
+    ]
     facts = json.loads(command(*call, "in-core", "--json").stdout)
     assert [each["format"] for each in facts["files"]] == ["in-core"]
     assert list(facts["left_out"]) == ["slab"]

@@ -1,6 +1,7 @@
 """Classes of arches from the study file to their curves, and what growing costs."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -87,6 +88,11 @@ class TestOneCurve:
             assert one[name]["rate_band"][0] < mean < one[name]["rate_band"][1]
             levels = np.mean([every[arch]["rate_by_level"] for arch in arches], axis=0)
             np.testing.assert_allclose(one[name]["rate_by_level"], levels, rtol=1e-6)
+        text = called(classes, "risk", *given[:2]).stdout
+        told = re.findall(
+            r"rate of collapse of (the mean curve of its arches|these medians)", text
+        )
+        assert told == ["the mean curve of its arches"] * 2 + ["these medians"]
         fell = (classes.cube["verdict"].values[:4] == Verdict.COLLAPSED).sum()
         assert sum(part["collapses"] for part in one["slab"]["by_mechanism"]) == fell
 

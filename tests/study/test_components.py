@@ -51,8 +51,12 @@ class TestVertical:
             assert any(line.startswith("Vertical UP: Read from Q-ELC-UP") for line in motion.log)
         plain = stored(study_with(tmp_path, files)).values()
         assert [motion.vertical for motion in plain] == [None, None]
-        with pytest.raises(RecordError, match=r"wave0\.AT2: record wave0 has no vertical comp"):
+        with pytest.raises(
+            RecordError, match=r"wave0\.AT2: record wave0 has no vertical comp"
+        ) as why:
             stored(study_with(tmp_path, f"{FILES}\n  vertical: true"))
+        how = "leave this record out, or set motions.vertical: false for all records"
+        assert str(why.value).endswith(how)
 
     def test_rows_of_an_index_are_paired_by_event_and_station(self, tmp_path):
         study = study_with(tmp_path, "index: index.csv\n  vertical: true")
@@ -98,7 +102,9 @@ class TestPairs:
 
     def test_rotd_needs_both_and_validate_names_them(self, tmp_path):
         text = TEXT.replace("PGA", "RotD50(PGA)")
-        with pytest.raises(RecordError, match="record wave0 has no other horizontal component"):
+        with pytest.raises(
+            RecordError, match=r"has no other horizontal .* leave this record out$"
+        ):
             check_study(study_with(tmp_path, FILES, text))
         one, other = (CODES[code][0] for code in ("000", "090"))
         study = study_with(tmp_path, 'files: ["quake/*.AT2"]', text)

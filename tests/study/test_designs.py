@@ -18,7 +18,15 @@ from archfrag.study.runs.design import Grid, ask
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import NEAR, Ida
 from archfrag.study.runs.store import COLUMNS
-from tests.study.small import TEXT, assert_compliant, changed, cube_of, small_study, write_at2
+from tests.study.small import (
+    TEXT,
+    assert_compliant,
+    changed,
+    command,
+    cube_of,
+    small_study,
+    write_at2,
+)
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 FINE = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
@@ -212,3 +220,19 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     if design == "cloud":
         assert set(fit_cube(study)[0]["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)
+
+
+@pytest.mark.parametrize("design", ["{kind: cloud, factor: 1.9}", "{kind: stripes}"])
+def test_a_study_of_which_no_run_was_decided_says_what_to_change(tmp_path, design):
+    """At the end of these records both arches move, and nobody waits for them."""
+    text = TEXT.replace("follow: 2.0", "follow: 0.0").replace("[0.1, 0.6, 1.2]", "[0.8]")
+    path = small_study(tmp_path, f"{text}design: {design}\n")
+    result = command("run", path)
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "fits.json").read_text())
+    for name in ("ring", "slab"):
+        assert found["arches"][name]["curve"]["none"] == (
+            "no run collapsed or stood, so there is nothing to fit: if runs ended while the arch "
+            "moved, raise method.follow; if they failed, try another method.name"
+        )
+    assert "raise method.follow" in " ".join(result.stdout.split())

@@ -8,12 +8,12 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
-from archfrag.hazard import Hazard, load_hazard
+from archfrag.hazard import _COLUMNS, Hazard, load_hazard
 from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
-from tests.study.small import command, made, small_study
+from tests.study.small import ROOT, command, made, small_study
 
 G = 9.80665
 SITE = {"site": (13.4, 42.3)}
@@ -53,9 +53,50 @@ def test_plain_tables(load):
     found = load("im,poe_50\n0.1,0.1\n0.4,0.02\n", unit="g")
     assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
     assert "taken to be PGA" in found.messages[0]
-    for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]")):
+    for measure, head in (("Sa(0.5)", "SA(0.50) [gal]"), ("PGV", "PGV [cm/s]"),
+                          ("Sa(0.5)", "sa(0.5) (GAL)"), ("PGV", "pgv (cm/s)")):  # fmt: skip
         found = load(f"{head},rate\n10,1e-2\n100,1e-3\n", measure=measure)
         np.testing.assert_allclose(found.main.im, [0.1, 1.0])
+        assert found.messages == ()
+    averaged = '"AvgSA(0.2,2) [g]";rate\n0,1;0,01\n0,4;0,001\n'
+    np.testing.assert_allclose(load(averaged, measure="AvgSA(0.2,2)").main.im, [0.1 * G, 0.4 * G])
+    named = load("sa(0.5),rate\n1,1e-2\n2,1e-3\n", measure="Sa(0.5)", unit="g")
+    np.testing.assert_allclose(named.main.im, [G, 2 * G])
+
+
+@pytest.mark.parametrize(
+    ("head", "value"),
+    [
+        ("Annual Rate of Exceedance (1/year)", "1e-2"),
+        ("annual frequency of exceedance [1/yr]", "1e-2"),
+        ("AFE", "1e-2"),
+        ("MAFE (1/a)", "1e-2"),
+        ("Lambda", "1e-2"),
+        ("RATE", "1e-2"),
+        ("PoE_50", "0.3934693402873666"),
+        ("Return period (years)", "100"),
+        ("return_period", "100"),
+    ],
+)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_names_that_others_give_their_columns(load, head, value, separator):
+    rows = ("# a site, made up", f"pga (g){separator}{head}", f"0.1{separator}{value}")
+    rarer = float(value) * (4.0 if float(value) > 1.0 else 0.25)
+    text = "\n".join((*rows, f"0.4{separator}{rarer}"))
+    if separator != ",":
+        text = text.replace(".", ",")  # as a spreadsheet writes where the comma is decimal
+    (found,) = load(text).curves.items()
+    assert found[0] == "mean"
+    np.testing.assert_allclose(found[1].im, [0.1 * G, 0.4 * G])
+    assert found[1].rate[0] == pytest.approx(1e-2)
+    named = load(text.replace(head, head.partition(" (")[0].partition(" [")[0] + "_0.84"))
+    assert list(named.curves) == ["0.84"]
+
+
+def test_the_page_on_risk_lists_all_names():
+    page = (ROOT / "docs" / "howto" / "risk.md").read_text("utf-8")
+    for name in _COLUMNS["rate"]["names"] + _COLUMNS["return period"]["names"]:
+        assert f"`{name}`" in page, name
 
 
 class TestOpenQuakeCsv:
@@ -82,7 +123,15 @@ class TestOpenQuakeCsv:
     ("text", "options", "part"),
     [
         ("", {}, "is not a table in CSV (No columns"),
-        ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", {}, "no unit is stated; give one of g, m/s2"),
+        (
+            "PGA,rate\n0.1,1e-2\n0.4,1e-3\n",
+            {},
+            "only the unit of PGA is missing: write `PGA [g]` "
+            "in the header, or give --unit or risk.unit; allowed are g, m/s2",
+        ),
+        ("PGA [ft],rate\n0.1,1e-2\n0.4,1e-3\n", {}, "'ft' is not a unit of PGA; allowed are g,"),
+        ("PGA [g],rate [1/day]\n0.1,1\n0.4,1\n", {}, "has a column 'rate [1/day]'; the header is"),
+        ("PGA [g],often\n0.1,1\n0.4,1\n", {}, "of rate of exceedance, rate, annual rate of"),
         ("PGV [m/s],rate\n1,1\n2,0.5\n", {}, "hazard of PGV, but the study's levels are of PGA"),
         ("strength\n1\n", {}, "has 'strength' as its first of 1 columns; the header is `im [g]`"),
         ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", {}, "is for 0 years"),

@@ -9,8 +9,10 @@ import sys
 import numpy as np
 import pytest
 
+import archfrag as af
 from archfrag.cli import main
 from archfrag.study.file.schema import load_study
+from tests.arch.test_drawing import PIER, draw, draw_arch
 from tests.study.small import TEXT, command, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
@@ -77,6 +79,62 @@ class TestOnset:
             message = f"{path}: --arch {wrong}; the study has ring, slab"
             assert refused("onset", "--study", path, *more) == (2, message)
 
+    @pytest.mark.parametrize("count", [12, 13])
+    def test_of_a_drawing_it_says_what_was_read(self, tmp_path, count):
+        arch = af.Arch.segmental(span=10.0, rise=2.5, thickness=0.6, voussoirs=count, friction=0.6)
+        draw_arch(tmp_path / "b.dxf", arch, 0.01, 5)
+        asked = ("onset", "--drawing", tmp_path / "b.dxf", "--friction", "0.6")
+        result = command(*asked)
+        # Radius 6.25 m and half an angle whose sine is 0.8, less 0.3 m; the rise is of a joint.
+        rise = 5.95 * np.cos(np.arcsin(0.8) / count * (count % 2)) - 5.95 * 0.6
+        weight = arch.chain.mass.sum() * arch.chain.gravity / 1e3
+        read, _, rest = result.stderr.partition("; ")
+        assert read == f"archfrag: clear span 9.52 m, rise {rise:.3g} m, mean thickness 0.6 m"
+        assert rest.startswith(f"{count} voussoirs, {count + 1} joints; ")
+        assert rest.endswith(f"; {weight:.3g} kN; from b.dxf, layer STONE, in cm\n")
+        mistaken = command(*asked, "--drawing-unit", "mm")
+        assert mistaken.stdout == result.stdout  # which only the span tells apart
+        assert mistaken.stderr.startswith("archfrag: clear span 0.952 m, rise 0.23")
+        assert mistaken.stderr.endswith("; from b.dxf, layer STONE, in mm\n")
+        assert json.loads(command(*asked, "--json").stdout)["stands"]
+
+    @pytest.mark.parametrize(("code", "read"), [(4, ("mm", "0.238 m")), (6, ("m", "238 m"))])
+    def test_a_span_that_cannot_be_meant_names_the_unit(self, tmp_path, code, read):
+        arch = af.Arch.segmental(span=10.0, rise=2.5, thickness=0.6, voussoirs=9, friction=0.6)
+        draw_arch(tmp_path / "b.dxf", arch, 0.04, code)
+        given = "--drawing", tmp_path / "b.dxf", "--friction", "0.6"
+        doubt = "b.dxf, read in {}, has a clear span of {}; is that its unit?\n".format(*read)
+        assert command("onset", *given).stderr.endswith(f"\narchfrag: caution: {doubt}")
+        text = TEXT.replace("profile: block, width: 0.4, height: 2.0", "drawing: b.dxf")
+        path = small_study(tmp_path, text.replace("friction: .inf", "friction: 0.6"))
+        result = command("validate", path)
+        assert result.stdout.splitlines()[1].startswith(f"  slab: clear span {read[1]}")
+        assert f"archfrag: caution: slab: {doubt}" in result.stderr
+        assert command("onset", "--study", path, "--arch", "slab").stderr.endswith(doubt)
+        recessed = text.replace("friction: .inf", "friction: 0.6, recess: {intrados: 1.0e-3}")
+        again = command("validate", small_study(tmp_path, recessed))
+        assert again.stdout.splitlines()[1] == result.stdout.splitlines()[1]
+
+    def test_of_a_column_it_says_the_height(self, tmp_path):
+        draw(tmp_path / "pier.dxf", PIER)
+        result = command("onset", "--drawing", tmp_path / "pier.dxf", "--friction", "0.6")
+        assert result.stderr.startswith("archfrag: height 1.5 m, mean thickness 1 m; 3 ")
+
+    def test_of_an_arch_that_varies_as_given_and_as_sampled(self, tmp_path):
+        vary = "samples: 2, of: {height: {distribution: uniform, start: 3.0, stop: 4.0}}"
+        text = TEXT.replace("friction: .inf}", f"friction: .inf, vary: {{{vary}}}}}")
+        path = small_study(tmp_path, text)
+        given = command("onset", "--study", path, "--arch", "slab")
+        assert "moves from 0.2000 g" in given.stdout
+        assert given.stderr == (
+            "archfrag: slab as given, without vary; its 2 samples are --arch slab-0001 and so on\n"
+        )
+        sampled = command("onset", "--study", path, "--arch", "slab-0002")
+        assert (sampled.stderr, "moves from 0.1" in sampled.stdout) == ("", True)
+        ring = text[text.index("  - {id: ring") : text.index("  - {id: slab")]
+        path.write_text(text.replace(ring, ""))
+        assert command("onset", "--study", path).stdout == given.stdout
+
     def test_an_arch_that_does_not_stand_is_a_result(self):
         result = command("onset", *THIN)
         assert (result.exit_code, result.output) == (0, "does not stand under its own weight\n")
@@ -107,6 +165,20 @@ class TestValidate:
         )
         assert json.loads(command("validate", path, "--json").output)["runs"] == 12
         assert sorted(tmp_path.rglob("*")) == before
+
+    def test_errors_of_hazard_arches_and_records_are_told_together(self, tmp_path):
+        path = small_study(tmp_path, TEXT.replace("thickness: 1.5", "thickness: 0.3"))
+        result = command("validate", path, "--set", "risk.hazard=none.csv")
+        assert result.exit_code == 2
+        assert [line.partition(":")[0] for line in result.stderr.splitlines()] == [
+            "archfrag", f"  the hazard curve {tmp_path / 'none.csv'} cannot be read",
+            "  arches[0] (ring)",
+        ]  # fmt: skip
+        (tmp_path / "records" / "wave1.AT2").write_text("nothing")
+        result = command("validate", path, "--set", "risk.hazard=none.csv")
+        assert result.stderr.startswith("archfrag: error: 3 errors:\n")
+        assert f"\n  {tmp_path}/records/wave1.AT2: " in result.stderr
+        assert refused("validate", path, "--set", "arches.0.thickness=1.5")[0] == 2
 
     def test_of_very_many_arches_some_are_checked(self, tmp_path, monkeypatch):
         monkeypatch.setattr("archfrag.study.file.members.MOST_CHECKED", 3)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record
+from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
 
 if TYPE_CHECKING:
-    from archfrag.arch import Arch
     from archfrag.simulate import Response
+    from archfrag.study.file.arches import ArchEntry
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
@@ -42,12 +42,21 @@ def _takes_arch(command: Callable) -> Callable:
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
         given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
         given["unit"] = given.pop("drawing_unit")
-        arch = _by_numbers(given) if study is None else _of_study(study, arch_id)
-        command(arch, **options)
+        entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
+        if entry.drawing is not None:
+            from archfrag.study.checks import read_from_drawing
+
+            warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
+        if entry.vary is not None:
+            samples = f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
+            warn(f"{entry.id} as given, without vary; {samples}")
+        command(entry.build(), **options)
 
     return takes(
         click.option("--study", type=PATH, metavar="STUDY", help="Study file with the arch."),
-        click.option("--arch", "arch_id", metavar="ID", help="Id of the arch in the study."),
+        click.option("--arch", "arch_id", metavar="ID",
+                     help="Id of the arch in the study; ID-0001 is the first sample of one that "
+                     "varies, ID the arch as given."),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
         *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
@@ -55,22 +64,26 @@ def _takes_arch(command: Callable) -> Callable:
     )(wrapped)  # fmt: skip
 
 
-def _of_study(path: Path, name: str | None) -> "Arch":
-    """An arch of a study file; its only one if `name` is None."""
+def _of_study(path: Path, name: str | None) -> "ArchEntry":
+    """An arch of a study file, or a sample of it; its only one if `name` is None."""
     from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
 
-    entries = {member.id: member.entry for member in load_study(path).members}
-    if name is None and len(entries) == 1:
+    study = load_study(path)
+    entries = {entry.id: entry for entry in study.arches if entry.table is None}
+    single = len(study.arches) == len(entries) == 1
+    for member in study.members:
+        entries.setdefault(member.id, member.entry)
+    if name is None and (single or len(entries) == 1):
         name = next(iter(entries))
     if name not in entries:
         wrong = "--arch is missing" if name is None else f"--arch {name}: there is no such arch"
         some = ", ".join(list(entries)[:_NAMES]) + ", ..." * (len(entries) > _NAMES)
         raise InputError(f"{path}: {wrong}; the study has {some}")
-    return entries[name].build()
+    return entries[name]
 
 
-def _by_numbers(options: dict[str, Any]) -> "Arch":
+def _by_numbers(options: dict[str, Any]) -> "ArchEntry":
     """An arch from the options of the command line, None where not given."""
     from pydantic import ValidationError
 
@@ -82,7 +95,7 @@ def _by_numbers(options: dict[str, Any]) -> "Arch":
     if "drawing" in given:
         del given["profile"]
     try:
-        return ArchEntry.model_validate(given).build()
+        return ArchEntry.model_validate(given)
     except ValidationError as error:
         names = {"unit": "drawing_unit"}
         message = first_message(

@@ -51,7 +51,8 @@ def validate(study: Any, as_json: bool) -> None:
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
     text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    show(found, "\n  ".join([text, *found["classes"], *found["partners"]]), as_json)
+    texts = text, *found["drawings"], *found["classes"], *found["partners"]
+    show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
 
@@ -181,7 +182,8 @@ _FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
                  help="Format to write. Repeatable."),
     click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
-                 help="Limit state to write besides collapse; all if not given. Repeatable."),
+                 help="Limit state to write besides collapse: motion, impact, residual, "
+                 "rotation or contact_lost; all if not given. Repeatable."),
     click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
                  help="Folder to write to; `export` in the results folder if not given."),
     members_option, json_option,
@@ -207,7 +209,10 @@ def export(
         warn(f"no curve of {arch} is exported: {why}")
     for message in made["notes"]:
         warn(f"note: {message}")
-    show(made, "\n".join(f"{each['format']}: {each['file']}" for each in made["files"]), as_json)
+    lines = [f"{each['format']}: {each['file']}" for each in made["files"]]
+    states = made["limit_states"]
+    lines.append(f"limit states written: {len(states)} ({', '.join(states) or 'no curve'})")
+    show(made, "\n".join(lines), as_json)
 
 
 @click.command()
@@ -267,9 +272,11 @@ def risk(
     A class of arches has one rate, the mean of those of its arches.
 
     FILE is a CSV file with a column `im [g]` or of the measure's name, such as `PGA [g]`, a column
-    `rate` or `annual rate` (of exceedance) or `poe_50` (probability of exceedance in 50 years),
-    and a column `rate_NAME` or `poe_50_NAME` for each quantile. OpenQuake's hazard curves in CSV
-    work too. The measure must be that of the study.
+    `rate` (also `annual rate`, `annual rate of exceedance`, `annual frequency of exceedance`,
+    `afe`, `mafe`, `lambda`), `poe_50` (probability of exceedance in 50 years) or `return period`
+    [years], and a column `rate_NAME` or `poe_50_NAME` for each quantile. Upper and lower case,
+    brackets [ ] or ( ), and the separators , ; and tab are all read. OpenQuake's hazard curves in
+    CSV work too. The measure must be that of the study.
 
     \b
     Example:

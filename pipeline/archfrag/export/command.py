@@ -22,12 +22,15 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.limit_states import MOST_CROSSING, above
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
 from archfrag.study.files import CUBE, commit, write_text
 from archfrag.study.steps import finished
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211
+# Limit states from the mildest to collapse.
+LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
 _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
 _GROUPS = ("arch", "record", "event", "arch_class")
@@ -48,12 +51,13 @@ def export_study(
 
     `formats` are of `archfrag.export.FORMATS`; `folder` is ``export`` in the study's folder if not
     given. With `members` the arches of classes have curves too. `limit_states` are written besides
-    collapse; if none is given, all that have curves.
+    collapse, each by a name of `LIMIT_STATES`; if none is given, all that have curves.
 
-    Returned are ``folder``; ``files``, each with its format; ``left_out``, by arch, why it has no
-    curve; ``notes`` on limit states and on the use of the files. Nothing is written after an
-    InputError (a receiver has no name for the measure, there is no such limit state, pyarrow is
-    not installed) or a FitError (no arch, or a limit state asked for, has no curve).
+    Returned are ``folder``; ``files``, each with its format; ``limit_states`` written;
+    ``left_out``, by arch, why it has no curve; ``notes`` on limit states and on the use of the
+    files. Nothing is written after an InputError (a receiver has no name for the measure, there
+    is no such limit state, pyarrow is not installed) or a FitError (no arch, or a limit state
+    asked for, has no curve).
     """
     of_arches, of_classes, cube = finished(study)
     answers = quoted(cube, of_arches, of_classes, members)
@@ -67,7 +71,7 @@ def export_study(
         }  # fmt: skip
         ends = float(np.nanmin(levels)), float(np.nanmax(levels))
         classes = {name: number[name] for name in answers if number[name] > 1}
-        states, messages = _limit_states(answers, [n.replace(" ", "_") for n in limit_states])
+        states, messages = _limit_states(study, cube, answers, limit_states)
         curves = CurveSet(states, study.intensity.measure, ends, made, classes, tuple(messages))
         texts, files = list[tuple[str, str, str]](), list[tuple[str, Path]]()
         for name in dict.fromkeys(formats):
@@ -92,18 +96,23 @@ def export_study(
             files += [(name, path) for path in paths]
     return {
         "folder": str(folder), "left_out": curves.left_out, "notes": messages,
+        "limit_states": list(curves.limit_states if curves.complete else ()),
         "files": [{"format": name, "file": str(path)} for name, path in files],
     }  # fmt: skip
 
 
 def _limit_states(
-    answers: Mapping[str, Answer], requested: Sequence[str]
+    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer], requested: Sequence[str]
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
     """Curves of the limit states from mild to collapse, and what was left out or moved, and why.
 
     Receivers take differences of states and want the same ones of all arches. So a state is left
     out if an arch with a curve of collapse has none of it, and curves must not cross (`above`).
     """
+    requested = [name.strip().casefold().replace(" ", "_") for name in requested]
+    requested = ["residual" if name == "residual_displacement" else name for name in requested]
+    for name in sorted(set(requested) - set(LIMIT_STATES)):
+        raise InputError(f"there is no limit state {name!r}; they are {', '.join(LIMIT_STATES)}")
     own = {
         arch: {
             state["name"].replace(" ", "_"): curve_of_dict(state["curve"])
@@ -111,17 +120,19 @@ def _limit_states(
         } | {"collapse": answer.curve}
         for arch, answer in answers.items()
     }  # fmt: skip
-    names = list(dict.fromkeys(state for each in own.values() for state in each))
-    for name in sorted(set(requested) - set(names)):
-        raise InputError(f"there is no limit state {name!r}; the study has {', '.join(names)}")
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept, messages = ["collapse"], list[str]()
-    for name in reversed([name for name in names if name in (requested or names)]):
-        found = {arch: own[arch].get(name, "the study fitted none") for arch in severe}
+    for name in (name for name in reversed(LIMIT_STATES) if name in (requested or LIMIT_STATES)):
+        found = {arch: own[arch].get(name) for arch in severe}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
         if lacking := [arch for arch in found if arch not in curves]:
-            why = f"{lacking[0]} has no curve of it: {found[lacking[0]]}"
+            why = found[lacking[0]] or _not_fitted(cube, lacking[0], name)
+            remedies = ["design: {kind: stripes}"] * study.design.adaptive
+            remedies += [f"a larger limit_states.{name}"] * (name in ("residual", "rotation"))
+            help_ = f"; try {' or '.join(remedies)}" * bool(remedies and found[lacking[0]])
+            others = f"; {len(curves)} of {len(found)} arches or classes have one" * bool(curves)
+            why = f"{lacking[0]} has no curve of it: {why}{help_}{others}"
             messages.append(f"limit state {name!r} is left out: {why}")
             if requested:
                 raise FitError(messages[-1])
@@ -139,6 +150,17 @@ def _limit_states(
             for arch, fit in severe.items():
                 own[arch][name] = fit
     return {arch: {k: each.get(k, "none") for k in kept} for arch, each in own.items()}, messages
+
+
+def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
+    """Why an arch or a class has no fit of a limit state."""
+    own = [arch in names for names in arch_classes(cube).items()]
+    sliding = np.isnan(cube["static_limit"].values[own])
+    if name != "rotation" or not sliding.any():
+        return f"archfrag fits limit states to all of up to {SHOWN} arches, and to three of more"
+    whose = f"of {sliding.sum()} of its {sliding.size} arches " * (sliding.size > 1)
+    why = "so there is no rotation of unstable equilibrium to compare with"
+    return f"the mechanism at onset {whose}slides or does not have four hinges, {why}"
 
 
 def _write_tables(

@@ -14,7 +14,10 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, tails
 
 MOST_LEVELS = 500  # of runs by intensity
-NOTHING = "no run collapsed or stood, so there is nothing to fit"
+NOTHING = (
+    "no run collapsed or stood, so there is nothing to fit: if runs ended while the arch moved, "
+    "raise method.follow; if they failed, try another method.name"
+)
 
 
 class Verdict(IntEnum):

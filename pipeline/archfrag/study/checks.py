@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder
+from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import (
     VERTICAL_LEFT,
@@ -28,6 +29,7 @@ from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
+SPANS = (0.3, 200.0)  # of a drawn arch [m]; beyond them its unit may have been mistaken
 LARGEST_LOGO = 500_000  # [bytes]
 MOST_ASKED = 12  # arches, records
 CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
@@ -95,6 +97,29 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     return tuple(messages)
 
 
+def read_from_drawing(entry: ArchEntry) -> list[str]:
+    """Text on the blocks of a drawing, the span first, and a warning if the unit seems wrong."""
+    # No public name of that module has the unit that a drawing states.
+    from archfrag.arch.drawing import _CODES, _document, read_drawing
+
+    path = Path(str(entry.drawing))
+    block = read_drawing(path, entry.layer, entry.unit).names[0]  # PATH, layer NAME: KIND HANDLE
+    layer = block.removeprefix(f"{path}, ").rpartition(": ")[0]
+    unit = entry.unit or _CODES[_document(path).header["$INSUNITS"]]
+    arch = entry.model_copy(update=dict.fromkeys(("piers", "fill", "recess"))).build()
+    size, rise = np.ptp(np.concatenate(arch.outlines), axis=0)[1], ""
+    if not arch.free_end:  # span and rise as the report's first page has them
+        size, low = np.abs(np.diff(arch.intrados[[0, -1], 0]))[0], arch.intrados[[0, -1], 1].min()
+        rise = f", rise {arch.intrados[:, 1].max() - low:.3g} m"
+    kind = "clear span" if rise else "height"
+    thick = np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean()
+    whole = repr(arch)[1:-1].partition(": ")[2]
+    text = f"{kind} {size:.3g} m{rise}, mean thickness {thick:.3g} m; {whole}"
+    text += f"; from {path.name}, {layer}, in {unit}"
+    doubtful = f"{path.name}, read in {unit}, has a {kind} of {size:.3g} m; is that its unit?"
+    return [text] if SPANS[0] <= size <= SPANS[1] else [text, doubtful]
+
+
 def logo_url(logo: str) -> str:
     """A picture as a data URL; InputError if it is missing, too large or of another kind."""
     path = Path(logo)
@@ -135,11 +160,48 @@ def check_study(study: Study) -> dict[str, Any]:
     """Check all of a study without running it: arches stand, records are read and scaled.
 
     Returned are numbers of things, of runs exactly, about or at most (``extent``), and texts.
+    Errors of hazard or folder, of records and of arches are raised together.
     """
-    check_start(study)
-    records, partners, unused = [], [], set[str]()
+    errors, some = list[ArchfragError](), checked(study.members)
+    records, partners = list[PreparedRecord](), list[str]()
+    for check in (
+        lambda: check_start(study), lambda: check_standing(some),
+        lambda: _read_records(study, records, partners),
+    ):  # fmt: skip
+        try:
+            check()
+        except ArchfragError as error:
+            errors.append(error)
+    if errors:
+        several = "\n  ".join([f"{len(errors)} errors:", *map(str, errors)])
+        raise type(errors[0])(several) if errors[1:] else errors[0]
+    found, design, levels = study.members, study.design, len(study.intensity.si)
+    size, extent = design.size(len(records), levels)
+    sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
+    cautions = unit_warnings(study, found) + uncorrected(study, records)
+    if unchecked := len(found) - len(some):
+        left = f"{unchecked} of {len(found)} arches were not checked"
+        cautions += (f"{left}; the run checks all of them before it simulates",)
+    drawn = [entry for entry in (*study.arches, *(member.entry for member in some))
+             if entry.drawing and not entry.table][:MOST_ASKED]  # fmt: skip
+    drawings = [[f"{entry.id}: {text}" for text in read_from_drawing(entry)]
+                for entry in drawn]  # fmt: skip
+    cautions += tuple(text for _, *doubtful in drawings for text in doubtful)
+    return {
+        "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
+        "design": design.kind, "runs": size * len(found), "extent": extent,
+        "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
+                         if name not in ids),
+        "cautions": cautions, "partners": tuple(partners),
+        "drawings": tuple(text for text, *_ in drawings),
+    }  # fmt: skip
+
+
+def _read_records(study: Study, records: list[PreparedRecord], partners: list[str]) -> None:
+    """Read the records of a study, and say which files belong together."""
+    unused = set[str]()
     every = study.motions.model_copy(update={"vertical": True})
-    beside = {source.path.name for source in find_sources(every, study.intensity.measure)
+    partnered = {source.path.name for source in find_sources(every, study.intensity.measure)
               if "vertical" in source.others}  # fmt: skip
     for motion in read_sources(study.motions, study.intensity.measure):
         records.append(described(study, motion))
@@ -147,24 +209,8 @@ def check_study(study: Study) -> dict[str, Any]:
         others = [about.get("file_transverse"), about.get("vertical_file")]
         if used := " and ".join(name for name in others if name and name != about["file"]):
             partners.append(f"{about['file']} with {used}")
-        if motion.vertical is None and (about["file"] in beside or VERTICAL_LEFT in motion.log):
+        if motion.vertical is None and (about["file"] in partnered or VERTICAL_LEFT in motion.log):
             unused.add(records[-1].id)
     if unused:
-        partners.append(f"{len(unused)} of {counted(len(records), 'record')} have a vertical "
-                        "component that is not used; motions.vertical: true uses it")
-    found, design, levels = study.members, study.design, len(study.intensity.si)
-    some = checked(found)
-    check_standing(some)
-    size, extent = design.size(len(records), levels)
-    sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
-    cautions = unit_warnings(study, found) + uncorrected(study, records)
-    if unchecked := len(found) - len(some):
-        left = f"{unchecked} of {len(found)} arches were not checked"
-        cautions += (f"{left}; the run checks all of them before it simulates",)
-    return {
-        "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
-        "design": design.kind, "runs": size * len(found), "extent": extent,
-        "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
-                         if name not in ids),
-        "cautions": cautions, "partners": tuple(partners),
-    }  # fmt: skip
+        what = "have a vertical component that is not used; motions.vertical: true uses it"
+        partners.append(f"{len(unused)} of {counted(len(records), 'record')} {what}")

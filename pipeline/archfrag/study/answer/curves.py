@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets, Verdict, find_brackets
+from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.limit_states import fit_limit_states
@@ -100,6 +100,8 @@ def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
 
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
+    if not runs.decided.any():
+        return Answer(NOTHING, NOTHING, confidence=confidence)
     try:
         likelihood: Fragility | str = runs.design.likelihood(runs.brackets)
     except FitError as error:

@@ -173,6 +173,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
         probability, *band = rate.probability_in(risk.years)
         arches[name] = {
             "theta": arch.fit.theta / factor, "beta": arch.fit.beta,
+            "of_mean_curve": arch.fit.members is not None,
             "rate": rate.quoted, "rate_is_lower_bound": rate.is_bound, "rate_mean": rate.mean,
             "rate_band": [rate.lower, rate.upper], "confidence": rate.confidence,
             "return_period": rate.return_period if rate.quoted > 0.0 else None,
@@ -219,11 +220,12 @@ def risk_text(facts: dict[str, Any]) -> str:
             continue
         bound, period = arch["rate_is_lower_bound"], arch["return_period"]
         least, most = ("at least ", "at most ") if bound else ("", "")
+        of = "the mean curve of its arches" if arch["of_mean_curve"] else "these medians"
         returns = "never" if period is None else f"return period {most}{period:.4g} years"
         lines += [
             f"{title}: median {arch['theta']:.4g} {facts['unit']} of {facts['measure']}, "
             f"dispersion {arch['beta']:.3g}",
-            f"  rate of collapse of these medians {least}{arch['rate']:.3g} a year, {returns}",
+            f"  rate of collapse of {of} {least}{arch['rate']:.3g} a year, {returns}",
             f"  probability in {facts['years']:g} years {least}{arch['probability']:.3g}",
         ]
         if not bound:

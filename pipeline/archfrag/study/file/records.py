@@ -296,12 +296,14 @@ def _with_components(
                 found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
         if other is None:
-            component = "vertical" if kind == "vertical" else "other horizontal"
+            component, how = "other horizontal", "leave this record out"
+            if kind == "vertical":
+                component, how = kind, f"{how}, or set motions.vertical: false for all records"
             raise RecordError(
                 f"{source.path}: record {own.id} has no {component} component, which the study "
                 "needs. It must be in this file, in one whose name differs in the direction only "
                 "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
-                "and station"
+                f"and station. Without such a file, {how}"
             )
         if source.entry is not None:  # an index states what the headers may spell differently
             labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
