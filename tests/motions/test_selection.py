@@ -9,7 +9,7 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.selection import read_target, select_records
+from archfrag.motions.selection import read_target, select_records, target_of_index
 from archfrag.motions.target import (
     MODELS,
     conditional_spectrum,
@@ -131,6 +131,11 @@ def test_index_that_a_study_reads_and_scales_by_the_same_factors(tmp_path):
         assert float(motion.metadata["scale"]) == pytest.approx(factor, rel=1e-8)
         needed = scale_factor(motion, "Sa(0.5)", 0.15 * STANDARD_GRAVITY)
         assert needed == pytest.approx(factor, rel=1e-5)
+    written, factors = target_of_index(tmp_path / "sets" / "selected.csv")
+    np.testing.assert_allclose(written, [periods, sa, sd], rtol=1e-5)
+    assert list(factors.values()) == pytest.approx(found.table["scale"].tolist(), rel=1e-8)
+    (tmp_path / "sets" / "selected.target.csv").unlink()
+    assert target_of_index(tmp_path / "sets" / "selected.csv") is None
 
 
 def test_same_seed_same_set_however_rows_are_ordered(thousand):

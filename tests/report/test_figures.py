@@ -114,6 +114,61 @@ class TestLabelsKeepClear:
         # A point for each arch.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 20
 
+    def test_limit_states_are_named_at_their_curves(self, drawn):
+        """Each name once, at a point of its curve; states with one curve share a label."""
+        thetas = {
+            "motion": 0.5,
+            "impact": 0.502,
+            "residual": 2.0,
+            "contact_lost": 3.5,
+            "collapse": 6,
+        }
+        states = [
+            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).to_dict()}
+            for name, theta in thetas.items()
+        ]
+        answer = synthetic.answer_of(6.0)
+        answer.more["limit_states"] = {"states": states}
+        curves.limit_states(synthetic.inputs(), answer, "ring")
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        named = ["motion, impact", "residual", "contact lost", "collapse"]
+        for sheet in drawn:
+            (panel,) = sheet.panels
+            shown = {found[4]: found[:3] for found in re.findall(TEXT, "".join(sheet.parts))}
+            assert [words for words in shown if words[0].isalpha()][-4:] == named
+            for words, theta in zip(named, (0.5, 2.0, 3.5, 6.0)):
+                x, y, kind = shown[words]
+                place = float(x) + (6.0 if "e" in kind.split() else -6.0)
+                level = np.interp(place, panel.box[::2], panel.x) * synthetic.GRAVITY
+                chance = synthetic.curve_of(theta).probability(level)
+                assert float(panel.at_y(chance)) + 4.0 == pytest.approx(float(y), abs=4.0)
+
+    @pytest.mark.parametrize(("voussoirs", "thickness"), [(7, 3.0), (21, 1.5), (21, 0.8)])
+    def test_joints_that_are_lost(self, voussoirs, thickness, drawn):
+        """Fractions of neighbouring joints keep clear; the largest always has its own."""
+        arch = af.Arch.circular(10.0, thickness, 157.5, voussoirs, 0.7)
+        found = results(n_level=40, n_joint=arch.n_joint)
+        arches.lost_joints(arch, found)
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        counts = np.bincount(found["collapse_joint"][found.verdict == Verdict.COLLAPSED])
+        for sheet in drawn:
+            shown = [words for words, *_ in texts(sheet)]
+            assert f"{100 * counts.max() / counts.sum():.0f} %" in shown
+            assert len(shown) >= 0.4 * arch.n_joint
+
+    @pytest.mark.parametrize("level", [0.02, 0.41, 0.85])
+    def test_levels_and_theta_stay_in_the_panel(self, level, drawn):
+        given = synthetic.inputs(at=level, answers={"ring": synthetic.answer_of(8.0)})
+        first_page(given, None)
+        named = [{words: box for words, *box in texts(sheet)} for sheet in drawn]
+        named = [boxes for boxes in named if "asked for" in boxes]
+        assert len(named) == 2
+        for sheet, boxes in zip([s for s in drawn if s.panels[0].y == (0.0, 1.0)], named):
+            left, _, right, _ = sheet.panels[0].box
+            for words in ("asked for", "θ = 0.816 g"):
+                assert left < boxes[words][0] < boxes[words][2] < right
+        assert [overlaps(sheet) for sheet in drawn] == 3 * [[]]
+
     @pytest.mark.parametrize("voussoirs", [1, 7, 81])
     def test_timeline(self, voussoirs, drawn, fallen):
         arch = synthetic.arch_and_onset(voussoirs)[0] if voussoirs > 1 else af.Block(1.0, 4.0, 0.7)
@@ -125,7 +180,7 @@ class TestLabelsKeepClear:
         shown = replace(fallen.response, mechanism=log, end_time=7.0, collapse_time=6.5)
         runs.timeline(replace(fallen, arch=arch, response=shown))
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
-        assert drawn[0].panels[2].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
+        assert drawn[0].panels[1].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
 
 
 @pytest.mark.parametrize("voussoirs", [7, 81])
@@ -238,8 +293,28 @@ class TestRepeated:
         assert response.collapsed == (what == "collapse")
         example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
         page = str(first_page(synthetic.inputs(), example))
-        assert f"Four frames of the {what}." in page
+        assert f"Four frames of the {what} under {motion.id}, PGA." in page
         assert f"A {what}: 7 voussoirs" in page
+
+    @pytest.mark.parametrize("scale", [0.9, 0.6])
+    def test_a_small_motion_that_stands_is_drawn_three_times_as_large(self, scale):
+        motion, response = pulse(scale)
+        example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
+        turned, captions = [], []
+        for enlarged in (False, True):
+            shown, strip = arches.film(example, "film", "A near miss", enlarged)
+            frames = re.findall(r"@keyframes film-k\d+\{.*", shown.svg)
+            turned.append(np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float))
+            captions.append(shown.caption)
+            stills = [float(time) for time in re.findall(r">([\d.]+) s<", strip.svg)]
+            assert sorted(set(stills)) == stills  # one in each part of the run
+            time, _, rotation = response._arrays()
+            assert stills[-1] > time[np.abs(rotation).max(axis=1).argmax()] + 0.05
+        small = np.deg2rad(np.abs(turned[0]).max()) < 0.1
+        assert small == (scale == 0.6)
+        np.testing.assert_allclose(turned[1], (3.0 if small else 1.0) * turned[0], atol=0.16)
+        assert "true to scale" in captions[0]
+        assert ("three times as large" in captions[1]) == small
 
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""

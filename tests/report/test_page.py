@@ -14,10 +14,11 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.hazard import Hazard
-from archfrag.report.first_page import leading, site_levels
-from archfrag.report.html import digits, percentage
+from archfrag.motions.measures import spectral_acceleration
+from archfrag.report.first_page import leading, leading_arch, site_levels
+from archfrag.report.html import digits, percentages
 from archfrag.report.inputs import arch_results
-from archfrag.report.page import render, write_report
+from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk import risk_parts
 from archfrag.study.answer.risk import risk_of
 from tests.report import synthetic
@@ -128,11 +129,14 @@ class TestAnswer:
         chance = given.classes["both"].curve.probability(0.35 * GRAVITY)
         heads, rows = table(page, "Answer for each arch")
         assert heads[:2] == ["arch", "P(collapse) at 0.350 g"]
-        assert [row[0] for row in rows] == ["both, 2 arches", "thin", "thick"]
-        assert rows[0][1].startswith(f"{chance:.2f} (")
+        assert [row[0] for row in rows] == ["thin", "thick"]
         answer = given.answers["thin"]
+        of_thin = percentages([answer.probability(0.35 * GRAVITY)[0]])
+        assert rows[0][1].startswith(f"{of_thin} (")
+        assert f"with probability {percentages([chance])} (" in text(section(page, "first"))
         fit = answer.likelihood
-        assert rows[1][-1] == f"{fit.theta / GRAVITY:#.3g}, {fit.beta:.2f}"
+        ending = f"Dashed: θ {fit.theta / GRAVITY:#.3g} g, β {fit.beta:.3f}."
+        assert ending in text(section(page, "members"))
         assert f"pointwise band, {answer.method}. {answer.assumptions}" in text(page)
         assert table(page, "Limit states of thin")[1] == [
             ["motion", "a joint opens", "0.102", "0.400"],
@@ -140,6 +144,7 @@ class TestAnswer:
         ]
         rows = table(page, "Intensity measures for thick")[1]
         assert rows[0] == ["PGV (best)", "0.300", "–", "0.500", "0.300", "m/s"]
+        assert rows[1] == ["PGA (of the study)", "0.420", "–", "0.500", "4.00", "m/s²"]
         assert rows[2] == ["Arias", "–", "–", "0.500", "–", "m/s"]
 
     def test_summary_for_programs(self, full):
@@ -169,9 +174,11 @@ class TestFirstPage:
         start = "Half of the ground motions make the arch collapse at PGA"
         start += f" {scale.text(answer.curve.theta)}"
         assert self.lead(study) == f"{start} (90 %: {low} to {high} g)."
-        value, low, high = map(percentage, answer.probability(0.35 * GRAVITY))
-        start = f"Under PGA 0.350 g, the arch collapses with probability {value}"
-        assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {low} to {high})."
+        value, *band = answer.probability(0.35 * GRAVITY)
+        start = f"Under PGA 0.350 g, the arch collapses with probability {percentages([value])}"
+        assert self.lead(replace(study, at=0.35)) == f"{start} (90 %: {percentages(band)})."
+        assert percentages([0.02, 0.2149]) == "2.0 to 21 %"
+        assert [percentages(2 * [p]) for p in (1e-4, 0.9999)] == ["< 0.1 %", "> 99.9 %"]
 
     def test_says_what_the_475_year_motion_of_the_site_does(self, study):
         fit = study.answers["ring"].curve
@@ -184,13 +191,27 @@ class TestFirstPage:
         assert words.startswith(
             f"Under the 475-year motion of the site, PGA {at / GRAVITY:#.3g} g, "
         )
-        assert percentage(fit.probability(at)) in words
+        assert percentages([fit.probability(at)]) in words
         years = given.risk.arches["ring"].rate.return_period
         assert f"return period of {float(f'{years:.2g}'):,.0f} years" in words
 
-    def test_leads_with_the_weakest_arch_or_the_only_class(self, full):
-        given, _, _ = full
+    def test_leads_with_the_weakest_arch_or_class(self, full):
+        given, page, _ = full
         assert leading(given)[0] == "both"
+        words = text(section(page, "first"))
+        assert "an arch drawn from class both (2 arches) collapses with" in words
+        assert "Drawn: th" in words
+        assert "Line: lognormal curve of class both." in words
+        alone = given.cube.assign(arch_class=("arch", ["both", "thick"]))
+        weaker = replace(given, cube=alone, answers={
+            "thin": synthetic.answer_of(9.0), "thick": synthetic.answer_of(4.0)})  # fmt: skip
+        assert "thick, the weakest of 2 classes and arches," in self.lead(weaker)
+        # The arch that is drawn is of the class that leads, though one of the other is nearer.
+        other = given.cube.assign(arch_class=("arch", ["thick-ones", "both"]))
+        two = {"both": synthetic.answer_of(4.1), "thick-ones": synthetic.answer_of(9.0)}
+        answers = {"thin": synthetic.answer_of(4.1), "thick": synthetic.answer_of(9.0)}
+        drawn = leading_arch(replace(given, cube=other, classes=two, answers=answers))
+        assert given.arches[drawn][0] == "thick"
         several = replace(given, classes={})
         weakest = min(several.answers, key=lambda name: several.answers[name].curve.theta)
         assert leading(several)[0] == weakest
@@ -215,8 +236,10 @@ def test_risk(drawn):
     _, rows = table(page, "Rates of collapse")
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{whole.arches['ring'].rate.rate:.2g}"
-    _, rows = table(page, "Contributions to the rate of collapse of ring")
-    assert sum(float(row[1]) for row in rows) == pytest.approx(1.0, abs=0.02)
+    (figure,) = page.xpath('//svg[starts-with(@aria-label, "Rate of collapse of ring by")]')[-1:]
+    parts = [float(part) for part in re.findall(r" (\d+) %", figure.text_content())]
+    assert len(parts) > 1
+    assert sum(parts) == pytest.approx(100.0, abs=3.0)
     row = table(bound, "Rates of collapse")[1][0]
     assert (row[1][:9], row[2], row[3], row[4][:8]) == ("at least ", "–", "–", "at most ")
 
@@ -232,6 +255,60 @@ def test_cautions_stand_where_they_belong(study):
     (records,) = section(page, "motions").xpath('./p[@class="caution"]')
     first, second = (study.motions[i].id for i in (1, 4))
     assert text(records).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
+
+
+class TestClass:
+    def test_one_chapter_and_members_folded_in_the_appendix(self, full):
+        _, page, _ = full
+        assert [text(h) for h in page.xpath("//h2")] == [
+            "Class both", "Ground motions", "Provenance", "Appendix: arches of classes",
+            "Terms and limits",
+        ]  # fmt: skip
+        folded = section(page, "members").xpath("./details")
+        assert [text(each.find("summary")) for each in folded] == ["Answers", "thin", "thick"]
+        assert all("open" not in each.attrib for each in folded)
+        assert not page.xpath('//header//table[@aria-label="Answer for each arch"]')
+
+    def test_figure_of_its_own(self, full):
+        given, _, _ = full
+        _, figures = render(given)
+        assert set(figures) == {"curve-both.svg", "curve-thin.svg", "curve-thick.svg"}
+        assert "arches of the class" in figures["curve-both.svg"].file
+
+    def test_cautions_alike_are_said_once(self, full):
+        given, _, _ = full
+        words = [f"{name}: {count} of 30 records stand" for name, count in
+                 (("thin", 8), ("thick", 12))]  # fmt: skip
+        page = read(replace(given, cautions=[*words, "thick: no run collapsed"]))
+        assert [text(each) for each in page.xpath('//header/p[@class="caution"]')] == [
+            "Caution: 2 arches, such as thin: 8 of 30 records stand.",
+            "Caution: thick: no run collapsed.",
+        ]
+
+
+def test_target_of_the_records_stands_beside_their_spectra(study, drawn):
+    """The target with 16 and 84 %, records with the factors that they were selected with."""
+    factors = {motion.id: 2.0 + i for i, motion in enumerate(study.motions)}
+    periods = np.array([0.01, 0.1, 1.0, 10.0])  # the outer ones are not in the figure
+    target = np.array([periods, [0.2, 0.5, 0.3, 0.1], [0.5, 0.5, 0.4, 0.3]])
+    reversed_too = [replace(m, id=f"{m.id}-rev") for m in study.motions[:1]]
+    motions = [*reversed_too, *study.motions[1:]]
+    given = replace(study, motions=motions, target=(target, factors))
+    picture = _scaled_spectra(given)
+    assert "with which it was selected for the target" in picture.caption
+    sheet = drawn[-1]
+    (panel,) = sheet.panels
+    lines = re.findall(r'<path d="M([^"]+)"[^>]*stroke="#D55E00"', "".join(sheet.parts))[1:]
+    for line, sa in zip(lines, target[1] * np.exp(np.outer([0.0, 1.0, -1.0], target[2]))):
+        points = np.array(re.findall(r"-?[\d.]+", line), dtype=float).reshape(-1, 2)
+        ends = np.column_stack([panel.at_x(periods[1:3]), panel.at_y(sa[1:3])])
+        np.testing.assert_allclose(points, ends, atol=0.11)
+    assert len(lines) == 3
+    grey = re.findall(r'<path d="M([\d.]+) ([\d.]+)[^"]*"[^>]*stroke="#7b8794"',
+                      "".join(sheet.parts))[1:]  # fmt: skip
+    first = [spectral_acceleration(m, [0.03])[0] * f / GRAVITY
+             for m, f in zip(study.motions, factors.values())]  # fmt: skip
+    np.testing.assert_allclose([float(y) for _, y in grey], panel.at_y(first), atol=0.11)
 
 
 class TestOffline:

@@ -15,6 +15,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.report.inputs import report_inputs, summary
 from archfrag.report.page import render
 from archfrag.study.file.schema import RiskKeys
+from archfrag.study.steps import products
 from tests.study.small import command, made, small_study
 
 TEXT = Path(__file__).with_name("classes.yaml").read_text()
@@ -115,6 +116,8 @@ class TestOneCurve:
         inputs = report_inputs(classes.study.model_copy(update={"risk": risk}))
         page = lxml.html.document_fromstring(render(inputs)[0])
         rows = page.xpath('//table[@aria-label="Rates of collapse"]/tbody/tr/th')
+        figures = {path.name for path in products(classes.study, "report")}
+        assert {f"curve-{name}.svg" for name in (*self.NAMES, *self.SLABS)} <= figures
         names = ["slab, 4 arches", "fleet, 2 arches", "alone"]
         assert [row.text for row in rows] == names
         slab = summary(inputs)["classes"][0]

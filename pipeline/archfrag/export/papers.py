@@ -27,7 +27,7 @@ report.html      the report; open it in a browser
 curve.csv        fragility curves: probability of collapse over intensity, with its band
 capacities.csv   bracket of each record's capacity (0, empty: no such end), its geometric mean
 runs.csv         one row a run: verdict, mechanism, largest motions; empty: does not apply
-curve-ARCH.svg   the curves as figures; curves.svg if there are many
+curve-ARCH.svg   the curves of arches and classes as figures; curves.svg if there are many
 figures/         figures as PDF and PNG, made by `archfrag figures`
 converge.csv     curves by number of voussoirs, made by `archfrag converge` from converge/
 summary.json     results of the report as data

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import read_text, unquoted, write_csv
+from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.target import Array, Target, spectrum_target
@@ -165,7 +166,8 @@ class Selection:
 
         A study does not apply the column ``scale``, the factor for the target: it scales each
         record to its own levels, by the same factor if a level is Sa(T*) of a conditional
-        spectrum. `folder` is what the column ``file`` of the flatfile is relative to.
+        spectrum. `folder` is what the column ``file`` of the flatfile is relative to. The target
+        is written beside the index (`target_file`), for the report of the study.
         """
         place = Path(os.path.realpath(path))
         if "file" not in self.table:
@@ -180,6 +182,27 @@ class Selection:
             kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
+        shown = {"period_s": self.target.periods, "Sa_g": self.target.median, "sd": self.target.sd}
+        write_csv(target_file(place), [pd.DataFrame(shown)], float_format="%.6g")
+
+
+def target_file(index: str | Path) -> Path:
+    """Where the target of an index of selected records stands: NAME.target.csv."""
+    return Path(index).with_suffix(".target.csv")
+
+
+def target_of_index(index: str | Path | None) -> tuple[Array, dict[str, float]] | None:
+    """Target that the records of an index were selected for; None if none stands beside it.
+
+    Returned are periods [s], median [g] and standard deviation of ln Sa, (3, n_period), and the
+    factor to the target by record.
+    """
+    if index is None or not (path := target_file(index)).is_file():
+        return None
+    rows = read_table(path, "the target")
+    target = [numbers(rows, name, str(path)) for name in ("period_s", "Sa_g", "sd")]
+    factors = {row.id: float(row.metadata.get("scale") or np.nan) for row in load_index(index)}
+    return np.array(target), factors
 
 
 def select_records(

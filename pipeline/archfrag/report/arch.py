@@ -28,8 +28,10 @@ _MOST_FRAMES = 40
 _MOST_TRANSFORMS = 2400  # voussoirs by frames: about 50 bytes each
 _CANDIDATES = 600
 _HOLD = 1.5  # [s] that the last frame stays
+_SMALL = 0.1  # largest rotation [rad] of a motion that is drawn three times as large
 _STRIP = 46.0  # [px] of the ground's acceleration
 Chosen = tuple[int, int, str]  # record, level, and why this run
+Film = tuple[Picture, Picture]  # in motion, and still frames
 Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
 
@@ -69,12 +71,11 @@ def _at_onset(
     middle = panel.box[0] + reach
     if sign:
         _, hinges, sliding = onset.mechanism("+x" if sign > 0 else "-x")
-        moving = onset.thrust_plus if sign > 0 else onset.thrust_minus
-        x, y = np.transpose(np.asarray(onset.thrust))
-        panel.line(x, y, look.SOFT, 1.1, "4 2.5")
-        if moving is not None:
-            x, y = moving.T
-            panel.line(x, y, look.VERMILION, 1.5)
+        thrusts = onset.thrust_line(), onset.thrust_line("+x" if sign > 0 else "-x")
+        strokes = (look.SOFT, 1.1, "4 2.5"), (look.VERMILION, 1.5)
+        for thrust, stroke in zip(thrusts, strokes):
+            if thrust is not None:
+                panel.line(*thrust.T, *stroke)
         for joint in sliding:
             x, y = np.transpose([arch.intrados[joint], arch.extrados[joint]])
             panel.line(x, y, look.ORANGE, 4.0)
@@ -86,7 +87,7 @@ def _at_onset(
         tip = f"M{middle + half + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z"
         sheet.path(tip, fill=look.INK)
     for joint in range(0, arch.n_joint, -(-arch.n_joint // 15)):
-        _beside_joint(panel, arch, joint, arch.extrados[joint], 11.0, str(joint), "s m q")
+        _label_joint(panel, arch, joint, 11.0, str(joint), "s q")
     sheet.height = max(sheet.height, ground + 24.0)
 
 
@@ -106,14 +107,13 @@ def arch_panel(
     return panel
 
 
-def _beside_joint(
-    panel: Panel, arch: Arch, joint: int, place: FloatArray, away: float, words: str, kind: str
-) -> None:
-    """Write words outward of a place of a joint, so many pixels away."""
-    outward = arch.extrados[joint] - arch.intrados[joint]
+def _label_joint(panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str) -> None:
+    """Write words outward of the extrados of a joint, so many pixels away."""
+    place, outward = arch.extrados[joint], arch.extrados[joint] - arch.intrados[joint]
     right, up = away * outward / np.linalg.norm(outward)
     x, y = float(panel.at_x(place[0])), float(panel.at_y(place[1]))
-    panel.sheet.text(x + right, y - up + 3.5, words, kind)
+    side = "m" if abs(right) < 0.3 * away else "e" if right < 0.0 else ""
+    panel.sheet.text(x + right, y - up + 3.5, words, f"{kind} {side}".rstrip())
 
 
 def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
@@ -130,15 +130,19 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
     joints, counts = np.unique(joint_of, return_counts=True)
     if not joints.size:
         return None
-    most = min(sheet.width, 480.0) - 70.0, 240.0
+    most = min(sheet.width, 480.0) - 110.0, 240.0
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
-    for joint, count in zip(joints, counts):
-        place = 0.5 * (arch.intrados[joint] + arch.extrados[joint])
-        radius = float(2.0 + 8.0 * np.sqrt(count / counts.max()))
-        x, y = place[:, None]
+    named = list[FloatArray]()  # where
+    for i in np.argsort(-counts, kind="stable"):
+        joint, part = int(joints[i]), counts[i] / counts.sum()
+        x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
+        radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
         panel.dots(x, y, look.VERMILION, "hinge", radius)
-        words = f"{100 * count / counts.sum():.0f} %"
-        _beside_joint(panel, arch, joint, place, 24.0, words, "s m")
+        here, room = np.concatenate([panel.at_x(x), panel.at_y(y)]), (28.0, 11.0)
+        if all((np.abs(here - other) > room).any() for other in named):
+            named.append(here)
+            words = f"{100 * part:.0f} %"
+            _label_joint(panel, arch, joint, 14.0, words, "s")
     sheet.height = panel.box[3] + 14.0
     return f"Joints of {results.arch} that lost contact for good, by how often"
 
@@ -243,13 +247,15 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     return kept
 
 
-def film(example: Example, name: str, title: str) -> tuple[Picture, Picture] | None:
-    """A run in motion, and four frames of it side by side; None if nothing moves."""
+def film(example: Example, name: str, title: str, enlarged: bool = False) -> Film | None:
+    """A run in motion, if small maybe `enlarged`, and four frames of it; None if nothing moves."""
     frames = key_frames(example)
     if frames is None:
         return None
     arch, (time, place, rotation) = example.arch, frames
     points, centroid = np.concatenate(arch.outlines), np.asarray(arch.chain.centroid, dtype=float)
+    larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
+    place, rotation = centroid + larger * (place - centroid), larger * rotation
     low, high = points.min(axis=0), points.max(axis=0)
     size, seen = float((high - low).max()), place.reshape(-1, 2)
     low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.06 * size
@@ -264,6 +270,9 @@ def film(example: Example, name: str, title: str) -> tuple[Picture, Picture] | N
     moves = np.dstack([pixels(place, origin), -np.rad2deg(rotation)])
     duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
     stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
+    if not example.response.collapsed:
+        parts = np.array_split(np.arange(time.size), min(4, time.size))
+        stills = [int(part[reach[part].argmax()]) for part in parts]
     what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
     # The acceleration of the ground stands below.
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
@@ -279,7 +288,8 @@ def film(example: Example, name: str, title: str) -> tuple[Picture, Picture] | N
         "percent": (100.0 * (time - time[0]) / duration).tolist(), "duration": duration,
         "time": time, "stills": stills, "ground": Markup("".join(sheet.parts)),
     }  # fmt: skip
-    facts = {"what": what, "reason": example.reason, "frames": time.size}
+    shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
+    facts = {"what": what, "reason": example.reason, "frames": time.size, "size": shown}
     caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
     strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
     return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)

@@ -19,13 +19,15 @@ MOST_THIN = 60  # curves of arches that are drawn for their class
 _MOST_BARS, _MOST_PANELS = 10, 9  # numbers by which the arches of a class differ
 _SHADED = 6  # curves that are drawn with their bands
 _BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
-_DAMAGE = ("#fdca26", "#fb9f3a", "#ed7953", "#d8576b", "#bd3786", "#9c179e")  # light to severe
+_DAMAGE = ("#f9a58a", "#f4795b", "#e34a33", "#c4281c", "#96120f", "#67000d")  # light to severe
+_SAME = 0.01  # difference of probabilities that nobody sees
 
 
-def _panel(
+def curve_panel(
     sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
     words: str = "probability of collapse",
 ) -> Panel:  # fmt: skip
+    """Axes of a figure of curves, below its legend."""
     height = 250.0 if sheet.narrow else 300.0
     panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
     panel.axis_y(look.even_ticks(0.0, 1.0), words)
@@ -96,12 +98,13 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
         caption += _band_words(answer)
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
-    if isinstance(answer.likelihood, Fragility):
+    if isinstance(most := answer.likelihood, Fragility):
         entries.append(likeliest)
+        caption += f" Dashed: θ {scale.text(most.theta)}, β {most.beta:.3f}."
     if isotonic:
         entries.append(Entry("isotonic", look.GREY, "line"))
         caption += texts["isotonic"]
-    panel = _panel(sheet, entries, reach, scale.label)
+    panel = curve_panel(sheet, entries, reach, scale.label)
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
     draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
     if isotonic:
@@ -109,10 +112,7 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         panel.line(im, isotonic["probability"], look.GREY, 0.9)
     if isinstance(fit, Fragility) and (median := fit.theta * scale.factor) <= reach:
         panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-        x, words = float(panel.at_x(median)), f"θ = {scale.text(fit.theta)}"
-        fits = x + look.text_width(words, look.SMALL) + 8.0 < panel.box[2]
-        shift, kind = (4.0, "s") if fits else (-4.0, "s e")
-        sheet.text(x + shift, panel.box[3] - 6.0, words, kind)
+        panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(fit.theta)}", "s")
     if reach > 1.05 * highest:
         panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
         caption += texts["extrapolated"]
@@ -138,12 +138,12 @@ def all_curves(
     sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Answer],
     classes: Mapping[str, Answer],
 ) -> tuple[str, str] | None:  # fmt: skip
-    """Curves of some arches and classes in one figure; None if there are fewer than two.
+    """Curves of some arches and classes in one figure; None if they are fewer than two.
 
     Curves with names lie over thin ones of one colour each.
     """
     known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
-    if len(known) + len(named) < 2:
+    if len(answers) + len(classes) < 2:
         return None
     scale, at, reach = inputs.scale, inputs.at, 1.05 * inputs.highest
     single = {k: fit for k, fit in known.items() if of_class.get(k) not in classes}
@@ -155,7 +155,7 @@ def all_curves(
         thin.append((look.GREY, _thinned(single.values())))
     strokes = [_stroke(name, i) for i, name in enumerate(named)]
     key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
-    panel = _panel(sheet, key, reach, scale.label)
+    panel = curve_panel(sheet, key, reach, scale.label)
     if at is not None and 0.0 < at < reach:
         panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
     im = np.linspace(0.0, reach, 34)
@@ -184,10 +184,20 @@ def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) 
     ]
     if not curves:
         return None
-    scale, key = inputs.scale, [own for own, _ in curves]
-    panel = _panel(sheet, key, 1.05 * inputs.highest, scale.label, "probability of reaching it")
+    scale, reach = inputs.scale, 1.05 * inputs.highest
+    panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
+    im, seen = np.linspace(0.0, reach, 400), list[tuple[str, FloatArray]]()
     for own, fit in curves:
         draw_curve(panel, fit, scale, own)
+        words, chance = own.label, fit.probability(im / scale.factor)
+        if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
+            words = f"{seen.pop()[0]}, {words}"
+        seen.append((words, chance))
+    # Above the curves is room on the left, below them on the right.
+    for part, (words, chance) in zip(np.linspace(0.85, 0.2, len(seen)), seen):
+        i = int(np.searchsorted(chance, part * chance[-1]))
+        panel.dots(im[[i]], chance[[i]], look.INK, radius=2.4)
+        panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
     medians = _medians({own.label: fit for own, fit in curves}, scale)
     return f"Curves of limit states of {name} against {scale.label}. {medians}"
 
@@ -200,7 +210,7 @@ def two_studies(
     (first, _), (second, _) = sides
     scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
     strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
-    panel = _panel(sheet, strokes, reach, scale.label)
+    panel = curve_panel(sheet, strokes, reach, scale.label)
     for own, (_, answer) in zip(strokes, sides):
         draw_curve(panel, answer, scale, own)
     for own, (results, _), mark in zip(strokes, sides, ("dot", "ring")):

@@ -28,6 +28,7 @@ BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE = "#D55E00", "#CC79A7"
 INK, SOFT, GREY, PALE = "#1f2933", "#52606d", "#7b8794", "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 HATCHES = ("slash", "dots", "cross")  # white patterns over a colour, drawn by the page's template
 
 
@@ -216,7 +217,7 @@ class Panel:
             self.sheet.path("".join(lines), kind="gr")
         marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
         self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
-        for x, label in zip(places, labels or [f"{x:g}" for x in np.atleast_1d(ticks)]):
+        for x, label in zip(places, labels or map(tick_label, np.atleast_1d(ticks))):
             half = 0.5 * text_width(label, SMALL)
             if x - half >= end + 5.0:
                 self.sheet.text(x, bottom + 14.0, label, "s m")
@@ -231,12 +232,18 @@ class Panel:
         lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
         self.sheet.path("".join(lines), kind="gr")
         self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
-        for y, tick in zip(places, np.atleast_1d(ticks)):
+        for y, label in zip(places, map(tick_label, np.atleast_1d(ticks))):
             if y <= end - 11.0:
-                self.sheet.text(left - 5.0, y + 3.5, f"{tick:g}", "s e")
-                widest, end = max(widest, text_width(f"{tick:g}", SMALL)), y
+                self.sheet.text(left - 5.0, y + 3.5, label, "s e")
+                widest, end = max(widest, text_width(label, SMALL)), y
         if title:
             self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
+
+    def label(self, x: float, y: float, words: str, kind: str = "", left: bool = False) -> None:
+        """Write words at y [px], right or `left` of x, or on the other side where they must."""
+        place, need = float(self.at_x(x)), text_width(words) + 7.0
+        left = place - need > self.box[0] if left else place + need > self.box[2]
+        self.sheet.text(place + (-6.0 if left else 6.0), y, words, f"{kind} h{' e' * left}")
 
     def heading(self, words: str) -> None:
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
@@ -250,6 +257,13 @@ def panel_below(
     top = sheet.legend(left, 0.0, entries) + 6.0
     sheet.height = top + height + BELOW
     return Panel(sheet, (left, top, sheet.width - 10.0, top + height), x, y, log, log)
+
+
+def tick_label(value: float) -> str:
+    """A number as :g writes it, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
+    number, _, power = f"{value:g}".partition("e")
+    raised = f"·10{str(int(power)).translate(_RAISED)}" if power else ""
+    return f"{number}{raised}".removeprefix("1·")
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:

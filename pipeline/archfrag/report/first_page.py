@@ -13,11 +13,12 @@ from archfrag.fragility.quoted import Answer
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.arch import Example, arch_panel, draw_hinges, film
-from archfrag.report.curves import draw_curve
+from archfrag.report.curves import curve_panel, draw_curve
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import Picture
 from archfrag.report.inputs import ReportInputs, thetas
 from archfrag.simulate import Onset
+from archfrag.study.answer.curves import arch_classes, quoted
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _HALF = 560.0  # width of the curve [px]
@@ -25,11 +26,10 @@ _MOST = 270.0, 180.0  # width and height of the arch [px]
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Answer]:
-    """The answer that stands first: of the only class or arch, else of the weakest by median."""
-    if len(inputs.classes) == 1:
-        return next(iter(inputs.classes.items()))
-    theta = thetas(inputs.answers.values())
-    return list(inputs.answers.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
+    """The answer that stands first: of classes and of arches of none the weakest by median."""
+    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
+    theta = thetas(answers.values())
+    return list(answers.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -41,21 +41,23 @@ def leading_arch(inputs: ReportInputs) -> int:
     if name in names or isinstance(answer.curve, str):
         return names.index(name) if name in names else 0
     away = np.abs(np.log(thetas(inputs.answers[each] for each in names) / answer.curve.theta))
-    return int(np.where(np.isnan(away), np.inf, away).argmin())
+    of_class = arch_classes(inputs.cube)
+    other = np.array([of_class[each] != name for each in names])
+    return int(np.where(np.isnan(away) | other, np.inf, away).argmin())
 
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     """The page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
     name, arch, onset = inputs.arches[leading_arch(inputs)]
     what = "collapse" if example is not None and example.response.collapsed else "near miss"
-    moving = None if example is None else film(example, "first", f"A {what}")
+    moving = None if example is None else film(example, "first", f"A {what}", what == "near miss")
     heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     heading += [date, f"archfrag {archfrag.__version__}"]
     return html.template(
         "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
-        arch=_arch(arch, onset, name), curve=_curve(inputs), film=moving, what=what,
-        facts=_facts(inputs),
+        arch=_arch(arch, onset, name, bool(inputs.classes)), curve=_curve(inputs), film=moving,
+        what=what, facts=_facts(inputs), run=example,
     )  # fmt: skip
 
 
@@ -76,10 +78,8 @@ def _sentence(inputs: ReportInputs) -> Markup:
     scale, fit, levels = inputs.scale, answer.curve, site_levels(inputs)
     if isinstance(fit, str):
         return html.paragraph(f"There is no fragility curve: {fit}.", "lead")
-    count = len(inputs.answers)
-    whose = f"{name}, the weakest of {count} arches," if count > 1 else "the arch"
-    whose = f"an arch like {name}" if name in inputs.classes else whose
     form = Markup('<p class="lead">{} <strong>{}</strong> {}</p>')
+    whose = _whose(inputs, name)
     if inputs.at is None and not levels:
         low, high = map(scale.digits, answer.theta)
         start = f"Half of the ground motions make {whose} collapse at"
@@ -88,16 +88,27 @@ def _sentence(inputs: ReportInputs) -> Markup:
     word, at = next(iter(levels.items()), ("", 0.0))
     site = f"the {word} motion of the site, " if inputs.at is None else ""
     at = at if inputs.at is None else inputs.at / scale.factor
-    value, low, high = map(html.percentage, answer.probability(at))
+    value, *band = answer.probability(at)
     start = f"Under {site}{scale.measure} {scale.text(at)}, {whose} collapses with probability"
-    end = f"({inputs.percent}: {low} to {high})."
+    end = f"({inputs.percent}: {html.percentages(band)})."
     risk = None if isinstance(inputs.risk, str | None) else inputs.risk.arches.get(name)
     if not isinstance(risk, str | None) and not risk.rate.is_bound and risk.rate.quoted > 0.0:
         rates = risk.rate.quoted, risk.rate.upper, risk.rate.lower
         period, *ends = (f"{float(f'{1.0 / each:.2g}'):,.0f}" for each in rates if each > 0.0)
         found = f" ({inputs.percent}: {' to '.join(ends)})" if risk.rate.lower > 0.0 else ""
         end += f" Collapse has a return period of {period} years{found}."
-    return form.format(start, value, end)
+    return form.format(start, html.percentages([value]), end)
+
+
+def _whose(inputs: ReportInputs, name: str) -> str:
+    """The arch or the class of an answer, in a sentence."""
+    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
+    whose = name if len(answers) > 1 else "the arch"
+    if name in inputs.classes:
+        count = list(arch_classes(inputs.cube).values()).count(name)
+        whose = f"an arch drawn from class {name} ({count} arches)"
+    kinds = "classes and arches" if inputs.classes else "arches"
+    return whose + f", the weakest of {len(answers)} {kinds}," * (len(answers) > 1)
 
 
 def _facts(inputs: ReportInputs) -> str:
@@ -108,22 +119,25 @@ def _facts(inputs: ReportInputs) -> str:
     words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
     words += f", {(verdict == Verdict.COLLAPSED).sum():,} collapses."
     answer = leading(inputs)[1]
-    if len(inputs.answers) == 1 and answer.n_independent and not isinstance(answer.curve, str):
+    alone = len(quoted(cube, inputs.answers, inputs.classes)) == 1
+    if alone and answer.n_independent and not isinstance(answer.curve, str):
         interval = f"{inputs.percent}: {html.interval(answer.beta)}"
         words += f" Dispersion β {answer.curve.beta:.2f} ({interval})."
     return words
 
 
-def _arch(arch: Arch, onset: Onset, name: str) -> Picture:
-    """The arch to scale with its dimensions, and with the hinges with which it begins to move."""
+def _arch(arch: Arch, onset: Onset, name: str, named: bool) -> Picture:
+    """The arch to scale with its dimensions and hinges at onset; `named` in the caption or not."""
     sheet = Sheet(look.NARROW)
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, _MOST)
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
+    caption = f"Drawn: {name}. " * named
     if not onset.stands:
-        return Picture(sheet.svg(f"{name}: {words}"), "It does not stand under its own weight.")
+        caption += "It does not stand under its own weight."
+        return Picture(sheet.svg(f"{name}: {words}"), caption)
     draw_hinges(panel, arch, onset.hinges)
-    caption = f"Motion begins at {html.onset_text(onset.plus)} of ground acceleration"
+    caption += f"Motion begins at {html.onset_text(onset.plus)} of ground acceleration"
     caption += " with these hinges." if len(onset.hinges) else "."
     return Picture(sheet.svg(f"{name} to scale: {words}"), caption)
 
@@ -172,25 +186,24 @@ def _measure(
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     """The curve with its band, theta on the axis, and the levels of the site or of the reader."""
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
+    name = f"class {name}" if name in inputs.classes else name
     words = f"Probability of collapse of {name} against {scale.label}"
     caption = f"Line: lognormal curve of {name}. Shaded: {inputs.percent} band."
-    height = 210.0 if sheet.narrow else 280.0
-    panel = look.panel_below(sheet, [], height, (0.0, reach), (0.0, 1.0))
-    panel.axis_y(look.even_ticks(0.0, 1.0, 5), "probability of collapse")
-    panel.axis_x(look.even_ticks(0.0, reach, 6), scale.label, grid=True)
+    panel = curve_panel(sheet, [], reach, scale.label)
     if isinstance(fit := answer.curve, str):
         return words, caption
     marked = {word: scale.factor * level for word, level in site_levels(inputs).items()}
     marked |= {} if inputs.at is None else {"asked for": inputs.at}
-    for row, (word, level) in enumerate(marked.items()):
-        if level < reach:
-            panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
-            place = float(panel.at_x(level)) + 4.0
-            sheet.text(place, panel.box[1] + 12.0 + 14.0 * row, word, "b")
+    marked = {word: level for word, level in marked.items() if level < reach}
+    for level in marked.values():
+        panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
     draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"), 2.4)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)
     if theta < reach:
-        panel.line([0.0, theta, theta], [0.5, 0.5, 0.0], look.INK, 0.9, "4 3")
-        panel.dots([theta], [0.5], look.BLUE, "hinge", 4.5)
-        sheet.text(float(panel.at_x(theta)) + 5.0, panel.box[3] - 7.0, f"θ = {median}", "b")
+        half = float(fit.probability(fit.theta))  # of a class not quite 0.5
+        panel.line([0.0, theta, theta], [half, half, 0.0], look.INK, 0.9, "4 3")
+        panel.dots([theta], [half], look.BLUE, "hinge", 4.5)
+        panel.label(theta, panel.box[3] - 7.0, f"θ = {median}", "b")
+    for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
+        panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
     return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption

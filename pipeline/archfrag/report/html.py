@@ -126,18 +126,14 @@ def interval(ends: Sequence[float], form: str = ".2f") -> str:
     return f"{ends[0]:{form}} to {ends[1]:{form}}" if np.isfinite(ends[0]) else "–"
 
 
-def chance(value: float) -> str:
-    """A probability with two digits, three where it is small or large."""
-    if not 0.001 <= value <= 0.999:
-        return "< 0.001" if value < 0.001 else "> 0.999"
-    return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
-
-
-def percentage(value: float) -> str:
-    """A probability in percent with two digits."""
-    if not 0.0005 <= value <= 0.9995:
-        return "< 0.1 %" if value < 0.0005 else "> 99.9 %"
-    return f"{100.0 * value:.{3 if value > 0.99 else 2}g} %"
+def percentages(values: Sequence[float]) -> str:
+    """Probabilities in percent with two digits, each written once: 7.7 %, 2.0 to 21 %."""
+    shown = []
+    for value in values:
+        text = f"{100.0 * value:#.{3 if value > 0.99 else 2}g}".removesuffix(".")
+        text = "> 99.9" if value > 0.9995 else text
+        shown.append("< 0.1" if value < 0.0005 else text)
+    return f"{' to '.join(dict.fromkeys(shown))} %"
 
 
 def median_and_largest(values: NDArray[np.float64]) -> str:

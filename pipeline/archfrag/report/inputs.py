@@ -20,6 +20,7 @@ from archfrag.fragility.quoted import Answer
 from archfrag.hazard import load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
+from archfrag.motions.selection import target_of_index
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
@@ -80,6 +81,8 @@ class ReportInputs:
     compared: tuple[xr.Dataset, Mapping[str, Answer]] | None = None
     at: float | None = None  #: level at which the probability is asked for, in the study's unit
     risk: StudyRisk | str | None = None  #: or why there are no rates
+    #: Of `target_of_index`.
+    target: tuple[FloatArray, Mapping[str, float]] | None = None
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -159,6 +162,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
         risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
+        target=target_of_index(study.motions.index),
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
         | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from archfrag.errors import InputError, attempt
 from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.motions.measures import measure, spectral_acceleration
+from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
 from archfrag.report import drawing as look
@@ -28,7 +29,7 @@ from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.risk import risk_parts
-from archfrag.report.sections import arch_parts, card, cautions_of, class_parts
+from archfrag.report.sections import arch_parts, card, class_parts
 from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
@@ -45,8 +46,8 @@ _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of a
 def write_report(inputs: ReportInputs, out: Path) -> Path:
     """Write the report `out`, or raise OutputError.
 
-    Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` of many
-    arches), and the tables of `archfrag.export.papers`.
+    Beside it are its numbers ``summary.json``, its curves as SVG files (``curves.svg`` in the
+    place of those of many arches), and the tables of `archfrag.export.papers`.
     """
     text, figures = render(inputs)
     for name, shown in figures.items():
@@ -65,20 +66,32 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     every = curves.all_curves(inputs, answers, classes)
     results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
     examples = [typical_run(inputs, own, i) for i, own in enumerate(results)]
-    leads = leading_arch(inputs)
+    leads, of_class = leading_arch(inputs), arch_classes(cube)
+    listed = quoted(cube, answers, classes)
+    members = {name: answer for name, answer in answers.items() if name not in listed}
     sections: list[tuple[str, str, Iterable[Any]]] = []
     if inputs.risk is not None:
         parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
         sections.append(("risk", "Risk", parts))
-    if every is not None and len(quoted(cube, answers, classes)) > 1:
+    if len(listed) > 1:
         sections.append(("all", "All arches", [every]))
-    for i, name in enumerate(classes):
-        sections.append((f"class{i}", f"Class {name}", _parts(class_parts, inputs, name)))
     figures = {}
+    for i, name in enumerate(classes):
+        own = {each: answer for each, answer in members.items() if of_class[each] == name}
+        figures[f"curve-{name}.svg"] = curves.all_curves(inputs, own, {name: classes[name]})
+        parts = _parts(class_parts, inputs, name, figures[f"curve-{name}.svg"])
+        sections.append((f"class{i}", f"Class {name}", parts))
+    appendix = [html.folded("Answers", _answers(inputs, members))] if members else []
     for i, (name, _, _) in enumerate(inputs.arches):
         shown = arch_parts(inputs, results[i], i, examples[i], i < _MOST_ANIMATED, i == leads)
-        sections.append((f"arch{i}", name, list(shown)))
-        figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
+        if name in members:
+            appendix.append(html.folded(name, *filter(None, shown)))
+        else:
+            sections.append((f"arch{i}", name, list(shown)))
+        if len(answers) <= SHOWN:
+            figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
+    if len(answers) > SHOWN:
+        figures[ALL_CURVES] = every
     if inputs.compared is not None:
         title = f"Compared with study {inputs.compared[0].attrs['archfrag_study']}"
         sections.append(("compared", title, list(_compared(inputs, *inputs.compared))))
@@ -86,22 +99,33 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         ("motions", "Ground motions", _motion_parts(inputs)),
         ("provenance", "Provenance", _provenance(cube.attrs)),
     ]
-    named = [name for name, _, _ in inputs.arches]
-    of_none = [c for c in inputs.cautions if not any(cautions_of([c], name) for name in named)]
+    if members:
+        sections.append(("members", "Appendix: arches of classes", appendix))
+    loss = f"{100.0 * float(cube.attrs['loss_limit']):g} %"  # gap over joint length
+    known, terms = {"percent": inputs.percent, "loss_limit": loss}, TEXTS["glossary"].items()
     digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
     text = html.template(
         "report.html.j2", inputs=inputs, scale=inputs.scale, sections=sections,
         n_level=cube.sizes["level"], n_arch=len(answers),
         script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
         first=first_page(inputs, examples[leads]),
-        answers=_answers(inputs) if len(answers) > 1 else "",
-        cautions=html.cautions(of_none),
-        methods=dict.fromkeys(a.method for a in answers.values() if a.method),
-        loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",  # gap over joint length
+        answers=_answers(inputs, listed) if len(listed) > 1 else "",
+        cautions=html.cautions(_general(inputs, members)),
+        glossary=[(term.format(**known), words.format(**known)) for term, words in terms],
     )  # fmt: skip
-    if len(answers) > SHOWN:
-        figures = {ALL_CURVES: every} if every is not None else {}
     return text, figures
+
+
+def _general(inputs: ReportInputs, members: Mapping[str, Answer]) -> list[str]:
+    """Cautions that no section has; of those of arches that differ in numbers only the first."""
+    own = [name for name, _, _ in inputs.arches if name not in members]
+    alike: dict[str, list[str]] = {}
+    for each in inputs.cautions:
+        name, _, words = each.partition(": ")
+        if name not in own:
+            kind = re.sub(r"[\d.]+", "", words) if name in inputs.answers else each
+            alike.setdefault(kind, []).append(each)
+    return [f"{len(same)} arches, such as " * (len(same) > 1) + same[0] for same in alike.values()]
 
 
 def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
@@ -112,30 +136,24 @@ def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
     return made
 
 
-def _answers(inputs: ReportInputs) -> Markup:
+def _answers(inputs: ReportInputs, listed: Mapping[str, Answer]) -> Markup:
     scale, at, count = inputs.scale, inputs.at, Counter(arch_classes(inputs.cube).values())
     heads = ["arch", f"median capacity θ [{scale.unit}] ({inputs.percent})"]
-    heads += [f"dispersion β ({inputs.percent})", "θ, β by maximum likelihood"]
+    heads.append(f"dispersion β ({inputs.percent})")
     if at is not None:
         heads.insert(1, f"P(collapse) at {scale.text(at / scale.factor)}")
     rows = []
-    listed = quoted(inputs.cube, inputs.answers, inputs.classes) | dict(inputs.answers)
     for name, answer in listed.items():
-        fit, likeliest = answer.curve, answer.likelihood
         row = [f"{name}, {count[name]} arches" if name in inputs.classes else name]
         rows.append(row)
-        if isinstance(fit, str):
-            row += [*["–"] * (len(heads) - 4), "no curve", "–", "–"]
+        if isinstance(fit := answer.curve, str):
+            row += ["no curve", *["–"] * (len(heads) - 2)]
             continue
         if at is not None:
-            value, *ends = map(html.chance, answer.probability(at / scale.factor))
-            row.append(f"{value} ({' to '.join(dict.fromkeys(ends))})")
+            value, *ends = answer.probability(at / scale.factor)
+            row.append(f"{html.percentages([value])} ({html.percentages(ends)})")
         row.append(f"{scale.digits(fit.theta)} ({' to '.join(map(scale.digits, answer.theta))})")
         row.append(f"{fit.beta:.2f} ({html.interval(answer.beta)})")
-        most = "–"
-        if isinstance(likeliest, Fragility):
-            most = f"{scale.digits(likeliest.theta)}, {likeliest.beta:.2f}"
-        row.append(most)
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")
 
@@ -197,24 +215,33 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
             f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
             f'<path d="{outline}z" fill="{look.BLUE}"/></svg>'
             f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
-            f"<span>{motion.duration:.0f} s</span></div>"
+            f"<span>{measure(motion, 'PGA') / STANDARD_GRAVITY:.2f} g, {motion.duration:.0f} s"
+            "</span></div>"
         )
     label = f"Accelerograms of {len(shown)} of {len(motions)} ground motions"
     return Picture(
         f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
-        f"{label}: horizontal acceleration divided by its own PGA, entire duration.",
+        f"{label}: horizontal acceleration divided by its PGA, which is given with the duration.",
     )
 
 
 @figure
-def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -> tuple[str, str]:
-    """Spectra at 5 % damping, (n_record, n_period) [g], with their median and 16 to 84 %."""
+def spectra(
+    sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str,
+    target: FloatArray | None = None, marks: Sequence[float] = (),
+) -> tuple[str, str]:  # fmt: skip
+    """Spectra at 5 % damping, (n_record, n_period) [g], with their median and 16 to 84 %.
+
+    A `target` has rows of periods, median [g] and sd of ln Sa; `marks` are periods of the measure.
+    """
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
     floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
     entries = [
         Entry("records", look.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
         Entry("median", look.BLUE, "line"),
     ]  # fmt: skip
+    if target is not None:
+        entries.append(Entry("target: median, 16 and 84 %", look.VERMILION, "line"))
     x, y = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
     panel = look.panel_below(sheet, entries, 240.0, x, y, log=True)
     panel.axis_x(log_ticks(*x), "period [s]", grid=True)
@@ -224,10 +251,16 @@ def spectra(sheet: Sheet, periods: FloatArray, scaled: FloatArray, level: str) -
         panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
     panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
     panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
+    if target is not None:
+        at, middle, sd = target[:, (target[0] >= x[0]) & (target[0] <= x[1])]
+        for z, width, dash in ((0.0, 2.0, ""), (1.0, 1.2, "5 2.5"), (-1.0, 1.2, "5 2.5")):
+            panel.line(at, np.clip(middle * np.exp(z * sd), *y), look.VERMILION, width, dash)
+    for mark in marks:
+        panel.line([mark, mark], y, look.INK, 0.9, "2 2")
     return (
         f"Response spectra of {len(scaled)} records {level}",
         f"Pseudo-acceleration spectra at 5 % damping of {len(shown)} of {len(scaled)} records, "
-        f"{level}.",
+        f"{level}." + " Dotted: periods of the study's measure." * bool(marks),
     )
 
 
@@ -235,11 +268,11 @@ def _motion_parts(inputs: ReportInputs) -> Iterable[Any]:
     cube = inputs.cube
     yield thumbnails(inputs.motions)
     yield _scaled_spectra(inputs)
-    yield _motion_table(inputs)
+    yield html.folded("Ground motions as recorded", _motion_table(inputs))
     events = Counter(sorted(filter(None, cube["event"].values.astype(str).tolist())))
     if events:
-        yield paragraph(TEXTS["notes"]["events"], "note")
-        yield table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
+        listed = table("Earthquakes", ["earthquake", "records"], events.items(), "compact")
+        yield html.folded("Earthquakes", paragraph(TEXTS["notes"]["events"], "note"), listed)
     waivers = cube["accepted"].values.astype(str) if "accepted" in cube else ()
     named = [f"{name!s} ({words})" for name, words in zip(cube["record"].values, waivers) if words]
     if named:
@@ -268,7 +301,7 @@ def _motion_table(inputs: ReportInputs) -> Markup:
 
 def _scaled_spectra(inputs: ReportInputs) -> Picture:
     """Spectra at the level nearest to the median capacity, or at the middle level if no arch has
-    a curve; as in the runs if each run has a level of its own.
+    a curve; as in the runs if each run has a level of its own; as selected if there is a target.
     """
     cube, scale, level, words = inputs.cube, inputs.scale, 0, "scaled as in the runs"
     intensity = cube["intensity"].values
@@ -280,22 +313,27 @@ def _scaled_spectra(inputs: ReportInputs) -> Picture:
             why = "the level nearest to the median capacity"
         words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}, {why}"
     chosen = cube["scale_factor"].isel(level=level, arch=0, missing_dims="ignore").values
+    target, factors = inputs.target or (None, {})
+    if target is not None:
+        words = "each with the factor with which it was selected for the target"
+        names = [motion.id.removesuffix("-rev") for motion in inputs.motions]
+        chosen = np.array([factors.get(name, np.nan) for name in names])
     spectra_g = [
         spectral_acceleration(motion, _FEW_PERIODS) * factor / STANDARD_GRAVITY
         for motion, factor in zip(inputs.motions, chosen.tolist()) if np.isfinite(factor)
     ]  # fmt: skip
-    return spectra(_FEW_PERIODS, np.stack(spectra_g), words)
+    marks = parse_measure(scale.measure).periods
+    return spectra(_FEW_PERIODS, np.stack(spectra_g), words, target, marks)
 
 
 def _provenance(attributes: Mapping[str, Any]) -> Iterable[Any]:
-    """Attributes of the cube; JSON is laid out in lines, which a click on their title shows."""
-    folded, short = [], {}
-    form = Markup('<details><summary>{}</summary><pre tabindex="0">{}</pre></details>')
+    """What makes the results again, and attributes of the cube; JSON is laid out in lines."""
+    commit = attributes.get("archfrag_commit", "not known")
+    yield paragraph(TEXTS["notes"]["reproduce"].format(commit=commit))
+    rows, form = [], Markup('<pre tabindex="0">{}</pre>')
     for name, value in attributes.items():
         if str(value).startswith(("{", "[")):
-            lines = json.dumps(json.loads(value), indent=2, ensure_ascii=False)
-            folded.append(form.format(name, lines))
-        else:
-            short[name] = value
-    yield html.pairs("Provenance", short.items(), "attribute of the cube")
-    yield from folded
+            value = form.format(json.dumps(json.loads(value), indent=2, ensure_ascii=False))
+        rows.append((name, value))
+    listed = html.pairs("Provenance", rows, "attribute of the cube")
+    yield html.folded("Attributes of the cube", listed)

@@ -38,21 +38,13 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.cautions(arch.cautions)
         yield hazard_and_fragility(arch, hazard, scale)
         yield contributions(arch, scale)
-        parts = arch.by_mechanism
-        rows = [
-            (parts.categories[i], f"{parts.fraction[i]:.2f}", parts.counts[i].sum())
-            for i in np.flatnonzero(parts.shown)
-        ]
-        heads = ["mechanism", "fraction of the rate", "collapses"]
-        label = f"Contributions to the rate of collapse of {arch.arch}"
-        yield html.table(label, heads, rows, "compact")
     assumed = (f"{each[0].upper()}{each[1:]}." for each in ASSUMPTIONS)
     yield html.paragraph(" ".join(assumed), "note")
 
 
 def _rates_table(risk: StudyRisk, percent: str) -> Markup:
     heads = [
-        "arch", "collapses a year", percent, "mean", "return period [years]",
+        "arch", "collapses a year", percent, "mean rate", "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
         *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
     ]  # fmt: skip
@@ -89,7 +81,10 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     seen = (points >= ends[0]) & (points <= ends[1])
     every = np.concatenate(list(rates.values()))
     low, high = float(every[every > 0.0].min()), float(every.max())
-    entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
+    entries = [
+        Entry(f"hazard: {key}", look.GREY if i else look.VERMILION, "line")
+        for i, key in enumerate(rates)
+    ]
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
     for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
@@ -98,13 +93,13 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     first, second, third = panels
     for i, rate in reversed(list(enumerate(rates.values()))):
         first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
-    first.dots(points[seen], hazard.main.rate[seen], look.BLUE, radius=2.2)
-    second.line(shown, arch.fit.probability(im), look.VERMILION)
+    first.dots(points[seen], hazard.main.rate[seen], look.VERMILION, radius=2.2)
+    second.line(shown, arch.fit.probability(im), look.BLUE)
     third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
     third.line(shown, density, look.BLUE)
     first.axis_y(log_ticks(low, high, (1.0,)), "exceeded [1/year]")
     second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
-    third.axis_y(even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
+    third.axis_y(even_ticks(0.0, third.y[1], 4), f"rate per ln {scale.measure} [1/year]")
     ticks = log_ticks(*ends)
     for panel in panels:
         for end in points[[0, -1]]:
@@ -123,7 +118,8 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     found = arch.by_mechanism
     if not found.counts.any():
         return None
-    parts = stacked(found.categories, found.rate)
+    labels = [f"{name} {100 * f:.0f} %" for name, f in zip(found.categories, found.fraction)]
+    parts = stacked(labels, found.rate)
     if found.unassigned.any():
         parts.append((Entry("no collapse seen", look.PALE), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())

@@ -8,13 +8,12 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, deaggregate
-from archfrag.mechanics.status import Model
 from archfrag.report import drawing as look
 from archfrag.report.arch import Example, draw_ground
 from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
-from archfrag.simulation.response import MODEL_WORDS, MechanismChange
+from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
     Verdict.STANDING: Entry("standing", "#cfe0ee"),
@@ -39,7 +38,6 @@ JOINT_STATES = (
     Entry("hinge extrados sliding", look.VERMILION, "slash"),
     Entry("slides", look.ORANGE, "cross"), Entry("open", look.INK),
 )  # fmt: skip
-_MODELS = ((look.PALE, "area"), (look.SKY, "area"), (look.GREEN, "dots"), (look.PURPLE, "slash"))
 _LABELLED = 60  # records that have their names written
 _MOST_JOINTS = 4
 _BINS = 600  # of the log
@@ -233,7 +231,7 @@ def stacked(names: Sequence[str], values: FloatArray) -> list[tuple[Entry, Float
 
 @figure
 def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
-    """Ground motion, joints and model of a run over time; None if nothing moved."""
+    """Ground motion and joints of a run over time; None if nothing moved."""
     changes, response = example.response.mechanism or (), example.response
     # Entries that last, or last for a time not known, in another model than rest.
     moving = [c for c in changes if c.model != "rest" and not c.until <= c.time]
@@ -244,12 +242,9 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     margin = 0.03 * max(last - first, 1e-3)
     start, end = max(0.0, first - margin), min(response.end_time, last + margin)
     edges, n_joint = np.linspace(start, end, _BINS + 1), example.arch.n_joint
-    joints, models = sampled(changes, n_joint, edges)
+    joints = sampled(changes, n_joint, edges)
     states = [(k, s) for k, s in enumerate(JOINT_STATES, start=1) if np.any(joints == k)]
-    used = {code: Entry(MODEL_WORDS[Model(code)], *_MODELS[code]) for code in np.unique(models)}
-    entries = [entry for _, entry in states]
-    entries += [model._replace(label=f"model: {model.label}") for model in used.values()]
-    top = sheet.legend(LEFT, 0.0, entries) + LINE + 4.0
+    top = sheet.legend(LEFT, 0.0, [entry for _, entry in states]) + LINE + 4.0
     right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
     upper = Panel(sheet, (LEFT, top, right, top + 62.0), (start, end), (-1.0, 1.0))
     draw_ground(upper, example, 300)
@@ -264,34 +259,26 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
     middle.axis_y(np.arange(0, n_joint, step), "joint")
     for k, (_, colour, mark) in states:
         middle.cells((joints == k).T, colour, mark, edges, 0.4)
-    bottom = middle.box[3] + 8.0
-    lowest = Panel(sheet, (LEFT, bottom, right, bottom + 14.0), (start, end), (-0.5, 0.5))
-    for code, (_, colour, mark) in used.items():
-        lowest.cells(models[None] == code, colour, mark, edges)
-    sheet.text(LEFT - 5.0, bottom + 11.0, "model", "s e")
-    lowest.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+    middle.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
     if response.collapsed:
-        line = f"M{float(lowest.at_x(response.collapse_time)):.1f} {top:.1f}V{bottom:.1f}"
+        line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
         sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
-    sheet.height = bottom + 14.0 + BELOW
+    sheet.height = middle.box[3] + BELOW
     texts, motion = TEXTS["timeline"], example.motion.id
     caption = texts["caption"].format(motion=motion, level=example.level, reason=example.reason)
     return (
-        f"Mechanism over time under {motion}: hinges, sliding and open joints, and the model",
+        f"Mechanism over time under {motion}: hinges, sliding and open joints",
         caption + texts["differs"] * (not example.same),
     )
 
 
-def sampled(
-    changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray
-) -> tuple[IntArray, IntArray]:
-    """States of the joints and the model at the middle of each bin of time."""
+def sampled(changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray) -> IntArray:
+    """States of the joints at the middle of each bin of time, (n_bin, n_joint)."""
     codes = {entry.label: code for code, entry in enumerate(JOINT_STATES, start=1)}
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
             states[i, joint] = codes[text.split(" towards ")[0]]
-    models = np.array([Model[change.model.upper()] for change in changes], dtype=np.int64)
     middle = 0.5 * (edges[:-1] + edges[1:])
     since = np.searchsorted([change.time for change in changes], middle, side="right") - 1
-    return states[np.maximum(since, 0)], models[np.maximum(since, 0)]
+    return states[np.maximum(since, 0)]

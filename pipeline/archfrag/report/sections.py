@@ -13,7 +13,7 @@ from archfrag.fragility.risk import Contributions
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.arch import Example
-from archfrag.report.html import TEXTS, digits, heading, measured, paragraph, table
+from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
@@ -39,7 +39,7 @@ def arch_parts(
     """
     name, arch, onset = inputs.arches[place]
     answer, percent = inputs.answers[name], inputs.percent
-    more, cautions = answer.more, cautions_of(inputs.cautions, name)
+    more, cautions = answer.more, _cautions_of(inputs.cautions, name)
     yield card(answer, inputs.scale, percent, cautions, results, onset)
     groups = runs.groupings(results, inputs.confidence)
     yield heading("How it falls")
@@ -56,7 +56,7 @@ def arch_parts(
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
-        yield from _measures(more["measures"], name)
+        yield from _measures(more["measures"], name, inputs.scale.measure)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
     yield heading("Checks")
@@ -79,13 +79,12 @@ def arch_parts(
         yield html.folded("The mechanism in one run", picture)
 
 
-def class_parts(inputs: ReportInputs, name: str) -> Parts:
-    """Yield the parts of the section of a class of arches."""
+def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
+    """Yield the parts of the section of a class of arches; `curve` is the figure of its curve."""
     of_class, answer = arch_classes(inputs.cube), inputs.classes[name]
-    members = {k: inputs.answers[k] for k, own in of_class.items() if own == name}
     yield card(answer, inputs.scale, inputs.percent)
     yield heading("Fragility curve of the class")
-    yield curves.all_curves(inputs, members, {name: answer})
+    yield curve
     split = answer.more.get("dispersion") or {}
     if "none" in split:
         yield paragraph(f"The parts of β are not known: {split['none']}.")
@@ -99,7 +98,7 @@ def class_parts(inputs: ReportInputs, name: str) -> Parts:
             values = variable.values[own].astype(float)
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
-    theta = inputs.scale.factor * thetas(members.values())
+    theta = inputs.scale.factor * thetas(inputs.answers.values())[own]
     drawn = (curves.tornado, curves.theta_panels)
     figures = [draw(theta, differences, name, inputs.scale.unit) for draw in drawn]
     if any(figures):
@@ -107,7 +106,7 @@ def class_parts(inputs: ReportInputs, name: str) -> Parts:
         yield from figures
 
 
-def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
+def _cautions_of(cautions: Sequence[str], name: str) -> list[str]:
     """Cautions that concern one arch, without its name."""
     start = f"{name}: "
     return [caution.removeprefix(start) for caution in cautions if caution.startswith(start)]
@@ -136,7 +135,7 @@ def card(
         counts["non-monotone runs"] = answer.n_non_monotone
     if onset is not None:
         plus, minus = map(html.onset_text, (onset.plus, onset.minus))
-        about = f"ground towards +x; {minus} towards −x"
+        about = "in both directions" if plus == minus else f"towards +x; {minus} towards −x"
         if not onset.stands:
             plus, about = "none", "does not stand under its own weight"
         figures.append(["onset of motion", plus, about])
@@ -194,7 +193,7 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
-def _measures(found: Mapping[str, Any], name: str) -> Parts:
+def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -205,11 +204,12 @@ def _measures(found: Mapping[str, Any], name: str) -> Parts:
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
         label = row["measure"] + " (best)" * (row["measure"] == found["best"])
+        label += " (of the study)" * (row["measure"] == measure)
         shown = bar.format(measured(efficiency[i]), percent[i])
         numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
-        cells.append([label, shown, *numbers, row["unit"]])
+        cells.append([label, shown, *numbers, row["unit"].replace("2", "²")])
     yield paragraph(found["message"])
-    heads = ["measure", "efficiency", "p of magnitude", "p of distance", "θ", "unit"]
+    heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
     yield paragraph(TEXTS["notes"]["efficiency"], "note")
 
@@ -279,7 +279,7 @@ def _films(inputs: ReportInputs, results: ArchResults, place: int, fall: Example
         films.append(arch_figures.film(fall, f"fall{place}", "A collapse"))
     miss = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
     if miss is not None and not miss.response.collapsed:
-        films.append(arch_figures.film(miss, f"miss{place}", "A near miss"))
+        films.append(arch_figures.film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
         shown = Markup("\n").join(film[0] for film in films if film is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)

@@ -7,6 +7,7 @@ made. Times of modification decide nothing.
 import contextlib
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,7 +54,10 @@ def products(study: Study, step: str) -> list[Path]:
     names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
     if step == "report":
         ids = [member.id for member in study.members]
-        names[step] += [ALL_CURVES] if len(ids) > SHOWN else [f"curve-{each}.svg" for each in ids]
+        sizes = Counter(member.arch_class for member in study.members)
+        drawn = [name for name, size in sizes.items() if size > 1]
+        names[step] += [ALL_CURVES] * (len(ids) > SHOWN)
+        names[step] += [f"curve-{each}.svg" for each in drawn + ids * (len(ids) <= SHOWN)]
     return [study.folder / name for name in names[step]]
 
 

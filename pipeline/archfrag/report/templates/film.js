@@ -1,14 +1,17 @@
 for (const box of document.querySelectorAll(".motion")) {
   const [pause, slider] = box.querySelectorAll("input"), speed = box.querySelector("select");
-  const all = box.querySelector(".moving").getAnimations({subtree: true});
-  if (!all.length) continue;
-  const length = all[0].effect.getComputedTiming().duration;
+  const moving = () => box.querySelector(".moving").getAnimations({subtree: true});
+  const length = all => all[0].effect.getComputedTiming().duration;
   slider.addEventListener("input", () => {
     pause.checked = true;
-    for (const each of all) each.currentTime = slider.value * length * 0.9999;
+    const all = moving();
+    for (const each of all) each.currentTime = slider.value * length(all) * 0.9999;
   });
   speed.addEventListener("change", () => {
-    for (const each of all) each.playbackRate = Number(speed.value);
+    for (const each of moving()) each.playbackRate = Number(speed.value);
   });
-  setInterval(() => { if (!pause.checked) slider.value = all[0].currentTime % length / length; }, 100);
+  setInterval(() => {
+    const all = moving();
+    if (all.length && !pause.checked) slider.value = all[0].currentTime % length(all) / length(all);
+  }, 100);
 }
