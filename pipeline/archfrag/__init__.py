@@ -12,7 +12,9 @@ _NAMES = {
     "archfrag.motions.formats.columns": ("Columns",),
     "archfrag.motions.motion": ("Motion",),
     "archfrag.motions.read": ("read_motion",),
-    "archfrag.simulate": ("Onset", "Response", "onset", "simulate", "simulate_many"),
+    "archfrag.simulate": ("Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"),
+    "archfrag.simulation.springings": ("move_springing", "springing_path"),
+    "archfrag.simulation.strength": ("crushed",),
     "archfrag.fragility.fit": ("Fragility", "fit_ida", "fit_stripes"),
     "archfrag.study.reading": ("read_motions",),
     "archfrag.studies": ("Study",),
@@ -21,8 +23,8 @@ _NAMES = {
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Arch", "Block", "Columns", "Curve", "Fragility", "Motion", "Onset", "Response", "Results",
-    "Study", "__version__", "fit_ida", "fit_stripes", "onset", "open", "read_motion",
-    "read_motions", "simulate", "simulate_many",
+    "Study", "__version__", "crushed", "fit_ida", "fit_stripes", "limit_load", "move_springing",
+    "onset", "open", "read_motion", "read_motions", "simulate", "simulate_many", "springing_path",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -32,7 +34,9 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
     from archfrag.results import Curve, Results, open
-    from archfrag.simulate import Onset, Response, onset, simulate, simulate_many
+    from archfrag.simulate import Onset, Response, limit_load, onset, simulate, simulate_many
+    from archfrag.simulation.springings import move_springing, springing_path
+    from archfrag.simulation.strength import crushed
     from archfrag.studies import Study
     from archfrag.study.reading import read_motions
 

@@ -210,7 +210,7 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     if start == end:  # nothing moves
         end = float(min(time[-1], start + seconds))
     clock = np.linspace(start, end, max(2, round(FRAMES * (end - start) / speed)))
-    centre = np.asarray(arch.chain.centroid)
+    centre = arch.centroids
     state = np.dstack([shift + centre, turn])
     columns = [np.interp(clock, time, column) for column in state.reshape(time.size, -1).T]
     state = np.transpose(columns).reshape(clock.size, *state.shape[1:])

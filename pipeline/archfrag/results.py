@@ -248,16 +248,10 @@ class Results:
         """
         import pandas as pd
 
-        from archfrag.hazard import load_hazard
         from archfrag.study.answer.risk import risk_facts, risk_of
 
         study = self._study
-        if (given := study.risk) is not None and hazard is None:
-            hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
-        if hazard is None:
-            raise InputError("the study has no hazard; give the file of a hazard curve")
-        files = [hazard] if isinstance(hazard, str | os.PathLike) else hazard
-        curve = load_hazard([Path(each) for each in files], study.intensity.measure, unit, site)
+        curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
         fits = {name: found.curve for name, found in self._quoted.items()}
         found = risk_of(self._cube, fits, curve, years, study.report.confidence)
         facts = risk_facts(found, study)
@@ -269,6 +263,73 @@ class Results:
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)
         table.attrs.update(facts)
         return table
+
+    def compare(
+        self, before: str, after: str, hazard: PathLike | Sequence[PathLike] | None = None,
+        **given: Any,
+    ) -> pd.DataFrame:  # fmt: skip
+        """Compare two arches of the study: one as it is, and one with a tie or another remedy.
+
+        Both met the same motions, so that the band of a ratio is narrower than those of the two
+        numbers: it is that of a bootstrap of the common records, by whole events.
+
+        Parameters
+        ----------
+        before, after : str
+            Names of arches.
+        hazard, **given
+            As for `risk`; without a hazard there is no row of rates.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Rows theta and, with a hazard, rate; columns before, after, ratio, lower, upper.
+        """
+        import pandas as pd
+
+        from archfrag.fragility.fit import common_draws
+        from archfrag.fragility.risk import collapse_rate, lognormal_rates
+        from archfrag.study.answer.curves import runs_of_cube
+
+        runs = {each.name: each for each in runs_of_cube(self._cube)}
+        names = (before, after)
+        if missing := [name for name in names if name not in runs]:
+            raise InputError(f"there is no arch {missing[0]!r}; the study has {', '.join(runs)}")
+        known = [(runs[name].brackets.lower, runs[name].brackets.upper) for name in names]
+        draws = common_draws(known, runs[before].group)
+        confidence = self._study.report.confidence
+        ends = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
+        curves = []
+        for name in names:
+            if isinstance(curve := self._quoted[name].curve, str):
+                raise FitError(f"{name} has no curve: {curve}")
+            curves.append(curve)
+        factor = 1.0 / self._study.intensity.factor
+        rows = {"theta": ([factor * curve.theta for curve in curves], draws[..., 0])}
+        if hazard is not None or self._study.risk is not None:
+            site = self._hazard(hazard, **given)[0].main
+            rates = [collapse_rate(site, curve).rate for curve in curves]
+            rows["rate"] = rates, lognormal_rates(site, draws[..., 0], draws[..., 1])
+        return pd.DataFrame({
+            name: [*pair, pair[1] / pair[0], *np.quantile(each[:, 1] / each[:, 0], ends)]
+            for name, (pair, each) in rows.items()
+        }, index=["before", "after", "ratio", "lower", "upper"]).T  # fmt: skip
+
+    def _hazard(
+        self, hazard: PathLike | Sequence[PathLike] | None, *, years: float = 50.0,
+        unit: str | None = None, site: Sequence[float] | None = None,
+    ) -> tuple[Any, float]:  # fmt: skip
+        """Hazard curve that is given, or else that of the study; years of its probabilities."""
+        from archfrag.hazard import load_hazard
+
+        study = self._study
+        if (given := study.risk) is not None and hazard is None:
+            hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
+        if hazard is None:
+            raise InputError("the study has no hazard; give the file of a hazard curve")
+        files = [hazard] if isinstance(hazard, str | os.PathLike) else hazard
+        paths = [Path(each) for each in files]
+        return load_hazard(paths, study.intensity.measure, unit, site), years
 
     def response(self, run: str = "median", arch: str | None = None) -> Response:
         """Simulate a run again, with its history.

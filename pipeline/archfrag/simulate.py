@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from archfrag.arch import Arch
+from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError, UnitWarning
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.mechanics.ground import grounds_of
+from archfrag.mechanics.model import model_of
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
@@ -38,13 +39,17 @@ from archfrag.simulation.rest import (
     own_time,
     warn_if_in_g,
 )
+from archfrag.simulation.springings import Far, ground_of
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Onset", "Response", "onset", "simulate", "simulate_many"]
+__all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"]
 
 LOSS_LIMIT = 0.5
+# The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
+# over the bound of the static theorem, and the displacement over that length that is a motion.
+RAMP, BEYOND_BOUND, MOVED = 200.0, 1.02, 1e-6
 CHECK_INTERVAL = 64
 LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
@@ -59,8 +64,9 @@ _LEFT_OUT = {
 def simulate(
     arch: Arch, motion: Motion, scale: float = 1.0, method: str = AUTO,
     rtol: float | None = None, dt: float | None = None, history: bool = False,
-    initial: tuple[ArrayLike, ArrayLike] | None = None, *, follow: float = 20.0,
-    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
+    initial: tuple[ArrayLike, ArrayLike] | None = None, *, far: Far = None,
+    follow: float = 20.0, settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT, rests: bool = True,
 ) -> Response:  # fmt: skip
     """Simulate one arch under one ground motion, until it rests or collapses.
 
@@ -72,19 +78,16 @@ def simulate(
     method : str
         "auto" or a name in `archfrag.methods.registry.METHODS`.
     rtol : float, optional
-        Relative error allowed by methods with step control: auto, time_stepping, event_driven.
-        The method's default if not given.
+        Relative error allowed by methods with step control; their default if not given.
     dt : float, optional
-        Fixed time step [s]; of event_driven, when it switches to time stepping. If not given,
-        steps follow from rtol and the shortest joint
-        (`archfrag.methods.registry.steps_of_tolerance`).
+        Fixed time step [s]; if not given, steps follow from rtol and the shortest joint.
     history : bool
-        Whether to keep positions, velocities, reactions and contact modes over time, and the
-        log of the mechanism. auto takes the history of a short chain under a pulse by events.
+        Whether to keep motion, reactions, contact modes and the log of the mechanism.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
-        ground [m/s, m/s, rad/s] at time 0; at rest if not given. Joints may be open, but bodies
-        must not overlap by more than rounding.
+        ground [m/s, m/s, rad/s] at time 0, without overlaps; at rest if not given.
+    far : Motion or float, optional
+        Motion of the right springing, with the same time step, or how much later it is [s].
     follow : float
         Longest time to simulate after the motion while the arch still moves [s].
     settings : mapping of str to float, optional
@@ -92,6 +95,8 @@ def simulate(
     loss_limit : float
         Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
         a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
+    rests : bool
+        Whether an arch rests wherever admissible reactions exist, or is integrated all the time.
 
     Raises
     ------
@@ -110,13 +115,14 @@ def simulate(
     info, own, options = _checked_call(
         arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
     )
+    options = options._replace(rests=rests)
     position, velocity = at_rest(arch)
     if initial is None:
         warn_if_in_g(motion, scale, check_stands(arch))
     else:
         shift, velocity = check_initial(initial, arch)
         position += shift
-    ground = grounds_of([(motion.acceleration, motion.vertical, motion.dt)])
+    ground = grounds_of([ground_of(motion, far, arch)])
     n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
     n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
     run, started = info.load(), time.perf_counter()
@@ -136,6 +142,52 @@ def simulate(
     changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
     kept = history_of(arch, frames, int(count[Count.FRAMES]))
     return replace(response, mechanism=changes, history=kept)
+
+
+def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -> float:
+    """Find the steady ground acceleration at which an arch starts to move as it slowly grows [g].
+
+    Where joints slide, Coulomb's law is not associated: the load at which reactions that follow
+    the ramp leave Coulomb's cones can lie below the limit of the static theorem (`onset`), which
+    is an upper bound of it. From rest under self-weight the load grows to beyond that bound, and
+    the arch has started to move where a voussoir is displaced by a millionth of a joint.
+
+    Parameters
+    ----------
+    arch : Arch
+    towards : str
+        The ground accelerates towards "+x" or "-x".
+    method : str
+        As for `simulate`; by steps or by events.
+
+    Raises
+    ------
+    InputError
+        If no load moves the arch.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> block = af.Block(width=0.4, height=1.0, friction=0.3)
+    >>> round(af.limit_load(block), 3)
+    0.3
+    """
+    start = check_stands(arch)
+    bound, _, _ = start.mechanism(towards)
+    if not math.isfinite(bound):
+        raise InputError(f"{arch!r}: no steady acceleration towards {towards} moves it")
+    length = float(model_of(arch.chain).length.min())
+    unit = math.sqrt(length / arch.chain.gravity)
+    time = np.linspace(0.0, RAMP * unit, 2001)
+    most = BEYOND_BOUND * bound * STANDARD_GRAVITY
+    sense = 1.0 if towards == "+x" else -1.0
+    ramp = Motion(sense * most * time / time[-1], time[1])
+    run = simulate(arch, ramp, method=method, history=True, follow=0.0, rests=False)
+    history: Any = run.history
+    shifts = np.abs(history.displacement.values).max(axis=(1, 2))
+    moved = shifts > MOVED * length
+    at = float(history.time[int(np.argmax(moved))]) if moved.any() else time[-1]
+    return BEYOND_BOUND * bound * at / float(time[-1])
 
 
 def _checked_call(
@@ -179,15 +231,16 @@ def _checked_call(
 
 
 def results_of_runs(
-    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
-) -> tuple[Results, np.ndarray]:
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
+    **given: Any,
+) -> tuple[Results, np.ndarray]:  # fmt: skip
     """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
     info, own, options = _checked_call(arch, motions, factors, **given)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     motion = np.array([number[id(each)] for each in motions], int)
-    grounds = grounds_of([(each.acceleration, each.vertical, each.dt) for each in unique])
+    grounds = grounds_of([ground_of(each, far, arch) for each in unique])
     factor = np.array(factors, float)
     started = time.perf_counter()
     assert info.load_many is not None
@@ -227,7 +280,7 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate.simulate`, with follow, settings and loss_limit.
+        As for `archfrag.simulate.simulate`, with far, follow, settings and loss_limit.
 
     Returns
     -------

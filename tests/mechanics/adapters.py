@@ -15,6 +15,7 @@ from archfrag.mechanics.contact.path import new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.mega_voussoirs import assemble, first_level, second_level
 from archfrag.mechanics.model import Model, Work, model_of, new_work
+from archfrag.mechanics.status import Tie
 
 
 class Mode(NamedTuple):
@@ -75,7 +76,8 @@ def pose(mass, inertia, centroid, friction, modes, free=0.0, **arrays):
     model = Model(
         framed(mass), framed(inertia), framed(1.0 / mass), framed(1.0 / inertia),
         framed(np.asarray(centroid)), np.zeros((n_joint, 2, 2, 2)), np.zeros((n_joint, 2, 2)),
-        np.ones(n_joint), friction, gravity=9.81, rounding=0.0,
+        np.ones(n_joint), friction, start=np.zeros((mass.size + 2, 3)),
+            tie=np.zeros((0, len(Tie))), gravity=9.81, rounding=0.0,
         ray=np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, friction)], axis=1),
     )  # fmt: skip
     position, work = np.zeros((mass.size + 2, 3)), new_work(model)
@@ -161,7 +163,7 @@ class Posed:
         assemble.assemble(model, work.contact, work.slide, self.slip, mega)
         assemble.gather_state(model, self.position, self.velocity, mega)
         mega = views_of(mega)
-        state = mega, mega.position, mega.velocity, *self.given[3:]
+        state = mega, mega.position, mega.velocity, (*self.given[3:], 0.0, 0.0)
         solved = mega.count[0] > 0 and first_level.solve_first_level(*state, 1e-3 * model.gravity)
         self.value = np.full((self.slip.size, second_level.N_LAW), np.nan)
         second_level.solve_second_level(model, *state, 1.0, self.value)

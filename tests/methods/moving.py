@@ -6,7 +6,7 @@ Names and layouts of the package stand here only.
 import numpy as np
 
 from archfrag.mechanics.contact.path import new_path
-from archfrag.mechanics.ground import Segment, grounds_of
+from archfrag.mechanics.ground import Segment, ground_after, grounds_of
 from archfrag.mechanics.mega_voussoirs import assemble, second_level
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 from archfrag.mechanics.model import model_of
@@ -17,6 +17,8 @@ from archfrag.methods.event_driven.front import new_run
 from archfrag.methods.event_driven.integrate import check_laws
 from tests.mechanics.adapters import Problem, framed, modes_of, set_modes, solution_of, views_of
 
+STANDS = (0.0, 0.0, 0.0, 0.0)  # the far springing
+
 
 class Moving:
     """A chain that moves in given modes; ground acceleration ``(x, its rate, y, its rate)``."""
@@ -26,7 +28,8 @@ class Moving:
         n_joint = model.friction.size
         contact, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
         set_modes(modes, contact, slide)
-        self.ground, mega = Segment(np.inf, *ground), assemble.new_mega_voussoirs(model)
+        self.ground = Segment(np.inf, *ground, STANDS, STANDS)
+        mega = assemble.new_mega_voussoirs(model)
         assemble.assemble(model, contact, slide, np.zeros(n_joint), mega)
         assemble.gather_state(model, framed(position), framed(velocity), mega)
         self.mega = views_of(mega)
@@ -36,10 +39,10 @@ class Moving:
         self._begin()
 
     def _begin(self):
-        mega, x, y = self.mega, self.ground.x, self.ground.y
-        assert solve_first_level(mega, mega.position, mega.velocity, x, y, self.resolved)
-        runge_kutta.keep_stage(mega, self.motion.stages, 0, mega.position, mega.velocity, x, y)
-        events.find_margins(self.motion, mega, mega.position, mega.velocity, x, y)
+        mega, now = self.mega, ground_after(self.ground, 0.0)
+        assert solve_first_level(mega, mega.position, mega.velocity, now, self.resolved)
+        runge_kutta.keep_stage(mega, self.motion.stages, 0, mega.position, mega.velocity, now)
+        events.find_margins(self.motion, mega, mega.position, mega.velocity, now)
         events.keep_margins(mega, self.motion)
 
     @property
@@ -65,8 +68,9 @@ class Moving:
 
     def go_on(self, size):
         """Take the end of the last step as the beginning of the next one."""
-        end, x, slope_x, y, slope_y = self.ground
-        self.ground = Segment(end, x + slope_x * size, slope_x, y + slope_y * size, slope_y)
+        end, x, slope_x, y, slope_y, *far = self.ground
+        x, y = x + slope_x * size, y + slope_y * size
+        self.ground = Segment(end, x, slope_x, y, slope_y, *far)
         self.mega.position[:] = self.mega.next_position
         self.mega.velocity[:] = self.mega.next_velocity
         self._begin()

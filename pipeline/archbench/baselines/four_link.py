@@ -328,6 +328,7 @@ class Run:
             limit = rest_limit(
                 model.mass[1:-1], model.centroid[1:-1].copy(), work.point, work.normal,
                 np.ones(work.contact.shape, np.int8), model.friction, model.gravity, sense,
+                np.zeros((model.mass.size - 2, 3)),
             )  # fmt: skip
             self.limits.append(sense * limit.load_factor if limit.found else -NO_LIMIT)
             self.linkages.append(linkage_of(model, limit.mechanism))

@@ -98,6 +98,12 @@ class Arch:
         return len(self.chain.friction)
 
     @property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
+        start = self.chain.start
+        return self.chain.centroid if start is None else start[:, :2]
+
+    @property
     def springings(self) -> tuple[int, int]:
         """Joints at the ends of the ring: of an arch on piers its skewbacks."""
         left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
@@ -348,6 +354,54 @@ class Arch:
         drawn = read_drawing(path, layer, unit)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
         return cls(**_fields("polygons", shape, ring, friction, free, **material))
+
+    def tied(
+        self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
+        prestress: float = 0.0, strength: float = math.inf, rupture: float = math.inf,
+        ends: Sequence[tuple[int, float, float]] | None = None,
+    ) -> Arch:  # fmt: skip
+        """Return the arch with one more tie: a bar that only pulls.
+
+        It is elastic up to its strength, then it yields. It is slack where it is shorter than
+        without a force. A tie without prestress does not change the onset of motion: rigid bodies
+        have to move before it pulls.
+
+        Parameters
+        ----------
+        level : float, optional
+            Height of a horizontal tie from outer face to outer face [m].
+        area, modulus : float
+            Of its cross-section [m2]; Young's modulus [N/m2].
+        prestress, strength : float
+            Tension at rest and tension at which it yields [N].
+        rupture : float
+            Elongation at which it breaks [m].
+        ends : two of (int, float, float), optional
+            Voussoir, x and y [m] of each end, instead of `level`; the left springing is voussoir
+            -1, the right one comes after the last voussoir.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+        >>> tied = arch.tied(level=6.0, area=5e-4, prestress=2e4)
+        >>> af.onset(tied).plus > af.onset(arch).plus
+        True
+        """
+        from archfrag.arch.ties import tie_row
+
+        given = {
+            "level": level, "area": area, "modulus": modulus, "prestress": prestress,
+            "strength": strength, "rupture": rupture, "ends": ends,
+        }  # fmt: skip
+        row = tie_row(self, **given)  # type: ignore[arg-type]
+        ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
+        told = {key: value for key, value in given.items() if value not in (None, math.inf)}
+        ties_told = [*self.parameters.get("ties", ()), told]
+        return Arch(**{
+            **vars(self), "chain": self.chain._replace(tie=np.array(ties)),
+            "parameters": {**self.parameters, "ties": ties_told},
+        })  # fmt: skip
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
         """Return the arch with joints that transmit nothing near their ends.

@@ -6,6 +6,8 @@ with slope 1 / beta, in which all likelihoods are concave: there is one maximum,
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -128,6 +130,24 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
     return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
+
+
+def common_draws(
+    brackets: Sequence[tuple[FloatArray, FloatArray]], event: ArrayLike | None = None,
+    resamples: int = 400, seed: int = 1,
+) -> FloatArray:  # fmt: skip
+    """theta and beta of several arches in a bootstrap of their common records.
+
+    Each draw takes the same records, by whole events, for all arches, whose capacities lie in
+    `brackets`, (lower, upper) of (n_record,) each. Returned are (n_draw, n_arch, 2); draws that
+    determine no curve are left out.
+    """
+    found = []
+    for counts in draws_of_records(event, len(brackets[0][0]), seed, resamples):
+        with contextlib.suppress(FitError):
+            fits = [fit_brackets(*(np.repeat(end, counts) for end in each)) for each in brackets]
+            found.append([(fit.theta, fit.beta) for fit in fits])
+    return np.array(found)
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:

@@ -164,6 +164,11 @@ def collapse_rate(
     return CollapseRate(rate, mean, lower, upper, confidence, float(below), float(above))
 
 
+def lognormal_rates(hazard: HazardCurve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
+    """Mean annual frequency of collapse of lognormal curves (...), (...) [1/year]."""
+    return _lognormal(hazard, np.log(hazard.im), theta, beta).sum(axis=-1)
+
+
 def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
     """Rate of collapse by motions from 0 to the first of the rising `edges`, (n_edge,), between
     edges, and from the last on, (n_edge + 1,) [1/year].

@@ -6,6 +6,7 @@ from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, opposite, select, some
 from archfrag.mechanics.status import Energy
+from archfrag.mechanics.ties import tie_energy, tie_stretch
 
 
 @kernel
@@ -71,6 +72,16 @@ def record_step(state, work, where):
 
 
 @inlined
+def record_ties(state, yielded, unexplained, where):
+    """Record what ties dissipate by yielding, and the error of their work in a step [J]."""
+    energy = state.energy
+    energy[Energy.FRICTION] += select(where, yielded, 0.0)
+    energy[Energy.BALANCE_ERROR] += select(where, unexplained, 0.0)
+    most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
+    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
+
+
+@inlined
 def kinetic_energy(model, velocity):
     """Return the kinetic energy of all bodies [J]."""
     kinetic = 0.0
@@ -82,11 +93,13 @@ def kinetic_energy(model, velocity):
 
 @inlined
 def energies_of(model, state):
-    """Return kinetic and potential energy [J]."""
+    """Return kinetic and potential energy, with the elastic one of ties [J]."""
     potential = 0.0
     for i in range(1, state.position.shape[0] - 1):
         rise = state.position[i, 1] - model.centroid[i, 1]
         potential += model.gravity * model.mass[i] * rise
+    for t in range(model.tie.shape[0]):
+        potential += tie_energy(model, t, state, tie_stretch(model, t, state.position))
     return kinetic_energy(model, state.velocity), potential
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from archfrag.mechanics.compile import inlined
 from archfrag.mechanics.lanes import LaneArray, runs_of
 from archfrag.mechanics.numbers import shaped
-from archfrag.mechanics.status import Count, Energy, Loss, Peak
+from archfrag.mechanics.status import Count, Energy, Loss, Peak, Tie, TieState, TieWork
 from archfrag.mechanics.types import Chain
 
 # Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
@@ -39,6 +39,8 @@ class Model(NamedTuple):
     length: np.ndarray  # (n_joint,) the shorter face [m]
     friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     ray: np.ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
+    start: np.ndarray  # (n_body + 2, 3) where a run begins: centroid [m] and rotation
+    tie: np.ndarray  # (n_tie, len(Tie)) by archfrag.mechanics.status.Tie
     gravity: float  # [m/s2]
     rounding: float  # gaps smaller than this are none [m]
 
@@ -50,6 +52,7 @@ class State(NamedTuple):
     velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
     contact: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
     force: np.ndarray  # (n_joint, 3) mean reactions of the last step; zero if it held an impact
+    tie: np.ndarray  # (n_tie, len(TieState)) by archfrag.mechanics.status.TieState
     slide: np.ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
     slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
     bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
@@ -115,6 +118,11 @@ class Work(NamedTuple):
     earlier: np.ndarray  # (n_joint, 3) the same before the step
     corner_rate: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
     position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
+    tie: np.ndarray  # (n_tie, len(TieWork)) by archfrag.mechanics.status.TieWork
+    # (n_tie + 1, n_body + 2 + n_joint, 3) velocities and reactions by a unit impulse of each tie,
+    # then those without ties
+    tie_answer: np.ndarray
+    tie_system: np.ndarray  # (n_tie, n_tie + 1) equations of their impulses
 
 
 N_CLOCK = len(Clock)
@@ -128,9 +136,9 @@ OF_JOINTS = {
     "reaction": (3,), "relative": (3,), "earlier": (3,), "corner_rate": (2, 2),
 }  # fmt: skip
 OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
-WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
-STATE_SHAPES = ((3,), (3,), (2,), (3,)) + ((),) * (len(State._fields) - 4)
-MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
+WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}.get(name, ()) for name in Work._fields)
+STATE_SHAPES = ((3,), (3,), (2,), (3,), (len(TieState),)) + ((),) * (len(State._fields) - 5)
+MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (3,), (), (), ())
 
 
 @inlined
@@ -154,6 +162,9 @@ def model_of(chain: Chain) -> Model:
     rough = np.isinf(chain.friction)
     ray = np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1)
     assert n_joint in (n_body, n_body + 1)
+    start = chain.start
+    if start is None:
+        start = np.pad(chain.centroid, [(0, 0), (0, 1)])
     return Model(
         mass=framed(chain.mass),
         inertia=framed(chain.inertia),
@@ -165,6 +176,8 @@ def model_of(chain: Chain) -> Model:
         length=sizes.min(axis=1),
         friction=np.ascontiguousarray(chain.friction, float),
         ray=ray,
+        start=framed(start),
+        tie=np.zeros((0, len(Tie))) if chain.tie is None else np.array(chain.tie, float),
         gravity=float(chain.gravity),
         rounding=ROUNDING * float(np.abs(chain.centroid).max()),
     )
@@ -175,6 +188,7 @@ def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) 
     n_row, n_joint = model.mass.size, model.friction.size
     first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": N_CLOCK}
     first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
+    first |= {"tie": len(model.tie)}
     shapes = zip(State._fields, STATE_SHAPES, strict=True)
     return State(*(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes))
 
@@ -183,7 +197,11 @@ def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     """Allocate the workspace of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
     arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
-    work = Work(**arrays, **{name: zeros((n_row, *of)) for name, of in OF_BODIES.items()})
+    arrays |= {name: zeros((n_row, *shape)) for name, shape in OF_BODIES.items()}
+    n_tie = len(model.tie)
+    arrays["tie"], arrays["tie_system"] = zeros((n_tie, len(TieWork))), zeros((n_tie, n_tie + 1))
+    answers = n_tie + 1 if n_tie else 0
+    work = Work(**arrays, tie_answer=zeros((answers, n_row + n_joint, 3)))
     runs = runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
     runs[:, 0] = 1.0
     return work

@@ -35,11 +35,21 @@ class RestLimit(NamedTuple):
 
 
 @allocating
-def resultants(mass, centroid, n_joint, gravity, weight, size):
+def _add_pull(constant, pull, centroid, weight, size, sense):
+    """Add a force on a body, or its opposite, to the resultants of a joint."""
+    constant[0] += sense * pull[0] / weight
+    constant[1] += sense * pull[1] / weight
+    moment = pull[2] + centroid[0] * pull[1] - centroid[1] * pull[0]
+    constant[2] += sense * moment / (weight * size)
+
+
+@allocating
+def resultants(mass, centroid, n_joint, gravity, weight, size, pull):
     """Force and moment about the origin at each joint, (n_joint, 3, 5): x, y, moment.
 
     Columns: by the force and the moment at joint 0 (of a chain with a free end not used), by the
-    load factor, constant. Forces are over the weight, moments over weight times size.
+    load factor, constant. Forces are over the weight, moments over weight times size. `pull`
+    (n_body, 3) has the forces of ties and their moments about the centroids.
     """
     part = np.zeros((n_joint, 3, 5))
     if n_joint == mass.size:
@@ -49,6 +59,7 @@ def resultants(mass, centroid, n_joint, gravity, weight, size):
             part[0, 1, 4] += w
             part[0, 2, 3] -= w * centroid[i, 1] / size
             part[0, 2, 4] += w * centroid[i, 0] / size
+            _add_pull(part[0, :, 4], pull[i], centroid[i], weight, size, -1.0)
     else:
         part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
     for j in range(1, n_joint):
@@ -58,6 +69,7 @@ def resultants(mass, centroid, n_joint, gravity, weight, size):
         part[j, 1, 4] -= w
         part[j, 2, 3] += w * centroid[j - 1, 1] / size
         part[j, 2, 4] -= w * centroid[j - 1, 0] / size
+        _add_pull(part[j, :, 4], pull[j - 1], centroid[j - 1], weight, size, 1.0)
     return part
 
 
@@ -165,16 +177,17 @@ def _vertex(basis, inverse, level, x):
 
 
 @allocating
-def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
+def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense, pull):
     """One end of the range of rest of a chain in a given configuration.
 
     A candidate of 0 is an open corner, which bears nothing. `sense` is 1 for a ground that
-    accelerates towards +x (body force towards -x), -1 for the other way.
+    accelerates towards +x (body force towards -x), -1 for the other way. `pull` is that of
+    `resultants`.
     """
     n_joint, weight, size = point.shape[0], 0.0, np.abs(point).max()
     for i in range(mass.size):
         weight += mass[i] * gravity
-    part = resultants(mass, centroid, n_joint, gravity, weight, size)
+    part = resultants(mass, centroid, n_joint, gravity, weight, size, pull)
     a, b, joint, kind = joint_inequalities(part, point / size, normal, candidate, friction)
     if n_joint == mass.size:
         a[:, :3] = 0.0

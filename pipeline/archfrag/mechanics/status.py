@@ -60,6 +60,7 @@ class Cause(IntEnum):
     UNSOLVED = 9  # a law could not be met on mega-voussoirs: switched to time stepping
     QUIESCENT = 10  # taken back from time stepping
     END = 11  # the run ended
+    TIE = 12  # a tie became taut or slack, yielded or broke
 
 
 class Count(IntEnum):
@@ -111,3 +112,44 @@ class Peak(IntEnum):
     OVERLAP = 3  # deepest overlap of two bodies at a corner, over the joint's length [1]
     END_ROTATION = 4  # largest of any body at the end of the run [rad]
     END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]
+
+
+class Tie(IntEnum):
+    """Columns of ``Model.tie``."""
+
+    BODY_0 = 0  # row of the body at each end; those of the grounds are the first and the last
+    BODY_1 = 1
+    X_0 = 2  # ends in the frames of the bodies [m]
+    Y_0 = 3
+    X_1 = 4
+    Y_1 = 5
+    STIFFNESS = 6  # [N/m]
+    LENGTH = 7  # without a force [m]
+    STRENGTH = 8  # force at which it yields; inf: elastic [N]
+    RUPTURE = 9  # elongation at which it breaks; inf: never [m]
+
+
+class TieState(IntEnum):
+    """Columns of ``State.tie``."""
+
+    MODE = 0
+    SET = 1  # elongation that stays without a force [m]
+
+
+class TieWork(IntEnum):
+    """Columns of ``Work.tie``."""
+
+    DX = 0  # unit vector from end 0 to end 1
+    DY = 1
+    ARM_0 = 2  # its moment about the body at each end [m]
+    ARM_1 = 3
+    RATE = 4  # of elongation before the step [m/s]
+    ENERGY = 5  # before the step [J]
+    KNOWN = 6  # impulse: this plus GAIN times the rate after the step [N s]
+    GAIN = 7
+    MOST = 8  # impulse where it yields [N s]
+    MODE = 9
+    ASKED = 10
+    IMPULSE = 11  # [N s]
+    TRIAL = 12  # impulse if it were elastic [N s]
+    GUESS = 13  # impulse by the tension before the step [N s]

@@ -23,6 +23,9 @@ class Chain(NamedTuple):
     face_after: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
     friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     gravity: float  # [m/s2]
+    # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
+    start: np.ndarray | None = None
+    tie: np.ndarray | None = None  # (n_tie, len(Tie)) by archfrag.mechanics.status.Tie
 
 
 class Options(NamedTuple):
@@ -42,6 +45,7 @@ class Options(NamedTuple):
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
     rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan
+    rests: bool = True  # whether a chain rests wherever admissible reactions exist
     first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
 
 

@@ -15,6 +15,7 @@ from archfrag.mechanics.laws import mode_number
 from archfrag.mechanics.model import Clock, Model, model_of
 from archfrag.mechanics.status import Count, Energy, Loss, Peak, Status
 from archfrag.mechanics.status import Model as ModelLevel
+from archfrag.mechanics.ties import set_ties
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 
 # Nothing; modes that are not reconciled; something is due between steps; collapse; the time is
@@ -40,6 +41,8 @@ def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
     """Complete options by what follows from the model and its range of rest [g]."""
     largest = max(float(options.largest_step), float(options.time_step))
     still = float(STILL * np.sqrt(model.gravity * model.length.max()))
+    if not options.rests:
+        still, rest = -1.0, (np.nan, np.nan)
     return options._replace(
         largest_step=largest, still=still, rest_plus=rest[0], rest_minus=rest[1]
     )
@@ -101,10 +104,8 @@ def write_frame(model, state, work, output):
     output.written[0] += 1
     frames.time[n] = state.clock[Clock.TIME]
     for i in range(frames.position.shape[1]):
-        frames.position[n, i, 0] = state.position[i + 1, 0] - model.centroid[i + 1, 0]
-        frames.position[n, i, 1] = state.position[i + 1, 1] - model.centroid[i + 1, 1]
-        frames.position[n, i, 2] = state.position[i + 1, 2]
         for c in range(3):
+            frames.position[n, i, c] = state.position[i + 1, c] - model.start[i + 1, c]
             frames.velocity[n, i, c] = state.velocity[i + 1, c]
     for j in range(state.slip.size):
         for c in range(3):
@@ -175,6 +176,7 @@ def read_state(model, state, work):
     """Start a run from given positions and velocities; the factor on the motion is kept."""
     factor, clock, energy = state.clock[Clock.FACTOR], state.clock, state.energy
     clear(state)
+    set_ties(model, state, work)
     clock[Clock.FACTOR] = factor
     kinetic, clock[Clock.START] = energies_of(model, state)
     energy[Energy.START_KINETIC] = energy[Energy.LARGEST_KINETIC] = kinetic
@@ -184,14 +186,18 @@ def read_state(model, state, work):
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest in the chain's own geometry."""
+    """Start a run from rest where the model starts."""
     for i in range(state.position.shape[0]):
         for c in range(3):
-            state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0
+            state.position[i, c] = model.start[i, c]
             state.velocity[i, c] = 0.0
     clear(state)
-    state.clock[Clock.MOTION], state.clock[Clock.FACTOR] = motion, factor
+    set_ties(model, state, work)
+    clock = state.clock
+    clock[Clock.MOTION], clock[Clock.FACTOR] = motion, factor
+    _, clock[Clock.START] = energies_of(model, state)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    read_joints(model, state, work)
 
 
 @kernel
@@ -199,10 +205,10 @@ def record_end(model, state):
     """Record the largest rotation and displacement at the end."""
     rotation = farthest = 0.0
     for i in range(1, state.position.shape[0] - 1):
-        dx = state.position[i, 0] - model.centroid[i, 0]
-        dy = state.position[i, 1] - model.centroid[i, 1]
+        dx = state.position[i, 0] - model.start[i, 0]
+        dy = state.position[i, 1] - model.start[i, 1]
         farthest = max(farthest, dx * dx + dy * dy)
-        rotation = max(rotation, abs(state.position[i, 2]))
+        rotation = max(rotation, abs(state.position[i, 2] - model.start[i, 2]))
     state.peak[Peak.END_ROTATION] = rotation
     state.peak[Peak.END_DISPLACEMENT] = np.sqrt(farthest)
 

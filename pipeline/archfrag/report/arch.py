@@ -202,6 +202,7 @@ def repeat(
     if not method or chosen is None:
         return None
     kind, (record, level, reason) = method.pop("name"), chosen
+    method["far"] = method.pop("delay", None)
     motion = next(m for m in inputs.motions if m.id == results.records[record])
     factor = float(results["scale_factor"][record, level])
     status, steps, time = (results[k][record, level] for k in ("status", "steps", "collapse_time"))
@@ -230,7 +231,7 @@ def key_frames(example: Example) -> Frames | None:
     rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
     kept = rows[_most_telling(time[rows], state[rows], most)]
-    centroid = np.asarray(example.arch.chain.centroid, dtype=float)
+    centroid = np.asarray(example.arch.centroids, dtype=float)
     return time[kept], centroid + shift[kept], rotation[kept]
 
 
@@ -253,7 +254,7 @@ def film(example: Example, name: str, title: str, enlarged: bool = False) -> Fil
     if frames is None:
         return None
     arch, (time, place, rotation) = example.arch, frames
-    points, centroid = np.concatenate(arch.outlines), np.asarray(arch.chain.centroid, dtype=float)
+    points, centroid = np.concatenate(arch.outlines), np.asarray(arch.centroids, dtype=float)
     larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
     place, rotation = centroid + larger * (place - centroid), larger * rotation
     low, high = points.min(axis=0), points.max(axis=0)

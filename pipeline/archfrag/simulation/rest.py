@@ -18,6 +18,8 @@ from archfrag.mechanics.contact.placing import clearance, move_faces, place_cont
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
+from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
+from archfrag.methods.common import begin
 from archfrag.simulation.thrust import contact_centres, thrust_curve
 
 if TYPE_CHECKING:
@@ -55,6 +57,8 @@ class Onset:
         without a force; None if the arch does not stand or they are not unique. An arch at rest
         is hyperstatic: its thrust line is the admissible one of joints that are equal springs, in
         the limit of infinite stiffness.
+    normal : ndarray, (n_joint,) or None
+        Normal forces of the joints under self-weight, which belong to `thrust` [N].
     arch : Arch
 
     Examples
@@ -75,6 +79,7 @@ class Onset:
     thrust: NDArray[np.float64] | None
     thrust_plus: NDArray[np.float64] | None
     thrust_minus: NDArray[np.float64] | None
+    normal: NDArray[np.float64] | None
     arch: Arch = field(compare=False)
 
     def mechanism(self, towards: str) -> tuple[float, list[Hinge], list[int]]:
@@ -144,12 +149,14 @@ def onset(arch: Arch) -> Onset:
         raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
     chain = arch.chain
     model, state, work = _placed(arch)
+    begin(model, state, work, 0, 0.0)
     place_contacts(model, state.slip, work.face, work.tangent, work)
-    work.candidate[:], state.contact[:] = 1.0, 1.0
-    closed = np.ones(work.candidate.shape, np.int8)
-    joints = work.point, work.normal, closed, chain.friction
+    work.candidate[:] = state.contact
+    joints = work.point, work.normal, state.contact.astype(np.int8), chain.friction
+    centroid, pull = model.start[1:-1, :2].copy(), np.zeros(state.position.shape)
+    pull_at_rest(model, state, work, pull)
     plus, minus = (
-        rest_limit(chain.mass, chain.centroid, *joints, chain.gravity, sense)
+        rest_limit(chain.mass, centroid, *joints, chain.gravity, sense, pull[1:-1])
         for sense in (1.0, -1.0)
     )
     found = plus.found and minus.found
@@ -164,8 +171,10 @@ def onset(arch: Arch) -> Onset:
     ]
     if stands:
         work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
+        pull_by_ties(model, state, work)
         solve_with_fallback(model, state, work, new_path(model))
         pivot, weight = work.pivot, work.reaction.copy()
+        normal = np.einsum("jk,jk->j", weight[:, :2], work.normal)
         # Moments about the origin, as of the limits.
         weight[:, 2] += pivot[:, 0] * weight[:, 1] - pivot[:, 1] * weight[:, 0]
     return Onset(
@@ -179,6 +188,7 @@ def onset(arch: Arch) -> Onset:
         thrust=contact_centres(work, weight) if stands else None,
         thrust_plus=thrusts[0],
         thrust_minus=thrusts[1],
+        normal=normal if stands else None,
         arch=arch,
     )
 
@@ -224,10 +234,9 @@ def own_time(arch: Arch) -> float:
 
 
 def at_rest(arch: Arch) -> tuple[NDArray, NDArray]:
-    """Position and velocity in which an arch was built, each (n_voussoir, 3)."""
-    position = np.zeros((arch.n_voussoir, 3))
-    position[:, :2] = arch.chain.centroid
-    return position, np.zeros_like(position)
+    """Position and velocity in which an arch is at rest, each (n_voussoir, 3)."""
+    position = model_of(arch.chain).start[1:-1]
+    return position.copy(), np.zeros_like(position)
 
 
 def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
@@ -256,7 +265,7 @@ def _placed(arch: Arch, shift: NDArray | float = 0.0) -> tuple[Model, State, Wor
     """The chain with its bodies shifted from rest, and its joint faces there."""
     model = model_of(arch.chain)
     state, work = new_state(model), new_work(model)
-    state.position[:, :2] = model.centroid
+    state.position[:] = model.start
     state.position[1:-1] += shift
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     return model, state, work
@@ -287,7 +296,7 @@ def _limit(arch: Arch, hinges: list[Hinge], sense: float) -> float:
     """Static limit of one mechanism in one sense; inf if the weight does not resist in it."""
     # Points of the plane are complex numbers: x + i y.
     points = np.array([getattr(arch, side)[joint] @ [1.0, 1j] for joint, side in hinges])
-    centroid = arch.chain.centroid @ [1.0, 1j]
+    centroid = arch.centroids @ [1.0, 1j]
     joints = [*(joint for joint, _ in hinges), arch.n_voussoir]
     angle = sense * np.linspace(0.0, LARGEST_ROTATION, POSITIONS)
     placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]

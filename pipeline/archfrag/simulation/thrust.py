@@ -24,7 +24,7 @@ def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.flo
 def thrust_curve(arch: Arch, centre: NDArray, load: float) -> NDArray[np.float64]:
     """Thrust line through contact centres under weights and a steady load [g]."""
     chain = arch.chain
-    body, force = chain.centroid, chain.mass[:, None] * np.array([-load, -1.0])
+    body, force = arch.centroids, chain.mass[:, None] * np.array([-load, -1.0])
     after = np.cumsum(force, axis=0)  # by which the force beyond each body exceeds the first one
     if arch.free_end:
         first, start, end = -after[-1], centre, np.vstack([centre[1:], body[-1:]])

@@ -83,7 +83,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     for member in found[:MOST_ASKED]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
-        size, start = float(np.ptp(arch.chain.centroid, axis=0).max()), onset(arch)
+        size, start = float(np.ptp(arch.centroids, axis=0).max()), onset(arch)
         least = min(start.plus, start.minus)
         where = f"the onset of motion ({least:.3g} g); is their unit right?"
         messages += [f"{member.id}: {text}" for wrong, text in (

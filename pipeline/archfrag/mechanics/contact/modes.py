@@ -10,10 +10,10 @@ goes round in circles, and `archfrag.mechanics.contact.path` changes the modes o
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import solve_modes
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 from archfrag.mechanics.numbers import count_of, flag, larger, opposite, select, some
+from archfrag.mechanics.ties import ask_ties, solve_with_ties, start_ties, take_asked
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
@@ -171,6 +171,7 @@ def start_modes(state, work, where, expects):
             contact, slide = select(closes, 1.0, contact), select(closes, 0.0, slide)
             work.contact[j, k] = select(where, contact, work.contact[j, k])
         work.slide[j] = select(where, slide, work.slide[j])
+    start_ties(state, work, where)
 
 
 @kernel
@@ -188,9 +189,10 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
     limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
     active, reconciled, refused = live, False, False
     while True:
-        left = solve_modes(model, position, work, scale, precision)
+        left = solve_with_ties(model, position, work, scale, precision)
         slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
+        changed = changed | ask_ties(model, work, slack_force)
         looks = active & (iterations == 0.0) & (ahead > -1.0)
         if some(looks):
             for j in range(n_joint):
@@ -204,6 +206,7 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
             for k in range(2):
                 work.contact[j, k] = select(active, work.asked_contact[j, k], work.contact[j, k])
             work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
+        take_asked(work, active)
         if 2 * count_of(active) <= count_of(live):
             break
     return reconciled & (left <= precision.left * scale), refused, active, iterations

@@ -25,6 +25,7 @@ from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
 from archfrag.mechanics.model import Model
 from archfrag.mechanics.status import Count
+from archfrag.mechanics.ties import push_by_ties, start_ties
 
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
@@ -299,9 +300,11 @@ def solve_by_path(model, position, work, path, exact):
     iteration on modes, and breaks of the paths followed.
     """
     scale = velocity_scale(position, work)
+    push_by_ties(model, work, work.free, 1.0)  # on a path ties pull as before
     for i in range(position.shape[0]):
         for c in range(3):
             path.free[i, c] = work.free[i, c]
+    push_by_ties(model, work, work.free, -1.0)
     for j in range(work.slide.size):
         for k in range(2):
             path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
@@ -316,6 +319,7 @@ def solve_by_path(model, position, work, path, exact):
             for j in range(work.slide.size):
                 laws.set_mode(work, j, laws.OPEN)
         breaks += follow_path(position, work, path, size * scale, compliance)
+        push_by_ties(path.model, work, work.free, -1.0)
         _stick_rough(model, work)
         copy_modes(work, path)
         for loose in range(1 if soft or (exact and attempt < EXACT_PATHS) else 2):
@@ -339,6 +343,7 @@ def solve_with_fallback(model, state, work, path):
     """
     count = state.count
     copy_modes(state, work)
+    start_ties(state, work, True)
     for j in range(work.slide.size):
         work.known[j] = 0.0
     solved, compliant, iterations, breaks = solve_by_path(model, work.position, work, path, False)

@@ -14,6 +14,7 @@ from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import BEFORE, later_vertex_meets
 from archfrag.mechanics.model import Model, Work, new_work
 from archfrag.mechanics.numbers import sine_cosine
+from archfrag.mechanics.status import TieState
 
 GROUND = 0
 
@@ -26,11 +27,16 @@ class MegaVoussoirs(NamedTuple):
     first: np.ndarray  # (n_body + 2,) int64: row of the first voussoir of each
     last: np.ndarray  # (n_body + 2,) int64: row of its last one
     joint: np.ndarray  # (n_joint,) int64: joint of the chain that each of theirs is
-    group: np.ndarray  # (n_body + 2,) int64: row of each voussoir's mega-voussoir; GROUND: rests
+    # (n_body + 2,) int64: row of each voussoir's mega-voussoir; of those that rest on a springing
+    # GROUND or the last row in use
+    group: np.ndarray
     offset: np.ndarray  # (n_body + 2, 2) from the centroid of its body, in the axes at rest [m]
     inner_point: np.ndarray  # (n_joint, 2, 2) contacts inside a body, as `offset` [m]
     inner_normal: np.ndarray  # (n_joint, 2) in the axes at rest
     inner_reaction: np.ndarray  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid
+    tie: np.ndarray  # (n_tie, len(TieState)) the memory of ``State.tie``
+    stretch: np.ndarray  # (n_tie, 2) elongations [m] and their rates [m/s]
+    pull: np.ndarray  # (n_body + 2, 3) of ties on voussoirs, as `inner_reaction`
     model: Model
     work: Work
     position: np.ndarray  # (n_body + 2, 3)
@@ -39,11 +45,11 @@ class MegaVoussoirs(NamedTuple):
     next_velocity: np.ndarray  # (n_body + 2, 3)
 
 
-def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
-    """Workspace for any mega-voussoirs of a chain."""
+def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
+    """Workspace for any mega-voussoirs of a chain, with the state of its ties."""
     n_row, n_joint = model.mass.size, model.friction.size
     copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
-    copies |= {"gravity": model.gravity, "rounding": model.rounding}
+    copies |= {"gravity": model.gravity, "rounding": model.rounding, "tie": model.tie}
     indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
     indices |= {name: np.zeros(n_row, np.int64) for name in ("first", "last", "group")}
     motion = ("position", "velocity", "next_position", "next_velocity")
@@ -52,6 +58,9 @@ def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
         inner_point=np.zeros((n_joint, 2, 2)),
         inner_normal=np.zeros((n_joint, 2)),
         inner_reaction=np.zeros((n_joint, 3)),
+        tie=np.zeros((len(model.tie), len(TieState))) if tie is None else tie,
+        stretch=np.zeros((len(model.tie), 2)),
+        pull=np.zeros((n_row, 3)),
         model=Model(**copies),
         work=new_work(model),
         **indices,
@@ -72,12 +81,14 @@ def in_use(mega):
         asked_contact=w.asked_contact, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
         block=w.block, lower=w.lower, upper=w.upper, unknown=w.unknown[:m],
         residual=w.residual[:m], reaction=w.reaction, relative=w.relative, earlier=w.earlier,
-        corner_rate=w.corner_rate, position=w.position,
+        corner_rate=w.corner_rate, position=w.position, tie=w.tie, tie_answer=w.tie_answer,
+        tie_system=w.tie_system,
     )  # fmt: skip
     return MegaVoussoirs(
         count=mega.count, first=mega.first, last=mega.last, joint=mega.joint, group=mega.group,
         offset=mega.offset, inner_point=mega.inner_point, inner_normal=mega.inner_normal,
-        inner_reaction=mega.inner_reaction, model=mega.model, work=work,
+        inner_reaction=mega.inner_reaction, tie=mega.tie, stretch=mega.stretch, pull=mega.pull,
+        model=mega.model, work=work,
         position=mega.position[:n], velocity=mega.velocity[:n],
         next_position=mega.next_position[:n], next_velocity=mega.next_velocity[:n],
     )  # fmt: skip
@@ -101,7 +112,7 @@ def _group(model, contact, slide, mega):
     n = m if n_joint == n_row - 2 else max(m - 1, 0)
     mega.count[0], mega.count[1] = n, m
     for i in range(n_row):
-        mega.group[i] = GROUND
+        mega.group[i] = GROUND if m == 0 or i <= mega.joint[0] else n + 1
     for k in range(1, n + 1):
         mega.first[k] = mega.joint[k - 1] + 1
         mega.last[k] = mega.joint[k] if k < m else n_row - 2
@@ -187,9 +198,11 @@ def assemble(model, contact, slide, slip, mega):
     _place_at_rest(model, slip, mega)
     _sum_masses(model, mega)
     _place_joints(model, contact, slide, slip, mega)
-    # The ground behind the last of them stands where a body may have been before.
+    # The far springing stands where a body may have been before.
     end, out, work = mega.count[0] + 1, mega.model, mega.work
     out.mass[end] = out.inverse_mass[end] = out.inverse_inertia[end] = 0.0
+    for i in range(1, mega.group.size - 1):  # what rests on it
+        out.mass[end] += model.mass[i] if mega.group[i] == end else 0.0
     work.rotated[end, 0], work.rotated[end, 1] = 1.0, 0.0
     for c in range(3):
         mega.position[end, c] = mega.velocity[end, c] = work.free[end, c] = 0.0
@@ -201,8 +214,12 @@ def gather_state(model, position, velocity, mega):
     """Set positions and velocities of mega-voussoirs from those of their voussoirs.
 
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
-    voussoir.
+    voussoir. Place and velocity of the far springing are taken over.
     """
+    end = mega.count[0] + 1
+    for c in range(3):
+        mega.position[end, c] = mega.next_position[end, c] = position[-1, c]
+        mega.velocity[end, c] = mega.next_velocity[end, c] = velocity[-1, c]
     for k in range(1, mega.count[0] + 1):
         x = y = vx = vy = spin = 0.0
         mass = mega.model.mass[k]
@@ -222,7 +239,11 @@ def gather_state(model, position, velocity, mega):
 
 @kernel
 def split_state(mega, mega_position, mega_velocity, position, velocity):
-    """Set positions and velocities of all voussoirs from those of the mega-voussoirs."""
+    """Set positions and velocities of all voussoirs, and of the far springing, from those of the
+    mega-voussoirs."""
+    end = mega.count[0] + 1
+    for c in range(3):
+        position[-1, c], velocity[-1, c] = mega_position[end, c], mega_velocity[end, c]
     s, c, known = 0.0, 1.0, GROUND
     for i in range(1, position.shape[0] - 1):
         k = mega.group[i]

@@ -15,6 +15,7 @@ import math
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact import blocks, placing
 from archfrag.mechanics.laws import slip_normal
+from archfrag.mechanics.mega_voussoirs.pulls import pull_mega_voussoirs
 
 # Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
 PARALLEL = 1e-3
@@ -203,19 +204,25 @@ def pose(mega, position):
 
 
 @kernel
-def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
+def solve_first_level(mega, position, velocity, ground, scale):
     """Solve for accelerations and reactions of mega-voussoirs under a ground acceleration.
 
-    They are left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one
-    [m/s2]. False where the equations have no solution.
+    `ground` is that of `archfrag.mechanics.ground.ground_after`. Accelerations and reactions are
+    left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
+    False where the equations have no solution.
     """
-    model, work = mega.model, mega.work
+    model, work, end = mega.model, mega.work, position.shape[0] - 1
     pose(mega, position)
-    for i in range(1, position.shape[0] - 1):
-        work.free[i, 0] = -ground_x
-        work.free[i, 1] = -model.gravity - ground_y
+    for i in range(1, end):
+        work.free[i, 0] = -ground[0]
+        work.free[i, 1] = -model.gravity - ground[1]
         work.free[i, 2] = 0.0
-    if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
+    work.free[end, 0], work.free[end, 1] = ground[2], ground[3]
+    pull_mega_voussoirs(mega, position, velocity)
+    moves = ground[2] != 0.0 or ground[3] != 0.0
+    moves = moves or velocity[end, 0] != 0.0 or velocity[end, 1] != 0.0
+    four = not moves and is_four_hinges(work, position.shape[0])
+    if four and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
     left = blocks.solve_modes(model, position, work, scale, blocks.EXACT)

@@ -49,7 +49,7 @@ def _boundary(mega, k, position):
 
 
 @kernel
-def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_weight, value):
+def solve_second_level(model, mega, position, velocity, ground, per_weight, value):
     """Set the margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
 
     After `solve_first_level`, of joints that are closed and stick: forces at both corners, and
@@ -57,8 +57,8 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
     voussoirs, `position` and `velocity` are those of the mega-voussoirs; forces are multiplied by
     `per_weight` [1/N]. ``mega.inner_reaction`` is overwritten.
     """
-    n_row, work, offset = mega.group.size, mega.work, mega.offset
-    body_y = ground_y + model.gravity
+    n_row, work, offset, pull = mega.group.size, mega.work, mega.offset, mega.pull
+    ground_x, body_y = ground[0], ground[1] + model.gravity
     for k in range(1, mega.count[0] + 1):
         c, s = work.rotated[k, 0], work.rotated[k, 1]
         x, y, moment = _boundary(mega, k - 1, (position[k, 0], position[k, 1]))
@@ -70,8 +70,8 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
             x, y = offset[i, 0], offset[i, 1]
             hx = model.mass[i] * (ahead_x - angular * y - square * x)
             hy = model.mass[i] * (ahead_y + angular * x - square * y)
-            fx, fy = fx - hx, fy - hy
-            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * angular
+            fx, fy = fx - hx + pull[i, 0], fy - hy + pull[i, 1]
+            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * angular - pull[i, 2]
             _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
     if mega.count[1] == 0:
         return
@@ -79,17 +79,18 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
     fx, fy, moment = _boundary(mega, 0, (0.0, 0.0))
     for i in range(mega.joint[0], 0, -1):
         hx, hy = model.mass[i] * ground_x, model.mass[i] * body_y
-        fx, fy = fx + hx, fy + hy
-        moment += cross((offset[i, 0], offset[i, 1]), (hx, hy))
+        fx, fy = fx + hx - pull[i, 0], fy + hy - pull[i, 1]
+        moment += cross((offset[i, 0], offset[i, 1]), (hx, hy)) - pull[i, 2]
         _joint_margins(model, mega, i - 1, fx, fy, moment, per_weight, value)
-    if value.shape[0] == n_row - 2:
+    if model.friction.size == n_row - 2:
         return
-    last = mega.count[1] - 1
-    fx, fy, moment = _boundary(mega, last, (0.0, 0.0))
+    last, end = mega.count[1] - 1, mega.count[0] + 1
+    fx, fy, moment = _boundary(mega, last, (position[end, 0], position[end, 1]))
+    ahead_x, ahead_y = ground_x + work.solved[end, 0], body_y + work.solved[end, 1]
     for i in range(mega.joint[last] + 1, n_row - 1):
-        hx, hy = model.mass[i] * ground_x, model.mass[i] * body_y
-        fx, fy = fx - hx, fy - hy
-        moment -= cross((offset[i, 0], offset[i, 1]), (hx, hy))
+        hx, hy = model.mass[i] * ahead_x, model.mass[i] * ahead_y
+        fx, fy = fx - hx + pull[i, 0], fy - hy + pull[i, 1]
+        moment -= cross((offset[i, 0], offset[i, 1]), (hx, hy)) - pull[i, 2]
         _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
 
 

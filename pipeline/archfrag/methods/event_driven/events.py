@@ -14,6 +14,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import clearance, corner_rate_at, move_faces
+from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import (
@@ -28,6 +29,8 @@ from archfrag.mechanics.mega_voussoirs.second_level import (
     solve_second_level,
 )
 from archfrag.mechanics.model import Model
+from archfrag.mechanics.status import Tie, TieState
+from archfrag.mechanics.ties import BROKEN, SLACK, TAUT, YIELDS
 from archfrag.methods.event_driven import runge_kutta
 from archfrag.methods.event_driven.runge_kutta import Scheme, Stages
 
@@ -54,8 +57,8 @@ class Motion(NamedTuple):
     acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
     per_weight: float  # [1/N]
     tolerance: float  # relative error of a step
-    value: np.ndarray  # (n_joint, N_LAW) margins of all laws
-    low: np.ndarray  # (n_joint, N_LAW) at the beginning of a step
+    value: np.ndarray  # (n_joint + n_tie, N_LAW) margins of all laws, of joints and of ties
+    low: np.ndarray  # (n_joint + n_tie, N_LAW) at the beginning of a step
     # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
     # where they touch
     gap: np.ndarray
@@ -66,7 +69,8 @@ class Motion(NamedTuple):
 def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint, length = model.friction.size, float(model.length.min())
-    margins, gaps = np.full((2, n_joint, N_LAW), np.inf), np.full((2, n_joint, 2, 2), np.inf)
+    margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
+    gaps = np.full((2, n_joint, 2, 2), np.inf)
     return Motion(
         model=model,
         stages=runge_kutta.new_stages(model.mass.size),
@@ -143,8 +147,31 @@ def margins_between(mega, motion, position, velocity):
             value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
 
 
+@inlined
+def tie_margins(mega, motion):
+    """Set margins of ties, in the rows behind the joints.
+
+    Tension and what is left to the strength of a tie that is taut, the force that a slack one
+    lacks, the rate at which one yields, and what is left to its rupture.
+    """
+    ties, first = mega.model.tie, motion.model.friction.size
+    for t in range(ties.shape[0]):
+        value, mode = motion.value[first + t], mega.tie[t, TieState.MODE]
+        strength = ties[t, Tie.STRENGTH]
+        stiffness = motion.per_weight * ties[t, Tie.STIFFNESS]
+        elastic = stiffness * (mega.stretch[t, 0] - mega.tie[t, TieState.SET])
+        if mode == TAUT:
+            value[FORCE_0], value[FORCE_1] = elastic, motion.per_weight * strength - elastic
+        elif mode == SLACK:
+            value[FORCE_0] = -elastic
+        elif mode == YIELDS:
+            value[SLIP_END] = SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
+        if mode != BROKEN:
+            value[FRICTION_PLUS] = stiffness * (ties[t, Tie.RUPTURE] - mega.stretch[t, 0])
+
+
 @kernel
-def find_margins(motion, mega, position, velocity, ground_x, ground_y):
+def find_margins(motion, mega, position, velocity, ground):
     """Set margins of all laws after `solve_first_level`; return the smallest.
 
     Its joint and law are left in ``motion.trigger``.
@@ -154,9 +181,8 @@ def find_margins(motion, mega, position, velocity, ground_x, ground_y):
         for law in range(N_LAW):
             value[j, law] = np.inf
     margins_between(mega, motion, position, velocity)
-    solve_second_level(
-        motion.model, mega, position, velocity, ground_x, ground_y, motion.per_weight, value
-    )
+    solve_second_level(motion.model, mega, position, velocity, ground, motion.per_weight, value)
+    tie_margins(mega, motion)
     least = np.inf
     for j in range(value.shape[0]):
         for law in range(N_LAW):
@@ -171,10 +197,10 @@ def margins_at(motion, mega, part, step, ground):
     """Return the smallest margin at a part of a step; nan without a solution."""
     position, velocity = mega.next_position, mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
-    x, y = runge_kutta.ground_after(ground, part * step)
-    if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
+    now = ground_after(ground, part * step)
+    if not solve_first_level(mega, position, velocity, now, motion.acceleration):
         return np.nan
-    return find_margins(motion, mega, position, velocity, x, y)
+    return find_margins(motion, mega, position, velocity, now)
 
 
 @kernel

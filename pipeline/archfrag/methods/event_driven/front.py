@@ -32,9 +32,10 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
     progress[Progress.QUIESCENT_UNTIL], progress[Progress.SWITCH] = -np.inf, BY_UNSOLVED
     most = int(options.max_steps) + STEPS_PER_SAMPLE * grounds.horizontal.size
     options = options._replace(largest_step=0.0, max_steps=most, first_steps=float(most))
+    state = new_state(model)
     return Run(
-        model=model, state=new_state(model), work=new_work(model),
-        mega=new_mega_voussoirs(model), motion=motion, progress=progress,
+        model=model, state=state, work=new_work(model),
+        mega=new_mega_voussoirs(model, state.tie), motion=motion, progress=progress,
         recent=np.full(ACCUMULATION, -np.inf), outward=np.zeros(model.mass.size),
         grounds=grounds, path=new_path(model), options=common.ready(options, model, rest),
     )  # fmt: skip
@@ -55,7 +56,8 @@ def run(
     given = new_run(model, one_of(grounds, 0, factor), options, rest)
     state, output = given.state, common.output_to(frames, log, options.frame_interval)
     state.position[1:-1], state.velocity[1:-1] = position, velocity
-    follow_phases(given, from_rest and not np.isnan(rest[0]), output, results, 0)
+    at_rest = from_rest and not np.isnan(given.options.rest_plus)
+    follow_phases(given, at_rest, output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return _refused(chain, options, results)
@@ -69,6 +71,6 @@ def run_many(
     rest, output = rest_of(model), common.no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):
         given = new_run(model, one_of(grounds, number, by), options, rest)
-        given.state.position[1:-1, :2] = chain.centroid
+        given.state.position[:] = model.start
         follow_phases(given, not np.isnan(rest[0]), output, results, row)
     return _refused(chain, options, results)

@@ -14,7 +14,7 @@ from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.energy import kinetic_energy
-from archfrag.mechanics.ground import Grounds, segment_at
+from archfrag.mechanics.ground import Grounds, ground_after, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.mechanics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import joint_reactions
@@ -100,8 +100,8 @@ def look_outward(run, mega, position, velocity):
         for i in range(mega.first[k], mega.last[k] + 1):
             x = c * mega.offset[i, 0] - s * mega.offset[i, 1]
             y = s * mega.offset[i, 0] + c * mega.offset[i, 1]
-            dx = position[k, 0] + x - run.model.centroid[i, 0]
-            dy = position[k, 1] + y - run.model.centroid[i, 1]
+            dx = position[k, 0] + x - run.model.start[i, 0]
+            dy = position[k, 1] + y - run.model.start[i, 1]
             rate = dx * (velocity[k, 0] - velocity[k, 2] * y)
             rate += dy * (velocity[k, 1] + velocity[k, 2] * x)
             comes_back = comes_back or (run.outward[i] > 0.0 > rate)
@@ -114,12 +114,12 @@ def record_place(run, mega, position):
     """Record the largest displacement and rotation so far."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
-        rotation = max(rotation, abs(position[k, 2]))
         s, c = sine_cosine(position[k, 2])
         for i in range(mega.first[k], mega.last[k] + 1):
             x, y = mega.offset[i, 0], mega.offset[i, 1]
-            dx = position[k, 0] + c * x - s * y - run.model.centroid[i, 0]
-            dy = position[k, 1] + s * x + c * y - run.model.centroid[i, 1]
+            dx = position[k, 0] + c * x - s * y - run.model.start[i, 0]
+            dy = position[k, 1] + s * x + c * y - run.model.start[i, 1]
+            rotation = max(rotation, abs(position[k, 2] - run.model.start[i, 2]))
             farthest = max(farthest, dx * dx + dy * dy)
     run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST] = rotation, farthest
 
@@ -150,33 +150,35 @@ def recover_voussoirs(mega, position, velocity, state):
 
 
 @inlined
-def begin_motion(run, mega, x, y):
+def begin_motion(run, mega, segment):
     """Bring the state onto the contacts after an event, and evaluate it for the first time.
 
     Returns whether the mechanism can be integrated: its equations of motion have a solution, and
     the state is not too far from its contacts.
     """
     motion, position, velocity = run.motion, mega.position, mega.velocity
+    ground, end = ground_after(segment, 0.0), position.shape[0] - 1
+    velocity[end, 0], velocity[end, 1] = segment.far_x[1], segment.far_y[1]
     pose(mega, position)
     if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * motion.length):
         return False
-    if not solve_first_level(mega, position, velocity, x, y, motion.acceleration):
+    if not solve_first_level(mega, position, velocity, ground, motion.acceleration):
         return False
-    runge_kutta.keep_stage(mega, motion.stages, 0, position, velocity, x, y)
-    least = find_margins(motion, mega, position, velocity, x, y)
+    runge_kutta.keep_stage(mega, motion.stages, 0, position, velocity, ground)
+    least = find_margins(motion, mega, position, velocity, ground)
     keep_margins(mega, motion)
     look_outward(run, mega, position, velocity)
     return least > -np.inf
 
 
 @kernel
-def recover_reactions(run, mega, position, velocity, x, y):
+def recover_reactions(run, mega, position, velocity, ground):
     """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
     it is."""
     state, work = run.state, run.work
-    if not solve_first_level(mega, position, velocity, x, y, run.motion.acceleration):
+    if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
         return False
-    find_margins(run.motion, mega, position, velocity, x, y)
+    find_margins(run.motion, mega, position, velocity, ground)
     recover_voussoirs(mega, position, velocity, state)
     move_faces(run.model, state.position, work.rotated, work.face, work.tangent)
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
@@ -196,9 +198,8 @@ def write_step(run, mega, start, step, part, ground, output):
     while output.due[0] <= start + part * step + 1e-9 * output.interval:
         later = min(output.due[0] - start, part * step)
         runge_kutta.dense_state(run.motion.stages, later / step, position, velocity)
-        x, y = runge_kutta.ground_after(ground, later)
         clock[Clock.TIME] = output.due[0]
-        if recover_reactions(run, mega, position, velocity, x, y):
+        if recover_reactions(run, mega, position, velocity, ground_after(ground, later)):
             write_frame(run.model, run.state, run.work, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = now
@@ -210,7 +211,7 @@ def _accept(run, mega, part, peaks):
     stages, energy = run.motion.stages, run.state.energy
     energy[Energy.GROUND] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_GROUND], part)
     energy[Energy.FRICTION] += runge_kutta.blend(stages.dense_work[runge_kutta.BY_FRICTION], part)
-    for i in range(1, mega.position.shape[0] - 1):
+    for i in range(1, mega.position.shape[0]):
         for c in range(3):
             mega.position[i, c] = mega.next_position[i, c]
             mega.velocity[i, c] = mega.next_velocity[i, c]
@@ -226,7 +227,7 @@ def _accept(run, mega, part, peaks):
 @inlined
 def _shift_stages(mega, stages, last):
     """Use the last stage as the first one of the next step."""
-    for i in range(1, mega.position.shape[0] - 1):
+    for i in range(1, mega.position.shape[0]):
         for c in range(3):
             stages.velocity[i, 0, c] = stages.velocity[i, last, c]
             stages.acceleration[i, 0, c] = stages.acceleration[i, last, c]
@@ -247,8 +248,8 @@ def _allowed_errors(mega, motion, farthest):
 @inlined
 def check_laws(motion, mega, step, ground):
     """Check all laws at the end of a step, and gaps inside it; return part, event."""
-    x, y = runge_kutta.ground_after(ground, step)
-    least = find_margins(motion, mega, mega.next_position, mega.next_velocity, x, y)
+    now = ground_after(ground, step)
+    least = find_margins(motion, mega, mega.next_position, mega.next_velocity, now)
     runge_kutta.make_dense(mega, motion.stages, motion.scheme, step)
     end, searched = closed_inside(motion, mega, step)
     if searched:

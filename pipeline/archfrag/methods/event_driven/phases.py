@@ -15,13 +15,14 @@ from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import balance_energy, energies_of
-from archfrag.mechanics.ground import end_of_motion, segment_at
+from archfrag.mechanics.ground import end_of_motion, ground_after, segment_at
 from archfrag.mechanics.mega_voussoirs import assemble
 from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as ModelLevel
+from archfrag.mechanics.ties import stretch_yielding
 from archfrag.methods import common
 from archfrag.methods.event_driven import transitions
 from archfrag.methods.event_driven.events import NONE
@@ -93,8 +94,8 @@ def modes_of_accelerations(run):
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
-    x, y = transitions.ground_now(run, run.progress[Progress.LEAVES_REST] == 1.0)
-    run.progress[Progress.JAMMED] = 1.0 if transitions.pose_accelerations(run, x, y) else 0.0
+    ground = transitions.ground_now(run, run.progress[Progress.LEAVES_REST] == 1.0)
+    run.progress[Progress.JAMMED] = 1.0 if transitions.pose_accelerations(run, ground) else 0.0
     if trigger[0] != NONE:
         transitions.change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
@@ -128,7 +129,7 @@ def assemble_mega_voussoirs(run, output):
         state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
         return ALL_VOUSSOIRS
     ground = segment_at(clock[Clock.TIME], run.grounds)
-    if not begin_motion(run, mega, ground.x, ground.y):
+    if not begin_motion(run, mega, ground):
         return ALL_VOUSSOIRS
     if progress[Progress.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
@@ -154,6 +155,7 @@ def integrate_to_next_event(run, output):
     run.progress[spent] += clock[Clock.TIME] - before
     pose(mega, mega.position)
     recover_voussoirs(mega, mega.position, mega.velocity, run.state)
+    state.energy[Energy.FRICTION] -= stretch_yielding(model, state)
     if code == EVENT:
         return UPON_EVENT
     run.motion.trigger[0] = NONE
@@ -163,8 +165,8 @@ def integrate_to_next_event(run, output):
     if code != STOPPED and code != COLLAPSES and code != BOUND:
         return ALL_VOUSSOIRS
     balance_energy(model, state)
-    ground = segment_at(clock[Clock.TIME], run.grounds)
-    recover_reactions(run, mega, mega.position, mega.velocity, ground.x, ground.y)
+    ground = ground_after(segment_at(clock[Clock.TIME], run.grounds), 0.0)
+    recover_reactions(run, mega, mega.position, mega.velocity, ground)
     clock[Clock.CODE] = common.AT_END if code == STOPPED else common.EXHAUSTED
     if code == COLLAPSES:
         follow_joints(model, state, work, True, run.options.loss_limit)

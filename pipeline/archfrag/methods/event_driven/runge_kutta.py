@@ -13,6 +13,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import corner_rate_at
+from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
 
@@ -83,9 +84,14 @@ def new_stages(n_row: int) -> Stages:
 
 
 @inlined
-def ground_after(ground, time):
-    """Return the ground acceleration at a time after the beginning of its segment [m/s2]."""
-    return ground.x + ground.slope_x * time, ground.y + ground.slope_y * time
+def _travel(far, time):
+    """Displacement and velocity of the far springing a time after the beginning of a segment.
+
+    The displacement is counted from there.
+    """
+    a, v, jerk = far[0], far[1], far[3]
+    rise = time * (v + time * (0.5 * a + time * jerk / 6.0))
+    return rise, v + time * (a + 0.5 * time * jerk)
 
 
 @kernel
@@ -97,14 +103,25 @@ def sliding_rate(j, position, velocity, work):
 
 
 @kernel
-def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
+def keep_stage(mega, stages, stage, position, velocity, ground):
     """Store the last solution of the first level as a stage of the step."""
     work, by_ground, by_friction = mega.work, 0.0, 0.0
-    for i in range(1, position.shape[0] - 1):
+    last, end = work.slide.shape[0] - 1, position.shape[0] - 1
+    if last == end - 1:
+        by_ground -= work.reaction[last, 0] * velocity[end, 0]
+        by_ground -= work.reaction[last, 1] * velocity[end, 1]
+    # Voussoirs that rest on the far springing move with it.
+    power = ground[2] * velocity[end, 0] + (ground[3] + mega.model.gravity) * velocity[end, 1]
+    by_ground += mega.model.mass[end] * power
+    work.solved[end, 0], work.solved[end, 1], work.solved[end, 2] = ground[2], ground[3], 0.0
+    for c in range(3):
+        stages.velocity[end, stage, c] = velocity[end, c]
+        stages.acceleration[end, stage, c] = work.solved[end, c]
+    for i in range(1, end):
         for c in range(3):
             stages.velocity[i, stage, c] = velocity[i, c]
             stages.acceleration[i, stage, c] = work.solved[i, c]
-        power = ground_x * velocity[i, 0] + ground_y * velocity[i, 1]
+        power = ground[0] * velocity[i, 0] + ground[1] * velocity[i, 1]
         by_ground -= mega.model.mass[i] * power
     for j in range(work.slide.shape[0]):
         if work.slide[j] != 0.0:
@@ -128,10 +145,14 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
                     v += scheme.stage[stage, s] * stages.acceleration[i, s, c]
                 position[i, c] = mega.position[i, c] + step * q
                 velocity[i, c] = mega.velocity[i, c] + step * v
-        x, y = ground_after(ground, scheme.time[stage] * step)
-        if not solve_first_level(mega, position, velocity, x, y, scale):
+        time = scheme.time[stage] * step
+        for c, far in ((0, ground.far_x), (1, ground.far_y)):
+            moved, velocity[end, c] = _travel(far, time)
+            position[end, c] = mega.position[end, c] + moved
+        now = ground_after(ground, time)
+        if not solve_first_level(mega, position, velocity, now, scale):
             return np.inf
-        keep_stage(mega, stages, stage, position, velocity, x, y)
+        keep_stage(mega, stages, stage, position, velocity, now)
     worst = total = 0.0
     for i in range(1, end):
         for c in range(3):
@@ -159,7 +180,7 @@ def _set_coefficients(out, start, end, first, last, highest):
 def make_dense(mega, stages, scheme, step):
     """Set the coefficients of the dense output of a step."""
     last = scheme.time.shape[0] - 1
-    for i in range(1, mega.position.shape[0] - 1):
+    for i in range(1, mega.position.shape[0]):
         v, a = stages.velocity[i], stages.acceleration[i]
         for c in range(3):
             dv = da = 0.0
@@ -192,7 +213,7 @@ def blend(r, part):
 @kernel
 def dense_state(stages, part, position, velocity):
     """Set `position` and `velocity` at a part of the step."""
-    for i in range(1, position.shape[0] - 1):
+    for i in range(1, position.shape[0]):
         for c in range(3):
             position[i, c] = blend(stages.dense_position[i, c], part)
             velocity[i, c] = blend(stages.dense_velocity[i, c], part)

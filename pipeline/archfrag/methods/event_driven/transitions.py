@@ -16,15 +16,16 @@ from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import copy_modes, solve_by_path
 from archfrag.mechanics.energy import kinetic_energy
-from archfrag.mechanics.ground import rest_margin, segment_at
+from archfrag.mechanics.ground import ground_after, rest_margin, segment_at
 from archfrag.mechanics.laws import opening_rate
 from archfrag.mechanics.mega_voussoirs import second_level
 from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy
+from archfrag.mechanics.ties import change_tie, pull_by_ties, release_ties
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
-BY_IMPACT, BY_LOSS = int(Cause.IMPACT), int(Cause.LOSS)
+BY_IMPACT, BY_LOSS, BY_TIE = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.TIE)
 # Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
 # through it, they stay.
 TOUCHING = 1e-9
@@ -70,7 +71,8 @@ def pose_impact(run, joint, corner):
             work.candidate[j, k] = work.contact[j, k] = 1.0 if near or held else 0.0
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
         work.slide[j] = work.known[j] = 0.0
-    for i in range(1, state.velocity.shape[0] - 1):
+    release_ties(model, work)
+    for i in range(1, state.velocity.shape[0]):
         for c in range(3):
             work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
     return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
@@ -123,29 +125,35 @@ def _approaches(run):
 def take_impact(run):
     """Accept the velocities after an impact, and close slow joints."""
     model, state, work = run.model, run.state, run.work
-    had = kinetic_energy(model, state.velocity)
+    had, by_far = kinetic_energy(model, state.velocity), 0.0
     for j in range(state.slip.size):
         made_0 = work.contact[j, 0] > state.contact[j, 0]
         made = made_0 or work.contact[j, 1] > state.contact[j, 1]
         state.count[Count.IMPACTS] += 1.0 if made else 0.0
-    _take_velocities(run)
+    by_far = _take_velocities(run)
     if _close_slow_joints(run):
         left = kinetic_energy(model, state.velocity)
-        for i in range(1, state.velocity.shape[0] - 1):
+        for i in range(1, state.velocity.shape[0]):
             for c in range(3):
                 work.free[i, c] = state.velocity[i, c]
         solve_modes(model, state.position, work, run.motion.speed, EXACT)
         # Where bringing velocities there would give energy, or another joint would have to be
         # struck, nothing is closed.
         if kinetic_energy(model, work.solved) <= left and not _approaches(run):
-            _take_velocities(run)
-    state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had
+            by_far += _take_velocities(run)
+    state.energy[Energy.GROUND] += by_far
+    state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had - by_far
 
 
 @inlined
 def _take_velocities(run):
-    """Accept solved velocities and modes."""
+    """Accept solved velocities and modes; return the work of the far springing [J]."""
     state, work = run.state, run.work
+    last, end = state.slip.size - 1, state.velocity.shape[0] - 1
+    by_far = 0.0
+    if last == end - 1:
+        by_far -= work.reaction[last, 0] * state.velocity[end, 0]
+        by_far -= work.reaction[last, 1] * state.velocity[end, 1]
     for i in range(1, state.velocity.shape[0] - 1):
         for c in range(3):
             state.velocity[i, c] = work.solved[i, c]
@@ -153,6 +161,7 @@ def _take_velocities(run):
         state.slide[j] = work.slide[j]
         for k in range(2):
             state.contact[j, k] = work.contact[j, k]
+    return by_far
 
 
 @inlined
@@ -176,23 +185,22 @@ def _find_touching(j, run):
 
 @inlined
 def ground_now(run, leaves_rest):
-    """Return the ground acceleration [m/s2]; at the end of a rest, just outside its range."""
+    """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
+    range."""
     time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
-    end, x, slope_x, y, slope_y = segment_at(time, run.grounds)
-    if not leaves_rest or np.isnan(options.rest_plus):
-        return x, y
-    later = 0.0
+    segment, later = segment_at(time, run.grounds), 0.0
+    end = segment.end if leaves_rest and not np.isnan(options.rest_plus) else time
     while time + later < end:
-        ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
-        margin = rest_margin(ahead_x, ahead_y, g, options.rest_plus, options.rest_minus)
+        ahead = ground_after(segment, later)
+        margin = rest_margin(ahead[0], ahead[1], g, options.rest_plus, options.rest_minus)
         if margin < -BEYOND * g:
             break
         later = min(max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)), end - time)
-    return x + slope_x * later, y + slope_y * later
+    return ground_after(segment, later)
 
 
 @inlined
-def pose_accelerations(run, ground_x, ground_y):
+def pose_accelerations(run, ground):
     """Set up the problem of accelerations at the present state.
 
     Returns whether unlimited friction ends a slip at once.
@@ -211,9 +219,11 @@ def pose_accelerations(run, ground_x, ground_y):
         if state.contact[j, 0] + state.contact[j, 1] == (2.0 if rough else 0.0):
             work.slide[j] = 0.0
     for i in range(1, state.velocity.shape[0] - 1):
-        work.free[i, 0] = -ground_x
-        work.free[i, 1] = -model.gravity - ground_y
+        work.free[i, 0] = -ground[0]
+        work.free[i, 1] = -model.gravity - ground[1]
         work.free[i, 2] = 0.0
+    work.free[-1, 0], work.free[-1, 1] = ground[2], ground[3]
+    pull_by_ties(model, state, work)
     centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
     return jammed
 
@@ -264,6 +274,8 @@ def cause_of(run):
     """Return why the mechanism ends: the cause, and the joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
     contact = run.state.contact
+    if joint >= contact.shape[0]:
+        return BY_TIE, -1
     if law == second_level.SLIP_END:
         return BY_STICK, joint
     if law in (second_level.GAP_0, second_level.GAP_1):
@@ -278,7 +290,13 @@ def cause_of(run):
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended, to start the search for modes."""
     contact, slide = run.work.contact, run.work.slide
-    if cause == BY_STICK:
+    if cause == BY_TIE:
+        lost = change_tie(
+            run.model, run.state, joint - contact.shape[0], law == second_level.FORCE_1,
+            law == second_level.FRICTION_PLUS,
+        )  # fmt: skip
+        run.state.energy[Energy.FRICTION] -= lost
+    elif cause == BY_STICK:
         slide[joint] = 0.0
     elif cause == BY_HINGE:
         contact[joint, law - second_level.FORCE_0] = 0.0

@@ -16,6 +16,7 @@ from archfrag.mechanics.numbers import nearest, select
 from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Peak
+from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
 from archfrag.methods import common
 from archfrag.methods.common import log_change, write_frame
 from archfrag.methods.time_stepping.at_impacts import next_step
@@ -53,14 +54,15 @@ def rest_range(model, state, work):
         for k in range(2):
             if clearance(j, k, work.face, work.tangent) > common.CLOSED_GAP * model.length[j]:
                 candidate[j, k] = 0
-    centroid = state.position[1:-1, :2].copy()
+    centroid, pull = state.position[1:-1, :2].copy(), np.zeros(state.position.shape)
+    pull_at_rest(model, state, work, pull)
     found = np.ones(2, np.bool_)
     factor = np.zeros(2)
     for k in range(2):
         sense = 1.0 - 2.0 * k
         limit = rest_limit(
             model.mass[1:-1], centroid, work.point, work.normal, candidate, model.friction,
-            model.gravity, sense,
+            model.gravity, sense, pull[1:-1],
         )  # fmt: skip
         found[k], factor[k] = limit.found, sense * limit.load_factor
     return found[0] and found[1], factor[0], factor[1]
@@ -98,6 +100,7 @@ def write_rest(model, grounds, state, work, path, output):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.contact[j, k]
+    pull_by_ties(model, state, work)
     count = state.count
     taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
     solved, _ = solve_with_fallback(model, state, work, path)

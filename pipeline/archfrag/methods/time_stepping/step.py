@@ -21,10 +21,11 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact import placing
-from archfrag.mechanics.energy import kinetic_energy, record_step
+from archfrag.mechanics.energy import kinetic_energy, record_step, record_ties
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
 from archfrag.mechanics.status import Count, Energy, Peak
+from archfrag.mechanics.ties import accept_ties, aim_ties
 
 # A corner takes part in a step if its gap could close within it at this many times the largest
 # relative velocity of any joint: an impact elsewhere may throw it shut. Both corners of a joint
@@ -39,6 +40,8 @@ COMPLETE = 0.001
 ENDING, GOING_ON = 1.0, 2.0
 # An impact this near to the middle of a step, over its length, need not be brought nearer.
 CENTRED = 0.1
+# The mean tension over a step is that of the middle plus this part of its change by the step.
+MEAN = 0.25
 # Steps between looks for overlaps where no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
 
@@ -132,6 +135,15 @@ def free_fall(model, state, work, impulse, span):
         work.free[i, 2] = state.velocity[i, 2]
 
 
+@inlined
+def move_far_springing(state, work, impulse):
+    """Set where the far springing is in the middle of a step, and its velocities around that."""
+    end = state.position.shape[0] - 1
+    work.position[end, 0], work.position[end, 1] = impulse.far_x, impulse.far_y
+    state.velocity[end, 0], state.velocity[end, 1] = impulse.before_x, impulse.before_y
+    work.free[end, 0], work.free[end, 1] = impulse.after_x, impulse.after_y
+
+
 @kernel
 def go_to_middle(model, state, work, step):
     """Move bodies, faces and slips to the middle of a step."""
@@ -176,7 +188,9 @@ def carry_on(model, state, work, span):
 def pose_step(model, state, work, impulse, step, shortest):
     """Set up the contact problem of a step, without initial modes."""
     free_fall(model, state, work, impulse, step)
+    move_far_springing(state, work, impulse)
     go_to_middle(model, state, work, step)
+    aim_ties(model, state, work, step, MEAN)
     span = time_before(state, step)
     if some(span > 0.0):
         carry_on(model, state, work, span)
@@ -194,6 +208,20 @@ def take_velocities(model, state, work, impulse, where):
         for c in range(3):
             state.velocity[i, c] = select(where, work.solved[i, c], state.velocity[i, c])
     state.energy[Energy.GROUND] += select(where, given, 0.0)
+
+
+@inlined
+def record_far_work(state, work, where):
+    """Record the work of the far springing, where the last joint bears on it."""
+    last, end = state.slip.shape[0] - 1, state.position.shape[0] - 1
+    if last < end - 1:
+        return
+    mean_x = 0.5 * (state.velocity[end, 0] + work.solved[end, 0])
+    mean_y = 0.5 * (state.velocity[end, 1] + work.solved[end, 1])
+    given = work.reaction[last, 0] * mean_x + work.reaction[last, 1] * mean_y
+    state.energy[Energy.GROUND] -= select(where, given, 0.0)
+    for c in range(2):
+        state.velocity[end, c] = select(where, work.solved[end, c], state.velocity[end, c])
 
 
 @inlined
@@ -243,11 +271,11 @@ def record_motion(model, state, where):
     rotation, length = state.peak[Peak.ROTATION], model.length[0]
     spoiled = farthest
     for i in range(1, state.position.shape[0] - 1):
-        dx = state.position[i, 0] - model.centroid[i, 0]
-        dy = state.position[i, 1] - model.centroid[i, 1]
+        dx = state.position[i, 0] - model.start[i, 0]
+        dy = state.position[i, 1] - model.start[i, 1]
         ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
         farthest = larger(farthest, dx * dx + dy * dy)
-        rotation = larger(rotation, abs(state.position[i, 2]))
+        rotation = larger(rotation, abs(state.position[i, 2] - model.start[i, 2]))
         speed = larger(abs(ux) + abs(uy), length * abs(w))
         fastest = larger(fastest, speed)
         spoiled += 0.0 * (dx + dy + state.position[i, 2])
@@ -280,7 +308,7 @@ def make_step(model, state, work, impulse, where, loss_limit):
     """Accept solved velocities and the positions that they reach; as `accept_step`."""
     clock, count = state.clock, state.count
     step, changes = clock[Clock.STEP], False
-    for i in range(1, state.position.shape[0] - 1):
+    for i in range(1, state.position.shape[0]):
         for c in range(3):
             moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
@@ -298,6 +326,9 @@ def make_step(model, state, work, impulse, where, loss_limit):
             steady = select(hit > 0.0, 0.0, work.reaction[j, c])
             state.force[j, c] = select(where, steady, state.force[j, c])
     placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    yielded, unexplained = accept_ties(model, state, work, step, where)
+    if model.tie.shape[0] > 0:
+        record_ties(state, yielded, unexplained, where)
     collapsed = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
@@ -330,6 +361,7 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     if some(span > 0.0):  # what acted before the impact works too
         add_carried(state, work, span)
     record_step(state, work, where)
+    record_far_work(state, work, where)
     if some(span > 0.0):
         add_carried(state, work, -span)
     return make_step(model, state, work, impulse, where, loss_limit)

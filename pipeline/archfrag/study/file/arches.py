@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from archfrag.arch.uncertain import Marginal
 
 _SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
-_LOADED = ("dead_load", "fill", "piers")
+_LOADED = ("dead_load", "fill", "piers", "strength", "springings", "ties")
 _DRAWN = ("thickness_factor", "tolerance", *_LOADED)
 # Keys that each profile needs, and keys that it may have.
 PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -60,6 +60,7 @@ Density = Annotated[float, Field(le=1e6, json_schema_extra={"exclusiveMinimum": 
 UnitWeight = Annotated[float, Field(json_schema_extra={"minimum": 0, "maximum": 1e6})]
 Load = Annotated[float, Field(le=1e12, json_schema_extra={"minimum": 0})]
 Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Shift = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Friction = Annotated[
     float,
     Field(allow_inf_nan=True),
@@ -122,6 +123,36 @@ class Fill(Section):
     inertia: Annotated[float, Field(json_schema_extra={"const": 1.0})] = 1.0
     """Part of the mass of fill and backing that moves horizontally with the ring. It can only be
     1: a body has one mass, so that all that weighs on it also moves with it."""
+
+
+class Springings(Section):
+    """A springing that has moved before the record; the arch has followed in equilibrium."""
+
+    spread: Shift = 0.0
+    """Movement away from the other springing [m]; negative towards it."""
+    settlement: Shift = 0.0
+    """Movement downwards [m]."""
+    rotation: Annotated[float, Field(ge=-45.0, le=45.0)] = 0.0
+    """About the middle of its joint, positive if its extrados goes down [degrees]."""
+    springing: Literal["left", "right"] = "right"
+    """Which one has moved."""
+
+
+class TieEntry(Section):
+    """A bar that only pulls, in the arch as it stands: after its springings have moved."""
+
+    level: Shift
+    """Height at which it goes through the arch, from outer face to outer face [m]."""
+    area: Annotated[float, Field(gt=0.0, le=10.0)]
+    """Area of its cross-section [m2]."""
+    modulus: Annotated[float, Field(gt=0.0, le=1e13)] = 2.0e11
+    """Young's modulus [N/m2]."""
+    prestress: Load = 0.0
+    """Tension at rest [N]."""
+    strength: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
+    """Tension at which it yields [N]; if not given, it stays elastic."""
+    rupture: Annotated[float, Field(gt=0.0, le=1e3)] | None = None
+    """Elongation at which it breaks [m]; if not given, it never does."""
 
 
 class Distribution(Section):
@@ -300,6 +331,13 @@ class ArchEntry(Section):
     """Fill and backing, as weight and mass."""
     piers: Piers | None = None
     """Piers or buttresses on which the ring stands."""
+    strength: Annotated[float, Field(ge=1.0, le=1e12)] | None = None
+    """Compressive strength of the masonry: joints lose the thickness that would crush under
+    self-weight [N/m2]. If not given, nothing crushes."""
+    springings: Springings | None = None
+    """A springing that has moved before the record."""
+    ties: Annotated[list[TieEntry], Field(max_length=16)] | None = None
+    """Ties, one or several."""
     friction: OneOrList[Friction] | None = None
     """Coulomb coefficient of all joints, or one for each; inf: the limit of large friction. On
     piers a list is for the joints of the ring alone, or for all of the arch."""
@@ -346,14 +384,37 @@ class ArchEntry(Section):
 
     def build(self) -> "Arch":
         """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
-        from archfrag import arch
+        entry = self.read()
+        if entry.springings is None:
+            return _built(entry)
+        # The movement of a springing takes longer than the rest of an arch.
+        key = repr(entry.model_dump(exclude={"id", "vary"}))
+        if key not in _MOVED:
+            _MOVED[key] = _built(entry)
+        return _MOVED[key]
 
-        entry, makers = self.read(), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
-        name = str(entry.profile)
-        make: Any = makers.get(name) or getattr(arch.Arch, name)
-        values = {key: getattr(entry, key) for key in (*sum(PROFILES[name], ()), *_MATERIAL)}
-        values |= {key: values[key].model_dump() for key in ("fill", "piers") if values.get(key)}
-        built: Arch = make(**{key: value for key, value in values.items() if value is not None})
-        if entry.recess is None:
-            return built
-        return built.recessed(entry.recess.intrados, entry.recess.extrados)
+
+_MOVED: dict[str, "Arch"] = {}
+
+
+def _built(entry: ArchEntry) -> "Arch":
+    """The arch of an entry, which is read from its drawing already."""
+    from archfrag import arch
+
+    name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
+    make: Any = makers.get(name) or getattr(arch.Arch, name)
+    keys = {*sum(PROFILES[name], ()), *_MATERIAL} - {"strength", "springings", "ties"}
+    given = entry.model_dump(include=keys, exclude_none=True)
+    built: Arch = make(**given)
+    if entry.recess is not None:
+        built = built.recessed(entry.recess.intrados, entry.recess.extrados)
+    if entry.strength is not None or entry.springings is not None:
+        from archfrag.simulation.springings import move_springing
+        from archfrag.simulation.strength import crushed
+
+        built = built if entry.strength is None else crushed(built, entry.strength)
+        if entry.springings is not None:
+            built = move_springing(built, **entry.springings.model_dump())
+    for tie in entry.ties or ():
+        built = built.tied(**tie.model_dump(exclude_none=True))
+    return built

@@ -108,6 +108,8 @@ class Method(Section):
     """Longest time to simulate after a record while the arch still moves [s]."""
     loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
+    delay: Annotated[float, Field(ge=0.0, le=60.0)] | None = None
+    """Time by which a motion reaches the right springing later than the left one [s]."""
     settings: dict[str, float] = Field(default_factory=dict)
     """Parameters of this method that differ from their defaults, by name."""
 

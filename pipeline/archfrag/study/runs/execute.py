@@ -54,7 +54,8 @@ def make_runs(
 
     started = time.process_time()
     motions = [_motion(work, record) for record in records]
-    options = method.model_dump(exclude={"name"}) | {"method": method.name}
+    options = method.model_dump(exclude={"name", "delay"})
+    options |= {"method": method.name, "far": method.delay}
     results, wall_time = results_of_runs(arch.build(), motions, factors, **options)
     part = store.write_part(parts, keys, store.columns_of(results) | {"wall_time": wall_time})
     return part, time.process_time() - started

@@ -1,0 +1,90 @@
+"""Ties of an arch: where they end, and the row of numbers that kernels know them by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from archfrag.arch import checks
+from archfrag.errors import GeometryError
+
+if TYPE_CHECKING:
+    from archfrag.arch.model import Arch
+
+End = tuple[int, float, float]  # voussoir, x and y [m]
+
+
+def tie_row(
+    arch: Arch, level: float | None, area: float, modulus: float, prestress: float,
+    strength: float, rupture: float, ends: Sequence[End] | None,
+) -> list[float]:  # fmt: skip
+    """Row of ``Chain.tie`` of a tie; arguments as `Arch.tied`."""
+    if (level is None) == (ends is None):
+        raise GeometryError("a tie needs either its level or its ends")
+    stiff = checks.number("area", area, "m2", closed=False)
+    stiff *= checks.number("modulus", modulus, "N/m2", closed=False)
+    for name, value, unit in (("strength", strength, "N"), ("rupture", rupture, "m")):
+        if not value > 0.0:
+            raise GeometryError(f"{name} = {value} is impossible; it must exceed 0 {unit}")
+    checks.number("prestress", prestress, "N", most=strength)
+    both = _given(arch, ends) if level is None else _at_level(arch, float(level))
+    points = np.array([end[1:] for end in both], dtype=float)
+    length = float(np.hypot(*(points[1] - points[0])))
+    if not length > checks.SMALLEST:
+        raise GeometryError(f"the ends of the tie are {length:g} m apart")
+    local = [_in_body(arch, body, point) for (body, *_), point in zip(both, points)]
+    stiffness = stiff / length
+    rows = [float(body + 1) for body, *_ in both]
+    free = length - prestress / stiffness
+    return [*rows, *local[0], *local[1], stiffness, free, float(strength), float(rupture)]
+
+
+def _at_level(arch: Arch, level: float) -> list[End]:
+    """Outermost points of the voussoirs at a height, left and right."""
+    found: list[End] = []
+    for body, outline in enumerate(arch.outlines):
+        for (x, y), (u, v) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist()):
+            if (y - level) * (v - level) <= 0.0 and y != v:
+                found.append((body, x + (level - y) / (v - y) * (u - x), level))
+    left, right = min(found, key=_place, default=None), max(found, key=_place, default=None)
+    if left is None or right is None or left[0] == right[0]:
+        height = np.concatenate(arch.outlines)[:, 1]
+        raise GeometryError(
+            f"level = {level:g} m is impossible for a tie; there must be a voussoir at either "
+            f"end, and the arch lies between {height.min():.4g} and {height.max():.4g} m"
+        )
+    return [left, right]
+
+
+def _place(end: End) -> float:
+    return end[1]
+
+
+def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
+    """Ends as they are given, checked."""
+    both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
+    bodies = [body for body, *_ in both]
+    last = arch.n_voussoir - 1 + (not arch.free_end)
+    fits = len(both) == 2 and bodies[0] != bodies[1] and -1 <= min(bodies) <= max(bodies) <= last
+    if not fits or not any(0 <= body < arch.n_voussoir for body in bodies):
+        raise GeometryError(
+            f"ends = {ends} is impossible for a tie; it must be two of (voussoir, x, y) with "
+            f"different voussoirs from -1 (the left springing) to {last}, not both springings"
+        )
+    if not np.isfinite([end[1:] for end in both]).all():
+        raise GeometryError(f"ends = {ends} is impossible for a tie; places must be finite")
+    return both
+
+
+def _in_body(arch: Arch, body: int, point: np.ndarray) -> list[float]:
+    """A point in the frame of a body, or of the ground."""
+    if not 0 <= body < arch.n_voussoir:
+        return point.tolist()
+    start = arch.chain.start
+    angle = 0.0 if start is None else float(start[body, 2])
+    x, y = point - arch.centroids[body]
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return [cosine * x + sine * y, cosine * y - sine * x]

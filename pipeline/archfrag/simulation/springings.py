@@ -1,0 +1,261 @@
+"""Springings that have moved before a record, and springings with motions of their own.
+
+An arch follows a slow movement of a springing in equilibrium, or falls.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch import Arch
+from archfrag.errors import InputError, StabilityError
+from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
+from archfrag.mechanics.status import Tie, TieState
+from archfrag.methods.common import begin
+from archfrag.methods.time_stepping.service import rest_range
+from archfrag.methods.time_stepping.slow import creep
+from archfrag.motions.motion import Motion
+from archfrag.simulation.checks import check_number
+
+Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
+LATEST = 60.0  # [s]
+# Step of the movement over the shortest joint, or as a rotation [rad]; the step in time makes
+# inertia small beside weight. At the end, steps until nothing moves any more.
+STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
+# Displacement, over the shortest joint, below which nothing moves, and beyond which an arch falls.
+STILL, FALLS = 1e-10, 0.05
+# Load over gravity below which forces that are not in equilibrium are rounding.
+HOLDS = 1e-9
+LOSS_LIMIT = 0.5
+
+
+class Path(NamedTuple):
+    """An arch while one of its springings moves."""
+
+    part: NDArray[np.float64]  # (n,) of the movement, from 0 to 1
+    plus: NDArray[np.float64]  # (n,) onset with the ground accelerating towards +x [g]
+    minus: NDArray[np.float64]  # (n,) and towards -x
+    arch: Arch | None  # at the end; None if it falls before
+    limit: float  # part of the movement at which it falls; inf if it does not
+
+
+def springing_path(
+    arch: Arch, spread: float = 0.0, settlement: float = 0.0, rotation: float = 0.0,
+    springing: str = "right",
+) -> Path:  # fmt: skip
+    """Follow an arch in equilibrium while a springing moves slowly.
+
+    Hinges open, and joints slide where friction is limited, as in the contact problem of the
+    chain without inertia. The arch falls where no reactions hold it at rest any more (static
+    theorem, in its geometry of that moment).
+
+    Parameters
+    ----------
+    arch : Arch
+    spread : float
+        Movement away from the other springing [m]; negative towards it.
+    settlement : float
+        Movement downwards [m].
+    rotation : float
+        About the middle of the springing joint, positive if its extrados goes down [degrees].
+    springing : str
+        Which one moves: "left" or "right".
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+    >>> path = af.springing_path(arch, spread=0.3)
+    >>> path.limit, bool(path.plus[-1] < path.plus[0])
+    (inf, True)
+    """
+    joint, side = _checked(arch, spread, settlement, rotation, springing)
+    model = model_of(arch.chain)
+    state, work, solution = new_state(model), new_work(model), new_path(model)
+    begin(model, state, work, 0, 0.0)
+    outwards = 1.0 if springing == "right" else -1.0
+    move = np.array([outwards * spread, -settlement])
+    turn = -outwards * math.radians(rotation)
+    before = model.corner[joint, side].copy(), model.tie.copy()
+    length = float(model.length.min())
+    steps = max(np.abs(move).max() / length, abs(turn)) / STEP
+    parts = np.linspace(0.0, 1.0, max(2, math.ceil(steps)) + 1)
+    time = min(LONGEST, 50.0 * math.sqrt(STEP * length / model.gravity))
+    ranges, limit = [_range(model, state, work)], math.inf
+
+    def settle(least: float) -> bool:
+        """Let the bodies come to rest where the springing is; False if they fall."""
+        for _ in range(SETTLING):
+            solved, moved, lost = creep(model, state, work, solution, 0.0, time, LOSS_LIMIT)
+            if not solved or lost or moved > FALLS * length:
+                return False
+            if moved < STILL * length or min(_range(model, state, work)) > least:
+                return min(_range(model, state, work)) >= -HOLDS
+        return False
+
+    for part in parts[1:]:
+        _place(model, joint, side, *before, part * move, part * turn)
+        solved, _, lost = creep(model, state, work, solution, 0.0, time, LOSS_LIMIT)
+        margin = min(_range(model, state, work))
+        # Between two equilibria a hinge may just be on its way from joint to joint.
+        if not solved or lost or not (margin >= 0.0 or settle(0.0)):
+            limit = _crossing(parts[len(ranges) - 1], part, min(ranges[-1]), margin)
+            break
+        ranges.append(_range(model, state, work))
+    if math.isinf(limit) and not settle(math.inf):
+        limit = 1.0
+    plus, minus = np.array(ranges).T
+    end = _moved(arch, model, state) if math.isinf(limit) else None
+    return Path(parts[: len(ranges)], plus, minus, end, limit)
+
+
+def move_springing(
+    arch: Arch, spread: float = 0.0, settlement: float = 0.0, rotation: float = 0.0,
+    springing: str = "right",
+) -> Arch:  # fmt: skip
+    """Return an arch whose springing has moved, at rest with the hinges that this opened.
+
+    Parameters and method as `springing_path`.
+
+    Raises
+    ------
+    StabilityError
+        If the arch falls before the springing has moved so far; it says how far it can move.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+    >>> spread = af.move_springing(arch, spread=0.2)
+    >>> af.onset(spread).plus < af.onset(arch).plus
+    True
+    """
+    given = {"spread": spread, "settlement": settlement, "rotation": rotation}
+    path = springing_path(arch, **given, springing=springing)
+    if path.arch is None:
+        units = {"rotation": "degrees"}
+        far = ", ".join(
+            f"{name} {path.limit * value:.4g} {units.get(name, 'm')}"
+            for name, value in given.items() if value
+        )  # fmt: skip
+        raise StabilityError(f"{arch!r}: the arch falls at {far} of its {springing} springing")
+    moved = {**given, "springing": springing}
+    return replace(path.arch, parameters={**arch.parameters, "springings": moved})
+
+
+def _checked(
+    arch: Arch, spread: float, settlement: float, rotation: float, springing: str
+) -> tuple[int, int]:
+    """Joint of the springing that moves and the side of its ground, 0 before it or 1 behind."""
+    if springing not in ("left", "right") or (springing == "right" and arch.free_end):
+        allowed = "left" if arch.free_end else "left or right"
+        raise InputError(f"springing = {springing!r} must be {allowed}")
+    for name, value, most, unit in (
+        ("spread", spread, math.inf, "m"), ("settlement", settlement, math.inf, "m"),
+        ("rotation", rotation, 45.0, "degrees"),
+    ):  # fmt: skip
+        check_number(name, value, -most, most, unit)
+    return (arch.n_joint - 1, 1) if springing == "right" else (0, 0)
+
+
+def _place(
+    model: Model, joint: int, side: int, faces: NDArray, ties: NDArray, move: NDArray, turn: float
+) -> None:  # fmt: skip
+    """Place a springing that has moved by `move` and rotated by `turn` about its joint's middle.
+
+    With its joint face go the ends of ties in it; `faces` and `ties` are those before.
+    """
+    middle = faces.mean(axis=0)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    rotation = np.array([[cosine, sine], [-sine, cosine]])
+    model.corner[joint, side] = middle + move + (faces - middle) @ rotation
+    along = model.corner[joint, side, 1] - model.corner[joint, side, 0]
+    model.tangent[joint, side] = along / np.hypot(*along)
+    row = 0 if side == 0 else len(model.mass) - 1
+    for end in range(2):
+        held = ties[:, Tie.BODY_0 + end] == row
+        columns = slice(Tie.X_0 + 2 * end, Tie.X_0 + 2 * end + 2)
+        model.tie[held, columns] = middle + move + (ties[held, columns] - middle) @ rotation
+
+
+def _range(model: Model, state: State, work: Work) -> tuple[float, float]:
+    """Range of rest in the present geometry [g]; negative numbers if there is none."""
+    found, plus, minus = rest_range(model, state, work)
+    return (plus, minus) if found else (-math.inf, -math.inf)
+
+
+def _crossing(before: float, after: float, held: float, margin: float) -> float:
+    """Part of a movement at which the margin of rest vanishes."""
+    if not math.isfinite(margin) or margin >= 0.0:
+        return after
+    return before + (after - before) * held / (held - margin)
+
+
+def _moved(arch: Arch, model: Model, state: State) -> Arch:
+    """The arch at rest where the bodies are."""
+    start = state.position[1:-1].copy()
+    face_before, face_after = arch.chain.face_before.copy(), arch.chain.face_after.copy()
+    face_before[0] = model.corner[0, 0]
+    if not arch.free_end:
+        face_after[-1] = model.corner[-1, 1]
+    chain = arch.chain._replace(start=start, face_before=face_before, face_after=face_after)
+    if len(model.tie):
+        tie = model.tie.copy()
+        tie[:, Tie.LENGTH] += state.tie[:, TieState.SET]
+        chain = chain._replace(tie=tie)
+    angle, centroid = start[:, 2], arch.centroids
+    cosine, sine = np.cos(angle), np.sin(angle)
+
+    def placed(body: int, points: NDArray) -> NDArray:
+        """Points that moved with a body; those of the ground stay."""
+        x, y = (points - centroid[body]).T
+        c, s = cosine[body], sine[body]
+        return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+
+    outlines = tuple(placed(body, each) for body, each in enumerate(arch.outlines))
+    bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1)
+    inner, outer = (
+        np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
+        for ends in (arch.intrados, arch.extrados)
+    )
+    return replace(arch, chain=chain, outlines=outlines, intrados=inner, extrados=outer)
+
+
+def ground_of(motion: Motion, far: Far, arch: Arch) -> tuple[Any, ...]:
+    """Ground motion for kernels, with that of the right springing relative to the left one."""
+    own = motion.acceleration, motion.vertical, motion.dt
+    if far is None:
+        return own
+    if arch.free_end:
+        raise InputError("far is given, but the arch has no right springing")
+    size, vertical = len(motion.acceleration), motion.vertical is not None
+    if isinstance(far, Motion):
+        if far.dt != motion.dt:
+            raise InputError(
+                f"far has a time step of {far.dt:g} s and the motion one of {motion.dt:g} s; they "
+                "must be equal"
+            )
+        size, vertical = max(size, len(far.acceleration)), vertical or far.vertical is not None
+        others = [far.acceleration, far.vertical]
+    else:
+        check_number("far", far, 0.0, LATEST, "s")
+        size += math.ceil(far / motion.dt)
+        time = motion.dt * np.arange(size)
+        others = [
+            None if wave is None else np.interp(time - far, motion.time, wave, 0.0, 0.0)
+            for wave in (motion.acceleration, motion.vertical)
+        ]
+
+    def padded(wave: NDArray | None) -> NDArray:
+        return np.zeros(size) if wave is None else np.pad(wave, (0, size - len(wave)))
+
+    x, y = padded(motion.acceleration), padded(motion.vertical)
+    apart = np.column_stack([padded(others[0]) - x, padded(others[1]) - y])
+    # Motions that are equal are one.
+    return (x, y if vertical else None, motion.dt, apart) if apart.any() else own

@@ -1,0 +1,135 @@
+"""Springings that have moved or move: independent limit analysis, energy, and methods."""
+
+import math
+
+import numpy as np
+import pytest
+
+import archfrag as af
+
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+TIME = np.arange(0.0, 6.0, 0.005)
+PULSE = af.Motion(6.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005)
+
+
+def least_spread(arch):
+    """Spread at which a symmetric arch with a joint at its crown falls, by limit analysis.
+
+    Each half hinges at the crown's extrados and at the intrados of one joint; below that joint
+    the voussoirs keep to their springing. The arch stands while the thrust, which goes through
+    both hinges, stays inside all joints of the half that has moved.
+    """
+    crown = arch.n_voussoir // 2
+    weight, centroid = arch.chain.mass[:crown] * 9.80665, arch.chain.centroid[:crown]
+    inner, outer = arch.intrados[: crown + 1], arch.extrados[: crown + 1]
+
+    def holds(joint, spread):
+        hinge = inner[joint] - [0.5 * spread, 0.0]
+        arm = outer[crown] - inner[joint]
+        reach = -hinge[0] / np.hypot(*arm)  # the crown's hinge stays on the axis
+        if not 0.0 < reach < 1.0:
+            return False
+        turn = math.acos(reach) - math.atan2(arm[1], arm[0])
+        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+
+        def placed(points, body):
+            away = points - inner[joint]
+            return hinge + (away @ rotation.T if body >= joint else away)
+
+        places = np.array([placed(centroid[i], i) for i in range(crown)])
+        top = placed(outer[crown], crown)
+        moving = slice(joint, crown)
+        moment = (weight[moving] * (places[moving, 0] - hinge[0])).sum()
+        thrust = moment / (top[1] - hinge[1])
+        for j in range(crown + 1):
+            # What lies between this joint and the crown, where thrust is all that acts.
+            about = []
+            for end in (inner[j], outer[j]):
+                x, y = placed(end, j if j >= joint else -1)
+                turning = (weight[j:] * (places[j:, 0] - x)).sum()
+                about.append(thrust * (top[1] - y) - turning)
+            # The resultant passes between the two corners.
+            if about[0] < -1e-9 * moment or about[1] > 1e-9 * moment:
+                return False
+        return True
+
+    # A joint that is open by a finite angle cannot close again slowly: its hinge stays.
+    step, spread = -2.0 * inner[0, 0] / 800.0, 0.0
+    hinge_at = next(joint for joint in range(crown) if holds(joint, 0.0))
+    while step > 1e-8:
+        if holds(hinge_at, spread + step):
+            spread += step
+        else:
+            step *= 0.5
+    return spread
+
+
+class TestLeastSpread:
+    @pytest.mark.parametrize("number", range(20))
+    def test_is_that_of_limit_analysis(self, number):
+        rng = np.random.default_rng(number)
+        arch = af.Arch.circular(
+            10.0, rng.uniform(1.3, 2.2), rng.uniform(120.0, 175.0),
+            voussoirs=2 * int(rng.integers(3, 8)), friction=math.inf,
+        )  # fmt: skip
+        expected = least_spread(arch)
+        path = af.springing_path(arch, spread=1.05 * expected)
+        assert 1.05 * path.limit == pytest.approx(1.0, rel=1e-3)
+
+    def test_arch_at_a_fraction_of_it_stands_and_beyond_is_refused(self):
+        arch = af.Arch.circular(10.0, 1.6, 150.0, voussoirs=8, friction=math.inf)
+        limit = least_spread(arch)
+        assert af.onset(af.move_springing(arch, spread=0.9 * limit)).stands
+        with pytest.raises(af.errors.StabilityError, match=r"falls at spread 2\.86\d* m"):
+            af.move_springing(arch, spread=1.1 * limit)
+
+
+def test_the_other_springing_is_the_mirror_image():
+    right, left = (af.springing_path(ARCH, settlement=0.2, springing=s) for s in ("right", "left"))
+    assert right.plus[-1] == pytest.approx(left.minus[-1], rel=1e-9)
+    assert right.plus[-1] != pytest.approx(left.plus[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "moved", [{"spread": 0.1}, {"spread": -0.05}, {"settlement": 0.15}, {"rotation": 2.0}]
+)
+def test_methods_agree_on_an_arch_that_has_moved(moved):
+    arch = af.move_springing(ARCH, **moved)
+    events = af.simulate(arch, PULSE, 0.5, method="event_driven", rtol=1e-7)
+    steps = af.simulate(arch, PULSE, 0.5, method="time_stepping", rtol=1e-5)
+    both = af.simulate(arch, PULSE, 0.5)
+    assert events.status == steps.status == both.status
+    assert not events.collapsed
+    assert events.energy_error < 1e-6
+    assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=0.05)
+    assert both.peak_rotation == pytest.approx(events.peak_rotation, rel=0.1)
+
+
+class TestTwoMotions:
+    def test_equal_motions_change_no_bit(self):
+        plain = af.simulate(ARCH, PULSE)
+        for far in (PULSE, 0.0):
+            same = af.simulate(ARCH, PULSE, far=far)
+            assert same.peak_rotation == plain.peak_rotation
+            assert same.residual_displacement == plain.residual_displacement
+
+    @pytest.mark.parametrize("delay", [0.02, 0.1, 0.4])
+    def test_energy_closes_and_methods_agree(self, delay):
+        steps = af.simulate(ARCH, PULSE, 0.8, method="time_stepping", rtol=1e-4, far=delay)
+        energy = steps.energy
+        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
+        left = energy["kinetic"] + energy["potential"] - given
+        assert abs(left) < 1e-10 * abs(energy["ground"])
+        events = af.simulate(ARCH, PULSE, 0.8, method="event_driven", rtol=1e-8, far=delay)
+        assert events.energy_error < 1e-3
+        assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=0.05)
+
+    def test_a_block_between_feels_only_its_own_ground(self):
+        with pytest.raises(af.errors.InputError, match="no right springing"):
+            af.simulate(af.Block(width=0.2, height=1.0, friction=0.8), PULSE, far=0.1)
+
+    def test_runs_side_by_side_have_the_bits_of_one(self):
+        factors = [0.3, 0.6, 0.9, 1.2, 1.5]
+        together = af.simulate_many(ARCH, PULSE, factors, far=0.1).peak_rotation.values.tolist()
+        alone = [af.simulate(ARCH, PULSE, f, far=0.1).peak_rotation for f in factors]
+        assert together == alone

@@ -1,0 +1,161 @@
+"""Ties: an independent equation of motion, rigid and powerless limits, energy, and methods."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import archfrag as af
+
+GRAVITY = 9.80665
+TIME = np.arange(0.0, 6.0, 0.005)
+PULSE = af.Motion(9.0 * np.sin(2.0 * np.pi * TIME) * np.exp(-((TIME - 2.0) ** 2)), 0.005)
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+NO_FOLLOW = {"follow": 0.0}
+
+
+def thrown(arch, rate):
+    """A block that rotates about its right edge at first."""
+    shift, velocity = np.zeros((2, arch.n_voussoir, 3))
+    arm = arch.centroids - [0.2, 0.0]
+    velocity[:, 0], velocity[:, 1], velocity[:, 2] = -rate * arm[:, 1], rate * arm[:, 0], rate
+    return shift, velocity
+
+
+class TestBlock:
+    """A block rocks about its right edge, held by a tie to the ground on its left."""
+
+    BLOCK = af.Block(width=0.4, height=2.0, friction=math.inf, density=2000.0)
+    FOOT, TOP, AREA, MODULUS = np.array([-1.3, 0.0]), np.array([-0.2, 2.0]), 2e-6, 2e11
+
+    def peak(self, strength):
+        """Largest rotation by the block's own equation of motion."""
+        mass, pivot, centre = 1600.0, np.array([0.2, 0.0]), np.array([0.0, 1.0])
+        inertia = mass * (0.4**2 + 2.0**2) / 12.0 + mass * (0.2**2 + 1.0)
+        length = np.hypot(*(self.TOP - self.FOOT))
+        stiffness = self.AREA * self.MODULUS / length
+
+        def rates(_, state):
+            angle, rate, plastic = state
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            weight, end = turn @ (centre - pivot), turn @ (self.TOP - pivot)
+            line = self.FOOT - pivot - end
+            stretch = np.hypot(*line) - length - plastic
+            force = min(max(stiffness * stretch, 0.0), strength)
+            along = force * line / np.hypot(*line)
+            moment = -mass * GRAVITY * weight[0] + end[0] * along[1] - end[1] * along[0]
+            speed = rate * (end[0] * line[1] - end[1] * line[0]) / np.hypot(*line)
+            grows = max(-speed, 0.0) if stiffness * stretch >= strength else 0.0
+            return rate, moment / inertia, grows
+
+        def stops(_, state):
+            return state[1]
+
+        stops.terminal = True
+        given = {"rtol": 1e-10, "atol": 1e-12, "max_step": 1e-3}
+        found = solve_ivp(rates, (0.0, 3.0), (0.0, -0.35, 0.0), events=stops, **given)
+        return abs(found.y[0, -1])
+
+    @pytest.mark.parametrize("strength", [math.inf, 3000.0])
+    @pytest.mark.parametrize(
+        ("method", "options", "error"),
+        [("event_driven", {"rtol": 1e-9}, 1e-6), ("time_stepping", {"dt": 2e-4}, 1e-4)],
+    )
+    def test_peak_is_that_of_its_own_equation_of_motion(self, strength, method, options, error):
+        ends = [(-1, *self.FOOT), (0, *self.TOP)]
+        tied = self.BLOCK.tied(ends=ends, area=self.AREA, modulus=self.MODULUS, strength=strength)
+        still = af.Motion(np.zeros(8000), 1e-4)
+        options = {"method": method, "history": True, "follow": 0.0, **options}
+        start, expected = thrown(tied, -0.35), self.peak(strength)
+        peaks = [
+            -af.simulate(arch, still, initial=start, **options).history.rotation.values.min()
+            for arch in (tied, self.BLOCK)
+        ]
+        assert peaks[0] == pytest.approx(expected, rel=error)
+        assert peaks[1] > 1.1 * expected
+
+
+class TestLimits:
+    def test_a_tie_without_strength_changes_no_bit(self):
+        powerless = ARCH.tied(level=6.0, area=1e-3, strength=1e-300)
+        for method in ("time_stepping", "auto"):
+            one, other = (af.simulate(arch, PULSE, method=method) for arch in (ARCH, powerless))
+            assert one.peak_rotation == other.peak_rotation
+            assert one.residual_displacement == other.residual_displacement
+
+    def test_two_blocks_tied_without_give_are_one(self):
+        halves = [
+            [(-0.2, 0), (0.2, 0), (0.2, 1), (-0.2, 1)],
+            [(-0.2, 1), (0.2, 1), (0.2, 2), (-0.2, 2)],
+        ]
+        ground = [[(-0.2, 0), (0.2, 0)]]
+        column = af.Arch.from_polygons(halves, friction=5.0, ground=ground)
+        for x in (-0.2, 0.2):
+            ends = [(0, x, 0.0), (1, x, 2.0)]
+            column = column.tied(ends=ends, area=1.0, modulus=1e15, prestress=1e7)
+        block = af.Block(width=0.4, height=2.0, friction=5.0)
+        still = af.Motion(np.zeros(100), 0.01)
+        for method, options in (("time_stepping", {"dt": 1e-3}), ("event_driven", {"rtol": 1e-8})):
+            peaks = [
+                af.simulate(arch, still, initial=thrown(arch, -0.3), method=method, **options)
+                for arch in (column, block)
+            ]
+            assert peaks[0].peak_rotation == pytest.approx(peaks[1].peak_rotation, rel=1e-5)
+
+    def test_prestress_holds_and_a_slack_tie_does_not_change_the_onset(self):
+        start = af.onset(ARCH).plus
+        assert af.onset(ARCH.tied(level=6.0, area=1e-3)).plus == pytest.approx(start, rel=1e-9)
+        assert af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4)).plus > start + 0.02
+
+
+SCENES = {
+    "elastic": {"level": 6.0, "area": 1e-4},
+    "prestressed": {"level": 6.0, "area": 2e-4, "prestress": 1e4},
+    "yields": {"level": 6.0, "area": 1e-4, "strength": 2e4},
+    "breaks": {"level": 6.0, "area": 1e-4, "rupture": 0.02},
+    "low": {"level": 3.0, "area": 1e-4},
+}
+
+
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def test_methods_agree_and_energy_closes(scene):
+    tied = ARCH.tied(**scene)
+    events = af.simulate(tied, PULSE, 0.7, method="event_driven", rtol=1e-7)
+    steps = af.simulate(tied, PULSE, 0.7, method="time_stepping", rtol=1e-4)
+    both = af.simulate(tied, PULSE, 0.7)
+    assert not events.collapsed
+    assert events.status == steps.status == both.status
+    assert events.energy_error < 1e-6
+    assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=0.01)
+    assert both.peak_rotation == pytest.approx(events.peak_rotation, rel=0.05)
+    assert af.simulate(ARCH, PULSE, 0.7).peak_rotation != pytest.approx(
+        both.peak_rotation, rel=0.01
+    )
+    energy = steps.energy
+    given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
+    left = energy["kinetic"] + energy["potential"] - given
+    assert abs(left) < 1e-9 * energy["largest_kinetic"]
+
+
+def test_runs_side_by_side_have_the_bits_of_one():
+    tied = ARCH.tied(level=6.0, area=1e-4, strength=2e4).tied(level=3.0, area=1e-4, prestress=1e3)
+    factors = [0.5, 0.7, 0.9, 1.1, 1.3]
+    together = af.simulate_many(tied, PULSE, factors).peak_rotation.values.tolist()
+    assert together == [af.simulate(tied, PULSE, factor).peak_rotation for factor in factors]
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"area": 1e-3}, "either its level or its ends"),
+            ({"area": 1e-3, "level": 60.0}, "level = 60 m is impossible"),
+            ({"area": 0.0, "level": 6.0}, "area = 0"),
+            ({"area": 1e-3, "level": 6.0, "prestress": 2e4, "strength": 1e4}, "prestress"),
+            ({"area": 1e-3, "ends": [(-1, 0, 0), (7, 1, 0)]}, "not both springings"),
+        ],
+    )  # fmt: skip
+    def test_message_names_what_is_wrong(self, given, message):
+        with pytest.raises(af.errors.GeometryError, match=message):
+            ARCH.tied(**given)
