@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 Band = tuple[NDArray[np.float64], NDArray[np.float64]]
+FEWEST_DRAWS = 100  # of a band of a ratio
 _RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
          "probability_upper"]  # fmt: skip
 
@@ -271,7 +272,8 @@ class Results:
         """Compare two arches of the study: one as it is, and one with a tie or another remedy.
 
         Both met the same motions, so that the band of a ratio is narrower than those of the two
-        numbers: it is that of a bootstrap of the common records, by whole events.
+        numbers. Ratio and band are of maximum-likelihood curves of both arches: the median and
+        quantiles in a bootstrap of the common records, by whole events.
 
         Parameters
         ----------
@@ -297,8 +299,10 @@ class Results:
             raise InputError(f"there is no arch {missing[0]!r}; the study has {', '.join(runs)}")
         known = [(runs[name].brackets.lower, runs[name].brackets.upper) for name in names]
         draws = common_draws(known, runs[before].group)
+        if len(draws) < FEWEST_DRAWS:
+            raise FitError(f"too few capacities of {before} and {after} are known for a band")
         confidence = self._study.report.confidence
-        ends = 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
+        ends = 0.5, 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
         curves = []
         for name in names:
             if isinstance(curve := self._quoted[name].curve, str):
@@ -311,7 +315,7 @@ class Results:
             rates = [collapse_rate(site, curve).rate for curve in curves]
             rows["rate"] = rates, lognormal_rates(site, draws[..., 0], draws[..., 1])
         return pd.DataFrame({
-            name: [*pair, pair[1] / pair[0], *np.quantile(each[:, 1] / each[:, 0], ends)]
+            name: [*pair, *np.quantile(each[:, 1] / each[:, 0], ends)]
             for name, (pair, each) in rows.items()
         }, index=["before", "after", "ratio", "lower", "upper"]).T  # fmt: skip
 

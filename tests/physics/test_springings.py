@@ -1,11 +1,14 @@
 """Springings that have moved or move: independent limit analysis, energy, and methods."""
 
 import math
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import archfrag as af
+from archfrag.cli import main
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 6.0, 0.005)
@@ -133,3 +136,13 @@ class TestTwoMotions:
         together = af.simulate_many(ARCH, PULSE, factors, far=0.1).peak_rotation.values.tolist()
         alone = [af.simulate(ARCH, PULSE, f, far=0.1).peak_rotation for f in factors]
         assert together == alone
+
+
+def test_command_shows_the_onset_against_the_spread():
+    given = "onset --radius 10 --thickness 1.5 --embrace 157.5 --voussoirs 7 --friction 0.7"
+    done = CliRunner().invoke(main, [*given.split(), "--spread", "4"])
+    assert done.exit_code == 0, done.output
+    assert "falls at a spread of 2.26" in done.output
+    rows = [line.split() for line in done.output.splitlines() if re.fullmatch(r"[\d. -]+", line)]
+    assert [float(value) for value in rows[0]] == pytest.approx([0.0, 0.37, 0.37], abs=1e-4)
+    assert len(rows) >= 10

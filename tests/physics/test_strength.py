@@ -39,7 +39,7 @@ def stands_by_programme(arch, strength):
     const_m = -(moments - before * middle[:, 0])
     scale = weight.sum()
     a, b = [-rows_n], [const_n]
-    for fraction in np.linspace(0.1, 1.0, 500):
+    for fraction in np.linspace(0.1, 1.0, 150):
         n0 = fraction * scale
         slope = 0.5 * thickness - n0 / strength
         level = 0.5 * n0**2 / strength
@@ -69,7 +69,7 @@ def crushes(thickness, strength):
 
 
 # Very weak masonry: forces of the arch at rest differ from those that the programme chooses.
-@pytest.mark.parametrize(("strength", "error"), [(1e6, 2e-3), (3e6, 1e-3), (1e7, 1e-3)])
+@pytest.mark.parametrize(("strength", "error"), [(1e6, 2e-3), (5e6, 1e-3)])
 def test_limit_thickness_is_that_of_a_linear_programme(strength, error):
     expected = least_thickness(lambda t: stands_by_programme(semicircle(t), strength))
     found = least_thickness(lambda t: crushes(t, strength))

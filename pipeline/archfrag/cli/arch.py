@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
+_SPREADS = 10  # parts of a spread in a table
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 _TYPES = {"voussoirs": int, "drawing": str, "layer": str, "drawing_unit": str}  # others: float
 _OPTIONS = {
@@ -108,9 +109,14 @@ def _by_numbers(options: dict[str, Any]) -> "ArchEntry":
 
 @click.command()
 @_takes_arch
+@click.option(
+    "--spread",
+    type=float,
+    help="Let the right springing move away by this much, and show the onset against it [m].",
+)
 @figure_option
 @json_option
-def onset(arch: Any, figure: Path | None, as_json: bool) -> None:
+def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -> None:
     """Find the steady ground acceleration that starts to move an arch.
 
     The figure shows the arch with hinges and thrust line at onset.
@@ -131,11 +137,25 @@ def onset(arch: Any, figure: Path | None, as_json: bool) -> None:
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
     text = "\n".join(lines) if start.stands else "does not stand under its own weight"
+    facts = {name: getattr(start, name) for name in names}
+    if start.stands and spread is not None:
+        from archfrag.simulation.springings import springing_path
+
+        path = springing_path(arch, spread=spread)
+        last = path.part.size - 1
+        kept = [*range(0, last, max(1, last // _SPREADS)), last]
+        columns = spread * path.part[kept], path.plus[kept], path.minus[kept]
+        text += "\nspread [m]  onset +x [g]  onset -x [g]"
+        text += "".join("\n{:10.4f}  {:12.4f}  {:12.4f}".format(*row) for row in zip(*columns))
+        falls = spread * path.limit
+        text += "" if math.isinf(falls) else f"\nfalls at a spread of {falls:.4g} m"
+        facts |= {"spread": columns[0], "plus_at": columns[1], "minus_at": columns[2],
+                  "falls_at": falls}  # fmt: skip
     if figure is not None:
         from archfrag.plots import svg_of
 
         write_text(figure, svg_of(start.plot().figure) + "\n")
-    show(finite({name: getattr(start, name) for name in names}), text, as_json)
+    show(finite(facts), text, as_json)
 
 
 @click.command()

@@ -1,0 +1,80 @@
+"""A study of an arch before and after: ties, springings that moved, strength, delay."""
+
+import math
+
+import pytest
+
+import archfrag as af
+from archfrag.study.file.schema import load_study
+from archfrag.study.steps import run_study
+from tests.study.small import ROOT
+
+TEXT = f"""
+id: strengthened
+title: An arch before and after
+output: results
+arches:
+  - &arch {{id: before, profile: circular, radius: 10, thickness: 1.5, embrace: 157.5,
+    voussoirs: 7, friction: 0.7}}
+  - {{<<: *arch, id: same}}
+  - {{<<: *arch, id: after, ties: [{{level: 6, area: 5.0e-4, strength: 1.0e+5}}]}}
+  - {{<<: *arch, id: spread, springings: {{spread: 0.2}}, strength: 4.0e+6}}
+motions: {{index: {ROOT / "records/near_source/index.csv"}}}
+intensity: {{measure: PGA, unit: g, levels: [0.5, 1.0, 1.5, 2.0, 2.8, 4.0]}}
+risk: {{hazard: {ROOT / "configs/hazard.csv"}}}
+"""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    path = tmp_path_factory.mktemp("strengthened") / "study.yaml"
+    path.write_text(TEXT)
+    run_study(load_study(path), path, lambda: None, lambda *given: None, 1, quiet=True)
+    return af.open(path)
+
+
+def test_equal_arches_have_a_ratio_of_one_without_a_band(results):
+    table = results.compare("before", "same")
+    assert table.loc["theta", ["ratio", "lower", "upper"]].tolist() == [1.0, 1.0, 1.0]
+    assert table.loc["rate", ["ratio", "lower", "upper"]].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_tie_and_a_spread_change_the_curve_and_common_motions_narrow_the_band(results):
+    runs = results.runs
+    verdicts = {name: runs["verdict"].sel(arch=name).values for name in ("before", "after")}
+    assert (verdicts["before"] != verdicts["after"]).any()
+    table = results.compare("before", "spread")
+    low, ratio, high = table.loc["theta", ["lower", "ratio", "upper"]]
+    assert low < ratio < high
+    capacity = results.capacities.set_index("arch").capacity.dropna()
+    apart = capacity.loc["before"].apply(math.log).std() * math.sqrt(2.0 / 24.0)
+    assert math.log(high / low) < 2.0 * 1.645 * apart * 1.5
+
+
+def test_messages(results):
+    with pytest.raises(
+        af.errors.InputError, match="there is no arch 'nobody'; the study"
+    ):
+        results.compare("before", "nobody")
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("springings: {spread: 9}", "falls at spread .* m of its right springing"),
+        ("strength: 1000", "does not stand with a strength of 1000 N/m2"),
+        ("ties: [{level: 60, area: 0.001}]", "level = 60 m is impossible for a tie"),
+        ("ties: [{area: 0.001}]", r"arches\[3\].ties\[0\].level must be given"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_with_the_key(tmp_path, keys, message):
+    path = tmp_path / "study.yaml"
+    path.write_text(TEXT.replace("springings: {spread: 0.2}, strength: 4.0e+6", keys))
+    with pytest.raises(af.errors.ArchfragError, match=message):
+        run_study(load_study(path), path, lambda: None, lambda *given: None, 1, quiet=True)
+
+
+def test_a_delay_between_the_springings_is_a_key_of_the_method(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text(TEXT + "method: {delay: 0.05}\n")
+    assert load_study(path).method.delay == 0.05
