@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import archfrag as af
@@ -22,6 +23,17 @@ def test_results_belong_to_the_study():
         name: hashlib.sha256((STUDY / name).read_bytes()).hexdigest()
         for name in ("study.yaml", "bridge.dxf", "hazard.csv")
     }
+
+
+def test_results_of_the_bridge_belong_to_its_study():
+    folder = STUDY.parent / "worked_study_bridge"
+    made = json.loads((folder / "results" / "provenance.json").read_text())
+    assert made["sha256"] == hashlib.sha256((folder / "study.yaml").read_bytes()).hexdigest()
+    compared = pd.read_csv(folder / "results" / "compared.csv")
+    tied = compared[compared.other.str.endswith("-tied")]
+    assert (tied.lower > 1.0).all()  # as its page says
+    spread = compared[compared.one == "spread-0"].iloc[1:]
+    assert ((spread.lower < 1.0) & (spread.upper > 1.0)).all()
 
 
 def test_drawing_is_the_one_of_the_page():

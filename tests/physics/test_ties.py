@@ -108,6 +108,10 @@ class TestLimits:
         assert af.onset(ARCH.tied(level=6.0, area=1e-3)).plus == pytest.approx(start, rel=1e-9)
         assert af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4)).plus > start + 0.02
 
+    def test_its_thrust_line_goes_through_contact_centres_alone(self):
+        onset = af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4))
+        assert onset.thrust_line("+x").tolist() == onset.thrust_plus.tolist()
+
 
 SCENES = {
     "elastic": {"level": 6.0, "area": 1e-4},

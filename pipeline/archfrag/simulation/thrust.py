@@ -22,8 +22,13 @@ def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def thrust_curve(arch: Arch, centre: NDArray, load: float) -> NDArray[np.float64]:
-    """Thrust line through contact centres under weights and a steady load [g]."""
+    """Thrust line through contact centres under weights and a steady load [g].
+
+    Ties add forces to bodies; their lines between contact centres are straight.
+    """
     chain = arch.chain
+    if chain.tie is not None:
+        return centre[np.isfinite(centre).all(axis=1)]
     body, force = arch.centroids, chain.mass[:, None] * np.array([-load, -1.0])
     after = np.cumsum(force, axis=0)  # by which the force beyond each body exceeds the first one
     if arch.free_end:
