@@ -52,9 +52,7 @@ def test_a_tie_and_a_spread_change_the_curve_and_common_motions_narrow_the_band(
 
 
 def test_messages(results):
-    with pytest.raises(
-        af.errors.InputError, match="there is no arch 'nobody'; the study"
-    ):
+    with pytest.raises(af.errors.InputError, match="there is no arch 'nobody'; the study"):
         results.compare("before", "nobody")
 
 
