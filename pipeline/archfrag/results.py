@@ -21,7 +21,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import make_report
 from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import capacities, quoted
+from archfrag.study.answer.curves import capacities, draws_together, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.file.schema import Intensity, Study, load_study
 from archfrag.study.files import OWNER, read_json, write_text
@@ -289,16 +289,10 @@ class Results:
         """
         import pandas as pd
 
-        from archfrag.fragility.fit import common_draws
         from archfrag.fragility.risk import collapse_rate, lognormal_rates
-        from archfrag.study.answer.curves import runs_of_cube
 
-        runs = {each.name: each for each in runs_of_cube(self._cube)}
         names = (before, after)
-        if missing := [name for name in names if name not in runs]:
-            raise InputError(f"there is no arch {missing[0]!r}; the study has {', '.join(runs)}")
-        known = [(runs[name].brackets.lower, runs[name].brackets.upper) for name in names]
-        draws = common_draws(known, runs[before].group)
+        draws = draws_together(self._cube, names)
         if len(draws) < FEWEST_DRAWS:
             raise FitError(f"too few capacities of {before} and {after} are known for a band")
         confidence = self._study.report.confidence

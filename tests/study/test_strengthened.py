@@ -1,10 +1,13 @@
 """A study of an arch before and after: ties, springings that moved, strength, delay."""
 
+import html
 import math
+import re
 
 import pytest
 
 import archfrag as af
+from archfrag.report import make_report
 from archfrag.study.file.schema import load_study
 from archfrag.study.steps import run_study
 from tests.study.small import ROOT
@@ -29,7 +32,7 @@ risk: {{hazard: {ROOT / "configs/hazard.csv"}}}
 def results(tmp_path_factory):
     path = tmp_path_factory.mktemp("strengthened") / "study.yaml"
     path.write_text(TEXT)
-    run_study(load_study(path), path, lambda: None, lambda *given: None, 1, quiet=True)
+    run_study(load_study(path), path, lambda: None, make_report, 1, quiet=True)
     return af.open(path)
 
 
@@ -49,6 +52,16 @@ def test_a_tie_and_a_spread_change_the_curve_and_common_motions_narrow_the_band(
     capacity = results.capacities.set_index("arch").capacity.dropna()
     apart = capacity.loc["before"].apply(math.log).std() * math.sqrt(2.0 / 24.0)
     assert math.log(high / low) < 2.0 * 1.645 * apart * 1.5
+
+
+def test_the_report_tells_the_ratios_with_their_bands(results):
+    page = html.unescape(re.sub(r"<[^>]+>", " ", results.report().read_text("utf-8")))
+    for what, row in (("median capacity", "theta"), ("annual rate of collapse", "rate")):
+        ratio, low, high = results.compare("before", "after").loc[row, ["ratio", "lower", "upper"]]
+        words = f"after {ratio:.2f} (90 %: {low:.2f} to {high:.2f})"
+        assert re.search(
+            rf"Ratio of the {what} to that of before: same 1.00 .*{re.escape(words)}", page
+        )
 
 
 def test_messages(results):

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
-from archfrag.fragility.fit import fit_cloud
+from archfrag.fragility.fit import common_draws, fit_cloud
 from archfrag.fragility.limit_states import fit_limit_states
 from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
@@ -76,6 +76,16 @@ def runs_of_cube(
         rows = verdict.reshape(-1, n_level)
         found.append(Runs(name, design, rows, level, group, unit, part, worded))
     return found
+
+
+def draws_together(cube: "xr.Dataset", names: Sequence[str]) -> FloatArray:
+    """theta [SI] and beta of some arches, (n_draw, n_arch, 2), in a bootstrap of their common
+    records; InputError if there is no such arch."""
+    runs = {each.name: each for each in runs_of_cube(cube)}
+    if missing := [name for name in names if name not in runs]:
+        raise InputError(f"there is no arch {missing[0]!r}; the study has {', '.join(runs)}")
+    known = [(runs[name].brackets.lower, runs[name].brackets.upper) for name in names]
+    return common_draws(known, runs[names[0]].group)
 
 
 def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
