@@ -108,6 +108,16 @@ class TestLimits:
         assert af.onset(ARCH.tied(level=6.0, area=1e-3)).plus == pytest.approx(start, rel=1e-9)
         assert af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4)).plus > start + 0.02
 
+    def test_its_ends_are_where_the_level_meets_the_outer_faces(self):
+        moved = af.move_springing(ARCH, spread=0.2, settlement=0.1)
+        for arch in (ARCH, moved):
+            ((left, right),) = arch.tied(level=6.0, area=1e-3).tie_lines
+            assert left[1] == right[1] == pytest.approx(6.0, abs=1e-12)
+            assert left[0] < arch.extrados[2, 0]
+            assert right[0] - left[0] > 17.0
+            free = arch.tied(level=6.0, area=1e-3).chain.tie[0, 7]
+            assert free == pytest.approx(right[0] - left[0], abs=1e-12)
+
     def test_its_thrust_line_goes_through_contact_centres_alone(self):
         onset = af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4))
         assert onset.thrust_line("+x").tolist() == onset.thrust_plus.tolist()

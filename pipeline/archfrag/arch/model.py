@@ -109,6 +109,13 @@ class Arch:
         left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
         return left, self.n_voussoir - right
 
+    @property
+    def tie_lines(self) -> NDArray[np.float64]:
+        """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
+        from archfrag.arch.ties import tie_lines
+
+        return tie_lines(self)
+
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
         return ("intrados", "extrados")[corner != self.flipped]

@@ -79,12 +79,26 @@ def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
     return both
 
 
+def _turn(arch: Arch, body: int) -> np.ndarray:
+    """Rotation of a body at rest: its axes as rows, (2, 2)."""
+    start = arch.chain.start
+    angle = 0.0 if start is None else float(start[body, 2])
+    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+
+
 def _in_body(arch: Arch, body: int, point: np.ndarray) -> list[float]:
     """A point in the frame of a body, or of the ground."""
     if not 0 <= body < arch.n_voussoir:
         return point.tolist()
-    start = arch.chain.start
-    angle = 0.0 if start is None else float(start[body, 2])
-    x, y = point - arch.centroids[body]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return [cosine * x + sine * y, cosine * y - sine * x]
+    return (_turn(arch, body) @ (point - arch.centroids[body])).tolist()
+
+
+def tie_lines(arch: Arch) -> np.ndarray:
+    """Ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
+    rows = np.zeros((0, 6)) if arch.chain.tie is None else arch.chain.tie
+    lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
+    for line, bodies in zip(lines, rows[:, :2].astype(int) - 1):
+        for end, body in enumerate(bodies):
+            if 0 <= body < arch.n_voussoir:
+                line[end] = arch.centroids[body] + line[end] @ _turn(arch, body)
+    return lines

@@ -104,6 +104,9 @@ def arch_panel(
         x, y = np.transpose(outline)
         d = look.trace(panel.at_x(x), panel.at_y(y))
         sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
+    for line in arch.tie_lines:
+        x, y = line.T
+        panel.line(x, y, look.BLUE, 1.6)
     return panel
 
 
