@@ -510,7 +510,7 @@ class Arch:
         >>> import archfrag as af
         >>> ring = af.Arch.segmental(8.0, 2.0, 0.5, voussoirs=12, friction=0.6)
         >>> ring.filled(height_over_crown=0.5, unit_weight=18e3)
-        <Arch segmental: 12 voussoirs, 13 joints; span 8 m, rise 2 m, thickness 0.5 m; 246 kN>
+        <Arch segmental: 12 voussoirs, 13 joints; span 8 m, rise 2 m, thickness 0.5 m; 262 kN>
         """
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
