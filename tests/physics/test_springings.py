@@ -87,6 +87,25 @@ class TestLeastSpread:
             af.move_springing(arch, spread=1.1 * limit)
 
 
+class TestRefusals:
+    def test_an_arch_that_does_not_stand_has_no_path(self):
+        thin = af.Arch.circular(10.0, 0.5, 175.0, voussoirs=20, friction=math.inf)
+        with pytest.raises(af.errors.StabilityError, match="weight"):
+            af.springing_path(thin, spread=0.1)
+
+    def test_a_movement_larger_than_the_arch_is_a_wrong_unit(self):
+        with pytest.raises(af.errors.InputError, match="spread is 50000.0"):
+            af.move_springing(ARCH, spread=5e4)
+
+    def test_what_changes_the_arch_as_built_comes_before(self):
+        moved = af.move_springing(ARCH, spread=0.1)
+        with pytest.raises(af.errors.GeometryError, match="recessed comes before"):
+            moved.recessed(0.1)
+        for arch, name in ((moved, "springings"), (ARCH.tied(level=6.0, area=1e-3), "ties")):
+            with pytest.raises(af.errors.GeometryError, match=f"has {name} already"):
+                arch.filled(height_over_crown=0.5, unit_weight=18e3)
+
+
 def test_the_other_springing_is_the_mirror_image():
     right, left = (af.springing_path(ARCH, settlement=0.2, springing=s) for s in ("right", "left"))
     assert right.plus[-1] == pytest.approx(left.minus[-1], rel=1e-9)

@@ -47,7 +47,7 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
             f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
         )
     scale = UNITS[name]
-    found = Blocks([], [], [], [])
+    found = Blocks([], [], [], [], layer, name)
     for entity in entities:
         kind = entity.dxftype()
         if entity.dxf.layer.casefold() != layer.casefold() or kind in _IGNORED:

@@ -110,6 +110,16 @@ class Arch:
         return left, self.n_voussoir - right
 
     @property
+    def dimensions(self) -> tuple[float, float, float]:
+        """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
+        first, last = self.springings
+        inner, outer = self.intrados[first : last + 1], self.extrados[first : last + 1]
+        ends = inner[[0, -1]]
+        span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
+        thickness = np.linalg.norm(outer - inner, axis=1).mean()
+        return float(span), float(rise), float(thickness)
+
+    @property
     def tie_lines(self) -> NDArray[np.float64]:
         """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
         from archfrag.arch.ties import tie_lines
@@ -430,6 +440,8 @@ class Arch:
         >>> round(af.onset(block).plus, 6)
         0.15
         """
+        if self.chain.start is not None:
+            raise GeometryError("a springing has moved already; recessed comes before")
         n_joint, depths = self.n_joint, []
         for name, value in (("intrados", intrados), ("extrados", extrados)):
             depths.append(checks.shared_or_each(f"recess.{name}", value, n_joint, "joint", "m"))
@@ -516,8 +528,9 @@ class Arch:
         return self._with(fill={**given, **more})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
-        if "recess" in self.parameters:
-            raise GeometryError("the arch is recessed; call recessed after on_piers and filled")
+        if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):
+            names = ", ".join(sorted(later))
+            raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
         return Arch(**self.again(**more))
 
 

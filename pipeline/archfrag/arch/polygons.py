@@ -26,6 +26,8 @@ class Blocks:
     ground: list[_Segment]  # none where ends stand opposite to their joints
     names: list[str]  # of the blocks
     ground_names: list[str]
+    layer: str = ""  # of a drawing, and its unit
+    unit: str = ""
     tolerance: float = 0.0  # within which corners and edges are the same [m]
     # On the way to a chain, of each block: the other blocks with the joint, along its own edges.
     joints: list[dict[int, _Segment]] = field(default_factory=list)

@@ -57,7 +57,7 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     return html.template(
         "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
         arch=_arch(arch, onset, name, bool(inputs.classes)), curve=_curve(inputs), film=moving,
-        what=what, facts=_facts(inputs), run=example,
+        what=what, facts=_facts(inputs), run=example, load=_load(inputs),
     )  # fmt: skip
 
 
@@ -111,6 +111,14 @@ def _whose(inputs: ReportInputs, name: str) -> str:
     return whose + f", the weakest of {len(answers)} {kinds}," * (len(answers) > 1)
 
 
+def _load(inputs: ReportInputs) -> str:
+    """What fill counts for in the arches that are shown."""
+    filled = ["fill" in arch.parameters for _, arch, _ in inputs.arches]
+    if any(filled):
+        return "fill as weight" + " where it is given" * (not all(filled)) + ", no spandrels"
+    return "no fill or spandrels"
+
+
 def _facts(inputs: ReportInputs) -> str:
     cube, verdict = inputs.cube, inputs.cube["verdict"].values
     both = cube.attrs.get("vertical_component", "not used") != "not used"
@@ -153,10 +161,12 @@ def _dimensions(panel: Panel, arch: Arch) -> str:
     line, which = 0.5 * (arch.intrados + arch.extrados), ""
     if arch.parameters.get("span") is None:  # as a drawing gives them
         line, which = arch.intrados, "clear "
-    ends, crown = line[[0, -1]], line[line[:, 1].argmax()]
+    left, right = arch.springings
+    ends, crown = line[[left, right]], line[line[:, 1].argmax()]
     span, springing = float(np.ptp(ends[:, 0])), float(ends[:, 1].min())
-    rise = float(arch.parameters.get("rise") or crown[1] - springing)
-    thickness = float(np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean())
+    _, rise, thickness = arch.dimensions
+    if not which:
+        rise = float(arch.parameters.get("rise") or crown[1] - springing)
     (start, end), base = panel.at_x(np.sort(ends[:, 0])), float(panel.at_y(springing))
     _measure(sheet, (start, base + 16.0), (end, base + 16.0), f"{which}span {span:.3g} m")
     middle = float(panel.at_x(crown[0]))

@@ -216,11 +216,16 @@ def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
 
 def _geometry(parameters: Mapping[str, Any]) -> Rows:
     for key, value in parameters.items():
-        if value is not None:
+        if isinstance(value, Mapping):
+            yield from ((f"{key}: {name}", shown) for name, shown in _geometry(value))
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            for number, each in enumerate(value):
+                yield from _geometry({f"{key} {number + 1}": each})
+        elif value is not None:
             shown = f"{value:g}" if isinstance(value, float) else str(value)
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
-    if parameters.get("dead_load", 0) is None:
+    if parameters.get("dead_load", 0) is None and "fill" not in parameters:
         yield "dead load", "none: the ring alone, without fill and spandrels"
 
 

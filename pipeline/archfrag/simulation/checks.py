@@ -8,6 +8,7 @@ from typing import Any
 from archfrag.errors import InputError
 from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, known_methods
 
+LOSS_LIMIT = 0.5  # gap at both corners of a joint, over its length, that ends a run [1]
 # Parameters of methods that are arguments of `simulate`.
 COMMON = ("dt", "rtol", "follow")
 

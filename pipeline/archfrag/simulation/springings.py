@@ -21,7 +21,8 @@ from archfrag.methods.common import begin
 from archfrag.methods.time_stepping.service import rest_range
 from archfrag.methods.time_stepping.slow import creep
 from archfrag.motions.motion import Motion
-from archfrag.simulation.checks import check_number
+from archfrag.simulation.checks import LOSS_LIMIT, check_number
+from archfrag.simulation.rest import check_stands
 
 Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]
@@ -32,10 +33,9 @@ STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
 STILL, FALLS = 1e-10, 0.05
 # Load over gravity below which forces that are not in equilibrium are rounding.
 HOLDS = 1e-9
-LOSS_LIMIT = 0.5
 
 
-class Path(NamedTuple):
+class SpringingPath(NamedTuple):
     """An arch while one of its springings moves."""
 
     part: NDArray[np.float64]  # (n,) of the movement, from 0 to 1
@@ -48,7 +48,7 @@ class Path(NamedTuple):
 def springing_path(
     arch: Arch, spread: float = 0.0, settlement: float = 0.0, rotation: float = 0.0,
     springing: str = "right",
-) -> Path:  # fmt: skip
+) -> SpringingPath:  # fmt: skip
     """Follow an arch in equilibrium while a springing moves slowly.
 
     Hinges open, and joints slide where friction is limited, as in the contact problem of the
@@ -65,7 +65,18 @@ def springing_path(
     rotation : float
         About the middle of the springing joint, positive if its extrados goes down [degrees].
     springing : str
-        Which one moves: "left" or "right".
+        Which one moves: "left" or "right"; of an arch on piers the base of that pier.
+
+    Returns
+    -------
+    SpringingPath
+        part (n,), of the movement; plus and minus (n,), onset on the way [g]; arch, at rest at the
+        end, None if it falls before; limit, part of the movement at which it falls, else inf.
+
+    Raises
+    ------
+    InputError, StabilityError
+        If a movement is larger than the arch, or the arch does not stand before.
 
     Examples
     --------
@@ -76,6 +87,7 @@ def springing_path(
     (inf, True)
     """
     joint, side = _checked(arch, spread, settlement, rotation, springing)
+    check_stands(arch)
     model = model_of(arch.chain)
     state, work, solution = new_state(model), new_work(model), new_path(model)
     begin(model, state, work, 0, 0.0)
@@ -92,7 +104,7 @@ def springing_path(
     def settle(least: float) -> bool:
         """Let the bodies come to rest where the springing is; False if they fall."""
         for _ in range(SETTLING):
-            solved, moved, lost = creep(model, state, work, solution, 0.0, time, LOSS_LIMIT)
+            solved, moved, lost = creep(model, state, work, solution, time, LOSS_LIMIT)
             if not solved or lost or moved > FALLS * length:
                 return False
             if moved < STILL * length or min(_range(model, state, work)) > least:
@@ -101,18 +113,19 @@ def springing_path(
 
     for part in parts[1:]:
         _place(model, joint, side, *before, part * move, part * turn)
-        solved, _, lost = creep(model, state, work, solution, 0.0, time, LOSS_LIMIT)
-        margin = min(_range(model, state, work))
+        solved, _, lost = creep(model, state, work, solution, time, LOSS_LIMIT)
+        now = _range(model, state, work)
+        stands = solved and not lost and min(now) >= 0.0
         # Between two equilibria a hinge may just be on its way from joint to joint.
-        if not solved or lost or not (margin >= 0.0 or settle(0.0)):
-            limit = _crossing(parts[len(ranges) - 1], part, min(ranges[-1]), margin)
+        if not stands and not (solved and not lost and settle(0.0)):
+            limit = _crossing(parts[len(ranges) - 1], part, min(ranges[-1]), min(now))
             break
-        ranges.append(_range(model, state, work))
+        ranges.append(now if stands else _range(model, state, work))
     if math.isinf(limit) and not settle(math.inf):
         limit = 1.0
     plus, minus = np.array(ranges).T
     end = _moved(arch, model, state) if math.isinf(limit) else None
-    return Path(parts[: len(ranges)], plus, minus, end, limit)
+    return SpringingPath(parts[: len(ranges)], plus, minus, end, limit)
 
 
 def move_springing(
@@ -156,8 +169,9 @@ def _checked(
     if springing not in ("left", "right") or (springing == "right" and arch.free_end):
         allowed = "left" if arch.free_end else "left or right"
         raise InputError(f"springing = {springing!r} must be {allowed}")
+    size = float(np.ptp(np.concatenate(arch.outlines), axis=0).max())
     for name, value, most, unit in (
-        ("spread", spread, math.inf, "m"), ("settlement", settlement, math.inf, "m"),
+        ("spread", spread, size, "m"), ("settlement", settlement, size, "m"),
         ("rotation", rotation, 45.0, "degrees"),
     ):  # fmt: skip
         check_number(name, value, -most, most, unit)

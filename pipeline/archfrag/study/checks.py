@@ -99,20 +99,17 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Text on the blocks of a drawing, the span first, and a warning if the unit seems wrong."""
-    # No public name of that module has the unit that a drawing states.
-    from archfrag.arch.drawing import _CODES, _document, read_drawing
+    from archfrag.arch.drawing import read_drawing
 
     path = Path(str(entry.drawing))
-    block = read_drawing(path, entry.layer, entry.unit).names[0]  # PATH, layer NAME: KIND HANDLE
-    layer = block.removeprefix(f"{path}, ").rpartition(": ")[0]
-    unit = entry.unit or _CODES[_document(path).header["$INSUNITS"]]
-    arch = entry.model_copy(update=dict.fromkeys(("piers", "fill", "recess"))).build()
-    size, rise = np.ptp(np.concatenate(arch.outlines), axis=0)[1], ""
-    if not arch.free_end:  # span and rise as the report's first page has them
-        size, low = np.abs(np.diff(arch.intrados[[0, -1], 0]))[0], arch.intrados[[0, -1], 1].min()
-        rise = f", rise {arch.intrados[:, 1].max() - low:.3g} m"
-    kind = "clear span" if rise else "height"
-    thick = np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean()
+    drawn = read_drawing(path, entry.layer, entry.unit)
+    layer, unit = f"layer {drawn.layer}", drawn.unit
+    added = ("piers", "fill", "recess", "strength", "springings", "ties")
+    arch = entry.model_copy(update=dict.fromkeys(added)).build()
+    size, high, thick = arch.dimensions
+    kind, rise = "clear span", f", rise {high:.3g} m"
+    if arch.free_end:
+        kind, rise, size = "height", "", float(np.ptp(np.concatenate(arch.outlines)[:, 1]))
     whole = repr(arch)[1:-1].partition(": ")[2]
     text = f"{kind} {size:.3g} m{rise}, mean thickness {thick:.3g} m; {whole}"
     text += f"; from {path.name}, {layer}, in {unit}"

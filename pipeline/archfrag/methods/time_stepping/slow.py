@@ -20,15 +20,15 @@ NEAR = 0.02
 
 
 @kernel
-def creep(model, state, work, path, load, step, loss_limit):
-    """Make one step of a slow motion under gravity and a horizontal `load`, over gravity.
+def creep(model, state, work, path, step, loss_limit):
+    """Make one step of a slow motion under gravity.
 
     Returns whether its contact problem is solved, the largest displacement of a centroid in it
     [m], and whether a joint has lost its contact for good.
     """
     end = state.position.shape[0] - 1
     for i in range(1, end):
-        work.free[i, 0] = -step * load * model.gravity
+        work.free[i, 0] = 0.0
         work.free[i, 1] = -step * model.gravity
         work.free[i, 2] = 0.0
         for c in range(3):

@@ -234,7 +234,7 @@ def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
 
     built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]
-    lengths = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in built]
+    lengths = [arch.dimensions[2] for arch in built]
     values = {
         "arch": [member.id for member in arches],
         "arch_class": [member.arch_class for member in arches],

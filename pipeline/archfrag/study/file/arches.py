@@ -390,11 +390,14 @@ class ArchEntry(Section):
         # The movement of a springing takes longer than the rest of an arch.
         key = repr(entry.model_dump(exclude={"id", "vary"}))
         if key not in _MOVED:
+            if len(_MOVED) >= _MOST_KEPT:
+                _MOVED.clear()
             _MOVED[key] = _built(entry)
         return _MOVED[key]
 
 
 _MOVED: dict[str, "Arch"] = {}
+_MOST_KEPT = 256  # arches whose springings have moved
 
 
 def _built(entry: ArchEntry) -> "Arch":
