@@ -94,7 +94,7 @@ class TestRefusals:
             af.springing_path(thin, spread=0.1)
 
     def test_a_movement_larger_than_the_arch_is_a_wrong_unit(self):
-        with pytest.raises(af.errors.InputError, match="spread is 50000.0"):
+        with pytest.raises(af.errors.InputError, match=r"spread is 50000\.0"):
             af.move_springing(ARCH, spread=5e4)
 
     def test_what_changes_the_arch_as_built_comes_before(self):
@@ -112,10 +112,15 @@ def test_the_other_springing_is_the_mirror_image():
     assert right.plus[-1] != pytest.approx(left.plus[-1], rel=1e-3)
 
 
+# Impacts are chaotic: after an inward movement equal tolerances differ more.
 @pytest.mark.parametrize(
-    "moved", [{"spread": 0.1}, {"spread": -0.05}, {"settlement": 0.15}, {"rotation": 2.0}]
-)
-def test_methods_agree_on_an_arch_that_has_moved(moved):
+    ("moved", "error"),
+    [
+        ({"spread": 0.1}, 0.02), ({"spread": -0.05}, 0.05), ({"settlement": 0.15}, 0.02),
+        ({"rotation": 2.0}, 0.02),
+    ],
+)  # fmt: skip
+def test_methods_agree_on_an_arch_that_has_moved(moved, error):
     arch = af.move_springing(ARCH, **moved)
     events = af.simulate(arch, PULSE, 0.5, method="event_driven", rtol=1e-7)
     steps = af.simulate(arch, PULSE, 0.5, method="time_stepping", rtol=1e-5)
@@ -123,7 +128,7 @@ def test_methods_agree_on_an_arch_that_has_moved(moved):
     assert events.status == steps.status == both.status
     assert not events.collapsed
     assert events.energy_error < 1e-6
-    assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=0.05)
+    assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=error)
     assert both.peak_rotation == pytest.approx(events.peak_rotation, rel=0.1)
 
 
@@ -135,15 +140,16 @@ class TestTwoMotions:
             assert same.peak_rotation == plain.peak_rotation
             assert same.residual_displacement == plain.residual_displacement
 
-    @pytest.mark.parametrize("delay", [0.02, 0.1, 0.4])
-    def test_energy_closes_and_methods_agree(self, delay):
+    # Each time that events leave a stretch to steps adds to the energy error.
+    @pytest.mark.parametrize(("delay", "error"), [(0.02, 1e-5), (0.1, 1e-4), (0.4, 5e-4)])
+    def test_energy_closes_and_methods_agree(self, delay, error):
         steps = af.simulate(ARCH, PULSE, 0.8, method="time_stepping", rtol=1e-4, far=delay)
         energy = steps.energy
         given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
         left = energy["kinetic"] + energy["potential"] - given
         assert abs(left) < 1e-10 * abs(energy["ground"])
         events = af.simulate(ARCH, PULSE, 0.8, method="event_driven", rtol=1e-8, far=delay)
-        assert events.energy_error < 1e-3
+        assert events.energy_error < error
         assert steps.peak_rotation == pytest.approx(events.peak_rotation, rel=0.05)
 
     def test_a_block_between_feels_only_its_own_ground(self):
