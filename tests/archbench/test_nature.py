@@ -3,13 +3,14 @@
 import json
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 
 import archfrag as af
 from archbench import nature
+from archbench.exact import Rocking
 from archbench.scene import STANDARD_GRAVITY
+from tests.validation.scenes import rocking
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "validation" / "shake_table"
@@ -68,35 +69,11 @@ class TestCalibration:
         assert nature.contradictions(np.arange(8.0), ~toppled, motion) == 4
 
 
-@numba.njit
-def _rocks_over(ground, dt, slenderness, radius, kept):
+def _topples(motion, slenderness, radius, kept):
     """Housner's block, another integration: `kept` of his angular velocity is left at impacts."""
-    step, gravity, rest = dt / 5, STANDARD_GRAVITY, True
-    ratio = (1.0 - 1.5 * np.sin(slenderness) ** 2) * kept
-    angle = speed = 0.0
-    for i in range(ground.size + 1999):
-        for j in range(5):
-            push = 0.0
-            if i < ground.size - 1:
-                push = ground[i] + (ground[i + 1] - ground[i]) * (j + 0.5) / 5
-            if rest and abs(push) < gravity * np.tan(slenderness):
-                continue
-            side = np.sign(angle) if angle != 0.0 else -np.sign(push) if rest else np.sign(speed)
-            rest = False
-            lean = slenderness - abs(angle)
-            turn = side * gravity * np.sin(lean) + push * np.cos(lean)
-            speed -= step * 0.75 / radius * turn
-            new = angle + step * speed
-            if new * side <= 0.0:
-                speed *= ratio
-                if abs(speed) < 2e-3:
-                    rest, speed, new = True, 0.0, 0.0
-            angle = new
-            if abs(angle) > 1.0:
-                return True
-        if rest and i >= ground.size - 1:
-            return False
-    return False
+    twin = Rocking(slenderness, np.sqrt(0.75 * STANDARD_GRAVITY / radius))
+    given = motion.acceleration, motion.dt, slenderness, twin.frequency**2, kept * twin.ratio
+    return np.abs(rocking(*given, 2000 * motion.dt)).max() > 1.0
 
 
 @pytest.fixture(scope="module")
@@ -160,8 +137,8 @@ class TestNature:
         grid, gain = (nature.GRID["slenderness"], nature.GRID["half_diagonal"]), {}
         for kept in (1.0, 0.85):
             fell = np.array([
-                [[_rocks_over(each.acceleration, each.dt, a, r, kept) for each in tests.motions]
-                 for r in grid[1]] for a in grid[0]
+                [[_topples(each, a, r, kept) for each in tests.motions] for r in grid[1]]
+                for a in grid[0]
             ])  # fmt: skip
             chance = nature.chances(np.repeat(fell[:, :, None], 7, axis=2))
             for k, toppled in tests.toppled.items():
