@@ -116,54 +116,50 @@ def limit_analysis(arch, sense):
     return found.x[-1] if found.success else math.nan
 
 
-@numba.njit
-def _swing(angle, speed, step, lean, square, push, slope):
-    """One Runge-Kutta step about the corner of `lean`; `push` [g] grows by `slope` [g/s]."""
-    new, change, rate, pace = angle, speed, 0.0, 0.0
-    for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-        tilt = lean - angle - part * step * rate
-        rate = speed + part * step * pace
-        pace = -square * (math.sin(tilt) + (push + slope * part * step) * math.cos(tilt))
-        new += step / 6.0 * weight * rate
-        change += step / 6.0 * weight * pace
-    return new, change
+def rocking(motion, twin, ratio):
+    """Rotation [rad] of an `archbench.exact.Rocking` at each step of a motion and 20 s after it.
 
-
-@numba.njit
-def rocking(ground, dt, slenderness, square, ratio, follow):
-    """Rotation [rad] of a rocking block at each step of a motion and `follow` [s] after it.
-
-    theta'' = -square (sin(alpha - theta) + a/g cos(alpha - theta)) where theta > 0, mirrored where
-    theta < 0; `square` is p² [1/s²], `ratio` what an impact leaves of the velocity (Housner 1963).
-    Bisection finds impacts. A block beyond a right angle has fallen and stays as it is.
+    An impact leaves the `ratio` of a velocity. Beyond a right angle a block stays as it is.
     """
-    found = np.zeros(ground.size + int(follow / dt))
-    limit, angle, speed, side = math.tan(slenderness), 0.0, 0.0, 0.0
-    for i in range(found.size - 1):
-        push, end = [ground[k] / g if k < ground.size else 0.0 for k in (i, i + 1)]
-        slope, left = (end - push) / dt, dt
+    ground = np.append(motion.acceleration, np.zeros(int(20.0 / motion.dt))) / g
+    return _rocking(ground, motion.dt, twin.alpha, twin.frequency**2, ratio)
+
+
+@numba.njit
+def _rocking(ground, dt, alpha, square, ratio):
+    """theta'' = -p² (sin(±alpha - theta) + a/g cos(±alpha - theta)) by Runge-Kutta steps."""
+    found, limit = np.zeros(ground.size), math.tan(alpha)
+    angle = speed = side = 0.0
+    for i in range(ground.size - 1):
+        push, end, left = ground[i], ground[i + 1], dt
+        slope = (end - push) / dt
         while left > 1e-9 * dt and abs(angle) < 0.5 * math.pi:
             if side == 0.0:
-                if abs(push) <= limit:
-                    if abs(end) <= limit:
-                        break
-                    left = (end - math.copysign(limit, end)) / slope
-                    push = math.copysign(limit, end)
+                if abs(end) <= limit:
+                    break
                 side = -math.copysign(1.0, end)
-            step, given = left, (side * slenderness, square, push, slope)
-            new, change = _swing(angle, speed, step, *given)
-            hits = side * new < 0.0
-            if hits:
-                low, high = 0.0, step
-                for _ in range(50):
-                    step = 0.5 * (low + high)
-                    new, change = _swing(angle, speed, step, *given)
-                    low, high = (step, high) if side * new > 0.0 else (low, step)
+                if abs(push) <= limit:
+                    push = -side * limit
+                    left = (end - push) / slope
+            step, low, high, hits = left, 0.0, left, False
+            for _ in range(50):  # bisection, if it hits the ground within the step
+                new, change, rate, pace = angle, speed, 0.0, 0.0
+                for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+                    tilt = side * alpha - angle - part * step * rate
+                    rate = speed + part * step * pace
+                    pace = math.sin(tilt) + (push + slope * part * step) * math.cos(tilt)
+                    pace *= -square
+                    new += step / 6.0 * weight * rate
+                    change += step / 6.0 * weight * pace
+                hits = hits or side * new < 0.0
+                if not hits:
+                    break
+                low, high = (step, high) if side * new > 0.0 else (low, step)
+                step = 0.5 * (low + high)
             angle, speed, push, left = new, change, push + slope * step, left - step
             if hits:
                 angle, speed, side = 0.0, ratio * speed, -side
-                back = square * (math.sin(slenderness) + side * push * math.cos(slenderness))
-                if back > 0.0 and 2.0 * abs(speed) < 1e-3 * dt * back:
-                    speed, side = 0.0, 0.0
+                if abs(speed) < 1e-7 * math.sqrt(square) and abs(push) <= limit:
+                    speed = side = 0.0
         found[i + 1] = angle
     return found
