@@ -98,7 +98,7 @@ def test_frame(validated, height):
 @pytest.mark.parametrize("frequency", np.arange(0.5, 5.1, 0.5))
 @pytest.mark.parametrize("order", [1, 3])
 def test_boundaries_of_orbits(validated, order, frequency, side):
-    """Mirrored halves of runs have a fixed point of multiplier 1 or -1; their determinant is r²."""
+    """Mirrored halves of runs have a fixed point of multiplier 1 or -1, and determinant r²."""
     ratio, frequency = Rocking(0.05, harmonic.PACE).ratio, frequency + order - 1.0
     expected, phase, start = harmonic.boundaries(frequency, order, ratio)[side]
 
