@@ -26,7 +26,7 @@ PACE, SAMPLES = 5.0, 60  # p [1/s]; samples of a period of the ground
 # The map: slenderness [rad], W and A; it starts from rest where the ground accelerates most.
 ALPHA, START = 0.15, 0.5 * math.pi
 FREQUENCIES, AMPLITUDES = np.linspace(2.25, 12.0, 40), np.linspace(0.8, 10.6, 50)
-PERIODS, LAST = 200, 12  # of the ground: of a run, and at its end of what is judged
+PERIODS, LAST = 800, 12  # of the ground: of a run, and at its end of what is judged
 REST, UNLIKE = 1e-3, 0.02  # largest x at rest; largest change from half to half over x
 CLASSES = ("at rest", "1/1", "1/3", "other bounded motion", "overturned")
 

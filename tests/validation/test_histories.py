@@ -129,4 +129,4 @@ def test_map():
     for i, j in np.ndindex(50, 40):
         if known[i][j] in "12":
             low, high = harmonic.boundaries(w[j], 2 * int(known[i][j]) - 1, ratio)
-            assert low[0] < a[i] < 1.1 * high[0]
+            assert low[0] < a[i] < 1.06 * high[0]
