@@ -58,16 +58,16 @@ def run(
     It starts at the `state` (x, x') where the ground has the `phase`, or from rest.
     """
     half_diagonal = 0.75 * STANDARD_GRAVITY / PACE**2
-    across, up = half_diagonal * math.sin(alpha), half_diagonal * math.cos(alpha)
+    wide, high = half_diagonal * math.sin(alpha), half_diagonal * math.cos(alpha)
     turn = np.arange(round(periods * SAMPLES) + 1) / SAMPLES
     push = alpha * amplitude * STANDARD_GRAVITY * np.sin(2.0 * math.pi * turn + phase)
     motion, initial = af.Motion(push, 2.0 * math.pi / (frequency * PACE * SAMPLES)), None
     if state is not None:  # about the right corner
         angle, rate = alpha * state[0], alpha * PACE * state[1]
         x, y = half_diagonal * math.sin(angle - alpha), half_diagonal * math.cos(angle - alpha)
-        initial = [[x + across, y - up, -angle]], [[rate * y, -rate * x, -rate]]
+        initial = [[x + wide, y - high, -angle]], [[rate * y, -rate * x, -rate]]
     found = af.simulate(
-        af.Block(2.0 * across, 2.0 * up, math.inf), motion, method="event_driven", rtol=rtol,
+        af.Block(2.0 * wide, 2.0 * high, math.inf), motion, method="event_driven", rtol=rtol,
         history=True, initial=initial, follow=0.0,
     )  # fmt: skip
     history: Any = found.history
