@@ -251,8 +251,8 @@ def intervals_that_hold(tests: Tests, chance: Array, cases: int) -> dict[str, in
         ends = ends * np.exp(scatter * generator.standard_normal((2, number)))
         middle = 0.5 * ends.sum(axis=0)
         own = zip(middle.tolist(), (ends[0] / middle - 1.0).tolist(), tests.motions)
-        fell = [verdicts(block(a, size, e), [each])[0] for a, e, each in own]
-        toppled = np.array(fell) ^ (generator.random(number) < 0.02)
+        failed = [verdicts(block(a, size, e), [each])[0] for a, e, each in own]
+        toppled = np.array(failed) ^ (generator.random(number) < 0.02)
         known = quantiles(calibrate(chance, toppled, np.ones((1, number)))[0][0])
         for name, value in zip(held, (scatter, slenderness, size, off_centre)):
             held[name] += known[name][0] <= value <= known[name][2]
