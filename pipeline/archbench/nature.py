@@ -12,6 +12,7 @@ s and f; the prior is uniform over the grid.
 import json
 import sys
 import time
+from base64 import b64decode, b64encode
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -86,11 +87,27 @@ def verdicts(arch: af.Arch, motions: list[af.Motion]) -> Flags:
     return runs["status"].to_numpy() == "collapsed"
 
 
+def points() -> list[list[float]]:
+    """Parameters of all blocks of `GRID`, (n_block, 3)."""
+    return np.stack(np.meshgrid(*GRID.values(), indexing="ij"), axis=-1).reshape(-1, 3).tolist()
+
+
 def run_grid(motions: list[af.Motion]) -> Flags:
     """Verdicts of all blocks of `GRID`, its shape and (n_test,)."""
-    points = np.stack(np.meshgrid(*GRID.values(), indexing="ij"), axis=-1)
-    found = [verdicts(block(*point), motions) for point in points.reshape(-1, 3).tolist()]
-    return np.reshape(found, (*points.shape[:-1], len(motions)))
+    found = [verdicts(block(*point), motions) for point in points()]
+    return np.reshape(found, (*(x.size for x in GRID.values()), len(motions)))
+
+
+def packed(flags: Flags) -> str:
+    """Verdicts as text."""
+    return b64encode(np.packbits(flags).tobytes()).decode()
+
+
+def unpacked(text: str, number: int) -> Flags:
+    """Verdicts of the grid from text, its shape and (number of tests,)."""
+    shape = *(x.size for x in GRID.values()), number
+    bits = np.frombuffer(b64decode(text), np.uint8)
+    return np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
 
 
 def chances(collapsed: Flags) -> Array:
@@ -216,8 +233,34 @@ def contradictions(level: Array, toppled: Flags, motion: NDArray) -> int:
     return int(off)
 
 
+def intervals_that_hold(tests: Tests, chance: Array, cases: int) -> dict[str, int]:
+    """In how many synthetic cases the 90 % interval of each parameter holds it.
+
+    Parameters are drawn from the prior; each test has a block of its own, and 2 % of the verdicts
+    are flipped.
+    """
+    number = len(tests.motions)
+    held = dict.fromkeys(["scatter", *GRID], 0)
+    axes = scales({"scatter": SCATTERS, **GRID})
+    bounds = [[x[end] for x in axes.values()] for end in (0, -1)]
+    for seed in range(cases):
+        generator = np.random.default_rng([SEED, seed])
+        *logs, off_centre = generator.uniform(*bounds).tolist()
+        scatter, slenderness, size = np.exp(logs).tolist()
+        ends = slenderness * (1.0 + off_centre * np.array([[1.0], [-1.0]]))
+        ends = ends * np.exp(scatter * generator.standard_normal((2, number)))
+        middle = 0.5 * ends.sum(axis=0)
+        own = zip(middle.tolist(), (ends[0] / middle - 1.0).tolist(), tests.motions)
+        failed = [verdicts(block(a, size, e), [each])[0] for a, e, each in own]
+        toppled = np.array(failed) ^ (generator.random(number) < 0.02)
+        known = quantiles(calibrate(chance, toppled, np.ones((1, number)))[0][0])
+        for name, value in zip(held, (scatter, slenderness, size, off_centre)):
+            held[name] += known[name][0] <= value <= known[name][2]
+    return held
+
+
 def measure(tests: Tests, collapsed: Flags) -> dict[str, Any]:
-    """All numbers of the page, from the verdicts of the grid."""
+    """All numbers of the page but those of synthetic cases, from the verdicts of the grid."""
     motion = tests.table["motion"].to_numpy()
     pgv, pga = (tests.table[name].to_numpy() for name in ("pgv_m_s", "pga_nominal_g"))
     started = time.process_time()
@@ -245,5 +288,7 @@ def measure(tests: Tests, collapsed: Flags) -> dict[str, Any]:
 
 if __name__ == "__main__":
     known = read_tests(Path(sys.argv[1]))
-    numbers = {"commit": commit(), **measure(known, run_grid(known.motions))}
+    grid = run_grid(known.motions)
+    numbers = {"commit": commit(), **measure(known, grid), "verdicts": packed(grid)}
+    numbers["held of 50"] = intervals_that_hold(known, chances(grid), 50)
     Path(sys.argv[2]).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")

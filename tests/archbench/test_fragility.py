@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from archbench import bands, knee, page
@@ -13,6 +14,7 @@ from archfrag.study.file.schema import load_study
 
 LEVELS = np.linspace(0.2, 3.0, 15)
 ROOT = Path(__file__).parents[2]
+SETS = ROOT.parent / "shared" / "validation" / "small_samples"
 EXACT = {("reference", each): 1.0 for each in REFERENCES}
 COARSE, FINE = Setting("time_stepping", "dt", 8e-3), Setting("auto", "rtol", 1e-3)
 
@@ -93,3 +95,29 @@ def test_the_page_is_made_from_tables_alone(tmp_path):
 def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
     held = [bands.coverage_of(bands.RECORDS, family, 24, 40)["theta"] for family in bands.FAMILIES]
     assert held[0] > 0.75 > held[-1]
+
+
+def few_runs(folder, sizes, sets):
+    return bands.few_runs(folder, sizes, sets).set_index("runs")
+
+
+def test_error_and_coverage_of_few_runs_are_those_of_sets_that_are_made(tmp_path):
+    generator, (theta, beta) = np.random.default_rng(5), bands.TRUTH
+    im = np.exp(generator.standard_normal((200, 30)))
+    capacity = theta * np.exp(beta * generator.standard_normal(im.shape))
+    np.savez(tmp_path / "pairs.npz", intensity=im, failed=1.0 * (capacity < im))
+    found = few_runs(tmp_path, [10, 200], 30)
+    assert found["archfrag, all sets"].tolist() == pytest.approx([0.105, 0.030], rel=0.15)
+    assert found[["theta", "beta"]].min(axis=None) > 0.75
+    np.savez(tmp_path / "pairs.npz", intensity=im, failed=1.0 * (3.0 * capacity < im))
+    assert few_runs(tmp_path, [200], 30)["theta"].max() == 0.0  # of another curve
+
+
+@pytest.mark.skipif(not SETS.is_dir(), reason="../shared/validation is not beside the repository")
+def test_few_runs_of_the_public_sets():
+    table = ROOT / "docs" / "evidence" / "data" / "bands_few_runs.csv"
+    kept = pd.read_csv(table, index_col="runs")
+    again = few_runs(SETS, [10, 20, 30, 50, 100], bands.FIRST)
+    assert again["archfrag"].to_numpy() == pytest.approx(kept["archfrag"][:-1], abs=2e-3)
+    assert np.all(again["archfrag"] <= [0.11, 0.082, 0.071, 0.071, 0.051])
+    assert np.all(again["archfrag"] < again["constrained"] + 1e-3)

@@ -28,6 +28,7 @@ _ROWS, _NODES = 72, 96  # of the grid: values of beta, and of ln theta for each
 _SEARCH = 25  # of the grids that find where the posterior is, each way
 _DEPTH = 14.0  # of the log-density below its greatest value, at the ends of the grid
 _HALVINGS = 30
+_LIKELY_BETA = 0.3  # over the span of ln levels: from 5 to 95 % a curve spans 3.3 beta
 _MOST_LEVELS = 150  # of runs that each have a level of their own
 # Standard deviations between runs: tried at the likeliest curve, and summed over; the fall of the
 # log-likelihood below its greatest value at the first and last of the latter.
@@ -110,8 +111,10 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
     1991, J. Am. Stat. Assoc. 86; Chen, Ibrahim and Kim 2008, the same 103), of beta > 0, times
-    1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest level. Jeffreys' alone
-    lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes beta too small.
+    1 / (1 / beta + beta / b^2), which is greatest where beta is b, `_LIKELY_BETA` of ln of the
+    highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands
+    hold the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making
+    beta and theta too large; docs/evidence.md compares them.
     Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more.
     """
     im, collapses, n = checked_stripes(im, collapses, n)
@@ -123,6 +126,7 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         raise FitError(ONE_LEVEL)
     k, m = (np.bincount(place, part[n > 0], x.size) for part in (collapses, n))
     span = x[-1] - x[0]
+    likely = _LIKELY_BETA * span
     borders = np.append(x[k > 0][:1], x[k < m][-1:])  # first collapse, last survival
     start = borders.mean(), np.clip(0.25 * np.ptp(borders), np.diff(x).min(), span)
 
@@ -135,7 +139,7 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         weight = m * np.exp(-z * z - small - large)
         total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
         determinant = np.maximum(total * second - first**2, 1e-250)
-        return likelihood, 0.5 * np.log(determinant) - np.log(beta * (1.0 + beta / span))
+        return likelihood, 0.5 * np.log(determinant) - np.log(beta + beta * (beta / likely) ** 2)
 
     return _summed(terms, x, start, int(m.sum()))
 

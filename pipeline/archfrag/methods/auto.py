@@ -3,9 +3,9 @@
 1. Rest, while the body force stays inside the range of rest: nothing is integrated.
 2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four runs
    at a time.
-3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, for `FEWEST_BODIES`
-   bodies, and for a history of `SMALL_CHAIN` bodies under a ground motion with rare breaks: there
-   events are rare, so that they cost little and give peaks and histories exactly.
+3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
+   `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
+   they cost little and give peaks and histories exactly.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows
    is made again by the other method, and then by equal steps. If none of them holds it, the run
    is refused.
@@ -30,7 +30,7 @@ ROUNDING = 1e-12
 # Tolerances at which runs go by events whatever moves them, and where events are rare.
 COARSE, COARSEST = 2e-4, 0.01
 AGAIN = 2e-5  # of events that make runs by steps again
-FEWEST_BODIES, SMALL_CHAIN, MOST_BREAKS = 2, 10, 50
+SMALL_CHAIN, MOST_BREAKS = 10, 50
 # Where events follow each other more closely than so many steps, all voussoirs are stepped; these
 # steps are longer by `STEADY` than those at impacts.
 SWITCH_STEPS, STEADY = 3.0, 2.0
@@ -43,7 +43,7 @@ def count_breaks(grounds: Grounds) -> int:
     return int(np.unique(grounds.next_break).size) - 1
 
 
-def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bool:
+def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -> bool:
     """Whether `auto` integrates from event to event rather than by steps on all voussoirs.
 
     `n_break` is `count_breaks` where a history is asked for, else infinite.
@@ -51,13 +51,11 @@ def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bo
     Examples
     --------
     >>> from archfrag.methods.auto import goes_by_events
-    >>> goes_by_events(7, 1e-3), goes_by_events(7, 1e-3, n_break=4), goes_by_events(7, 1e-4)
+    >>> goes_by_events(1e-3), goes_by_events(1e-3, 7, n_break=4), goes_by_events(1e-4)
     (False, True, True)
     """
-    if tolerance <= COARSE:
-        return True
-    rare = n_body <= FEWEST_BODIES or (n_body <= SMALL_CHAIN and n_break <= MOST_BREAKS)
-    return rare and tolerance <= COARSEST
+    rare = n_body <= SMALL_CHAIN and n_break <= MOST_BREAKS
+    return tolerance <= COARSE or (rare and tolerance <= COARSEST)
 
 
 def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
@@ -98,7 +96,7 @@ def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Results:
     """Many runs; as `archfrag.methods.time_stepping.run.run_many`."""
-    by_events = goes_by_events(chain.mass.size, options.tolerance)
+    by_events = goes_by_events(options.tolerance)
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
         return method.run_many(chain, grounds, motion[rows], factor[rows], given)
@@ -120,5 +118,5 @@ def run(
         )
 
     n_break = count_breaks(grounds) if frames.time.size else np.inf
-    by_events = goes_by_events(chain.mass.size, options.tolerance, n_break)
+    by_events = goes_by_events(options.tolerance, chain.mass.size, n_break)
     return _made_well(chain, _attempts(options, by_events), 1, make)

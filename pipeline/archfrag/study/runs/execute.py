@@ -259,7 +259,7 @@ def _follow_parent() -> None:
 
 
 def kernels_needed(plan: Plan) -> list[str]:
-    """Return the names of the methods whose kernels a study needs; `auto` may need two."""
+    """Return the names of the methods whose kernels a study needs."""
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
@@ -268,5 +268,4 @@ def kernels_needed(plan: Plan) -> list[str]:
         return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
-    by_events = {goes_by_events(arch.entry.build().n_voussoir, rtol) for arch in plan.arches}
-    return [(AUTO, "event_driven")[by] for by in sorted(by_events)]
+    return ["event_driven" if goes_by_events(rtol) else AUTO]
