@@ -24,6 +24,22 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     return helper or None
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Have one of two processes compile first, and the other build the site meanwhile.
+
+    Each gets one half of the tests, in this order. Otherwise they wait for each other's kernels.
+    """
+    tests = Path(__file__).parent
+    compiling = {
+        tests / name for name in ("arch", "methods", "mechanics", "physics", "validation")
+    }
+    items.sort(key=lambda item: compiling.isdisjoint(item.path.parents))
+    site = [item for item in items if item.path.name == "test_site.py"]
+    others = [item for item in items if item not in site]
+    half = len(items) // 2
+    items[:] = others[:half] + site + others[half:]
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--validation-table", metavar="CSV", help="write the values that tests compare with others"

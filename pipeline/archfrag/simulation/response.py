@@ -138,7 +138,7 @@ class Response:
     >>> import numpy as np, archfrag as af
     >>> pulse = af.Motion(np.full(100, 3.0), dt=0.01)
     >>> af.simulate(af.Block(width=0.2, height=1.0, friction=0.8), pulse)
-    <Response collapsed at 0.7523 s, joint 0, hinging; peak 1.44 rad, 0.831 m; auto, 0.938 s>
+    <Response collapsed at 0.7328 s, joint 0, hinging; peak 1.28 rad, 0.766 m; auto, 0.9127 s>
     """
 
     status: Status
