@@ -385,19 +385,17 @@ class ArchEntry(Section):
     def build(self) -> "Arch":
         """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
         entry = self.read()
-        if entry.springings is None:
-            return _built(entry)
-        # The movement of a springing takes longer than the rest of an arch.
         key = repr(entry.model_dump(exclude={"id", "vary"}))
-        if key not in _MOVED:
-            if len(_MOVED) >= _MOST_KEPT:
-                _MOVED.clear()
-            _MOVED[key] = _built(entry)
-        return _MOVED[key]
+        if key not in _BUILT:
+            if len(_BUILT) >= _MOST_KEPT:
+                _BUILT.clear()
+            _BUILT[key] = _built(entry)
+        return _BUILT[key]
 
 
-_MOVED: dict[str, "Arch"] = {}
-_MOST_KEPT = 256  # arches whose springings have moved
+# A study asks for each of its arches some ten times; drawings and moved springings take long.
+_BUILT: dict[str, "Arch"] = {}
+_MOST_KEPT = 256
 
 
 def _built(entry: ArchEntry) -> "Arch":
