@@ -92,6 +92,20 @@ class TestLabelsKeepClear:
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
         assert page.thumbnails(items).svg.count("<svg") == n_record
 
+    def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
+        lines, drawn = [], drawing.Panel.line
+        monkeypatch.setattr(
+            drawing.Panel, "line", lambda *given: lines.append(given[1:3]) or drawn(*given)
+        )
+        data = results(n_level=9)
+        runs.verdict_map(data)
+        x, y = lines[-1]
+        collapsed = data.verdict == Verdict.COLLAPSED
+        lowest = np.sort(np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), 9))[::-1]
+        assert (y[0], y[-1]) == (-0.5, len(lowest) - 0.5)
+        for row, place in zip(lowest, x[::2]):
+            assert row - 1.0 <= place <= row
+
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
         answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}

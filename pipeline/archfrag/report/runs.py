@@ -63,6 +63,9 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> str:
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
         entries.append(Entry("blank: not simulated", "#ffffff"))
+    bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
+    if bounded:
+        entries.append(Entry("capacity", look.INK, "line"))
     labelled = n_record <= _LABELLED
     longest = max(look.text_width(name, look.SMALL) for name in names)
     left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
@@ -73,6 +76,12 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> str:
         panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
     for edge in np.arange(1, n_level) - 0.5:
         panel.line([edge, edge], ends[1], "#fff", 1.0)
+    if bounded:
+        capacities, levels = results.capacities[order], np.log(results.levels)
+        x = np.interp(np.log(capacities), levels, np.arange(n_level), right=n_level - 0.5)
+        x = np.where(capacities <= results.levels[0], -0.5, x)
+        y = np.repeat(np.arange(n_record + 1), 2)[1:-1] - 0.5
+        panel.line(np.repeat(x, 2), y, look.INK, 1.4)
     if labelled:
         for y, name in zip(panel.at_y(np.arange(n_record)), names, strict=True):
             sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, look.SMALL), "s e")
