@@ -271,3 +271,6 @@ allocating = _decorator(_nrt=True)
 # than the arithmetic of a short chain: every call counts each array of its arguments up and down.
 kernel = _decorator(_nrt=False)
 inlined = _decorator(_nrt=False, inline="always")
+# The same by LLVM, for functions of a whole run or of its mega-voussoirs: each call that numba
+# inlines copies these arguments of some hundred arrays, and their types are found anew.
+merged = _decorator(_nrt=False, forceinline=True)
