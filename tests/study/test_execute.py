@@ -20,7 +20,7 @@ from archfrag.motions.formats import one_reader, read_apart
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute
-from archfrag.study.runs.execute import kernels_needed, run_batch
+from archfrag.study.runs.execute import method_to_compile, run_batch
 from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
 from tests.study.small import ROOT, changed
@@ -159,7 +159,7 @@ def test_only_the_kernels_that_the_runs_need(done):
         (done.study.method, "time_stepping"), (Method(name="auto"), "auto"), (fine, "event_driven")
     ):  # fmt: skip
         changes = {"arches": arches, "method": method}
-        assert kernels_needed(make_plan(done.study.model_copy(update=changes))) == [expected]
+        assert method_to_compile(make_plan(done.study.model_copy(update=changes))) == expected
 
 
 def test_workers_make_the_same_runs_and_one_that_is_killed_costs_only_time(copied, monkeypatch):

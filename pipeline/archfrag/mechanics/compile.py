@@ -271,6 +271,6 @@ allocating = _decorator(_nrt=True)
 # than the arithmetic of a short chain: every call counts each array of its arguments up and down.
 kernel = _decorator(_nrt=False)
 inlined = _decorator(_nrt=False, inline="always")
-# The same by LLVM, for functions of a whole run or of its mega-voussoirs: each call that numba
-# inlines copies these arguments of some hundred arrays, and their types are found anew.
-merged = _decorator(_nrt=False, forceinline=True)
+# LLVM inlines these, not numba. Their arguments hold some hundred arrays, which numba would copy
+# at each call and whose types it would infer again: a third of the time to compile.
+llvm_inlined = _decorator(_nrt=False, forceinline=True)

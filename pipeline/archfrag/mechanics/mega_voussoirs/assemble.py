@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.placing import BEFORE, later_vertex_meets
 from archfrag.mechanics.model import Model, Work, new_work
 from archfrag.mechanics.numbers import sine_cosine
@@ -94,13 +94,13 @@ def in_use(mega):
     )  # fmt: skip
 
 
-@merged
+@llvm_inlined
 def is_rigid(j, contact, slide):
     """Whether a joint is closed and sticks."""
     return contact[j, 0] > 0.5 and contact[j, 1] > 0.5 and slide[j] == 0.0
 
 
-@merged
+@llvm_inlined
 def _group(model, contact, slide, mega):
     """Join voussoirs across rigid joints."""
     n_row, n_joint = mega.group.size, slide.size
@@ -120,7 +120,7 @@ def _group(model, contact, slide, mega):
             mega.group[i] = k
 
 
-@merged
+@llvm_inlined
 def _place_at_rest(model, slip, mega):
     """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
     n_row = mega.group.size
@@ -143,7 +143,7 @@ def _place_at_rest(model, slip, mega):
             mega.offset[i, 1] = model.centroid[i, 1] + shift_y
 
 
-@merged
+@llvm_inlined
 def _sum_masses(model, mega):
     """Set masses and inertias, and offsets of voussoirs from their common centroids."""
     out, offset = mega.model, mega.offset
@@ -164,7 +164,7 @@ def _sum_masses(model, mega):
         out.centroid[k, 0], out.centroid[k, 1] = x, y
 
 
-@merged
+@llvm_inlined
 def _place_joints(model, contact, slide, slip, mega):
     """Set the joints between and inside mega-voussoirs, in the axes at rest."""
     out, k = mega.model, 0

@@ -12,7 +12,7 @@ and inertia.
 
 import math
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact import blocks, placing
 from archfrag.mechanics.laws import slip_normal
 from archfrag.mechanics.mega_voussoirs.pulls import pull_mega_voussoirs
@@ -23,18 +23,18 @@ PARALLEL = 1e-3
 ILL_CONDITIONED = 1e-7
 
 
-@merged
+@llvm_inlined
 def cross(a, b):
     """Return the cross product of two vectors (x, y)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
-@merged
+@llvm_inlined
 def _from(a, b):
     return b[0] - a[0], b[1] - a[1]
 
 
-@merged
+@llvm_inlined
 def _arm(centre, position, k):
     return position[k, 0] - centre[0], position[k, 1] - centre[1]
 
@@ -78,19 +78,19 @@ def is_four_hinges(work, n_row):
     return True
 
 
-@merged
+@llvm_inlined
 def _hinge(j, work):
     k = 0 if work.contact[j, 0] > 0.5 else 1
     return work.point[j, k, 0], work.point[j, k, 1]
 
 
-@merged
+@llvm_inlined
 def _perpendicular(rate, arm):
     """Velocity at the end of an arm that rotates."""
     return -rate * arm[1], rate * arm[0]
 
 
-@merged
+@llvm_inlined
 def _known(base, rate, acceleration, arm, k, work):
     """Set the acceleration of a body apart from that of the mechanism."""
     x, y = _perpendicular(acceleration, arm)
@@ -99,7 +99,7 @@ def _known(base, rate, acceleration, arm, k, work):
     work.solved[k, 2] = acceleration
 
 
-@merged
+@llvm_inlined
 def _powers(model, work, k, u, x, y):
     """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
@@ -108,7 +108,7 @@ def _powers(model, work, k, u, x, y):
     return inertia, model.mass[k] * (x * fx + y * fy) + spin
 
 
-@merged
+@llvm_inlined
 def _add(rate, u, x, y, k, work):
     work.solved[k, 0] += rate * x
     work.solved[k, 1] += rate * y
@@ -157,7 +157,7 @@ def four_hinges(model, position, velocity, work):
     return True
 
 
-@merged
+@llvm_inlined
 def _unbalanced(model, work, k):
     """Return force and moment about its centroid that a body's reactions must supply."""
     x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
@@ -165,14 +165,14 @@ def _unbalanced(model, work, k):
     return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
 
 
-@merged
+@llvm_inlined
 def _set_reaction(j, hinge, x, y, work):
     work.reaction[j, 0], work.reaction[j, 1] = x, y
     arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
     work.reaction[j, 2] = cross(arm, (x, y))
 
 
-@merged
+@llvm_inlined
 def _hinge_reactions(model, position, hinge, work):
     """Set the reactions at four hinges for given accelerations (Eqs 29-33)."""
     c1, c12, c23, c3 = hinge
@@ -229,7 +229,7 @@ def solve_first_level(mega, position, velocity, ground, scale):
     return left <= ILL_CONDITIONED * model.gravity
 
 
-@merged
+@llvm_inlined
 def _set_bias(work, value):
     for j in range(work.slide.shape[0]):
         for k in range(2):

@@ -2,12 +2,12 @@
 
 import math
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.status import Tie
 from archfrag.mechanics.ties import tension
 
 
-@merged
+@llvm_inlined
 def _end(mega, t, side, position, velocity):
     """Return voussoir and mega-voussoir at an end of a tie, the end's arm and its velocity."""
     tie = mega.model.tie

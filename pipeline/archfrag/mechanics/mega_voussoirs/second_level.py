@@ -7,7 +7,7 @@ moment about its centroid, where the places of its voussoirs do not change.
 
 import math
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.mega_voussoirs.first_level import cross
 
 # Laws of a joint; margins of those that do not concern it are infinite. Normal forces at both
@@ -17,7 +17,7 @@ FORCE_0, FORCE_1, FRICTION_PLUS, FRICTION_MINUS, GAP_0, GAP_1, SLIP_END = 0, 1, 
 N_LAW = 7
 
 
-@merged
+@llvm_inlined
 def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
     """Set the margins of Signorini's and Coulomb's laws at one closed joint.
 
@@ -39,7 +39,7 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
         value[j, FRICTION_MINUS] = per_weight * (bound + shear)
 
 
-@merged
+@llvm_inlined
 def _boundary(mega, k, position):
     """Return the reaction between mega-voussoirs k and k + 1, its moment about `position`."""
     work = mega.work

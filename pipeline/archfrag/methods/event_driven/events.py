@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.placing import clearance, corner_rate_at, move_faces
 from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays
@@ -100,7 +100,7 @@ def keep_margins(mega, motion):
                 motion.low_gap[k, c, d] = motion.gap[k, c, d]
 
 
-@merged
+@llvm_inlined
 def _cone_margins(k, c, model, work, per_weight, value):
     """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
     n, t, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
@@ -117,7 +117,7 @@ def _cone_margins(k, c, model, work, per_weight, value):
         value[FORCE_0 + c] = low_x * fx + low_y * fy
 
 
-@merged
+@llvm_inlined
 def margins_between(mega, motion, position, velocity):
     """Set margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
@@ -147,7 +147,7 @@ def margins_between(mega, motion, position, velocity):
             value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
 
 
-@merged
+@llvm_inlined
 def tie_margins(mega, motion):
     """Set margins of ties, in the rows behind the joints.
 
@@ -212,7 +212,7 @@ def _gap_at(motion, mega, part, k, c):
     return clearance(k, c, work.face, work.tangent)
 
 
-@merged
+@llvm_inlined
 def closed_inside(motion, mega, step):
     """Whether a corner that is open at both ends of a step closes inside it, and where.
 
@@ -246,7 +246,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
 
 
-@merged
+@llvm_inlined
 def _root(motion, mega, step, ground, end, joint, law):
     """Find the part of a step at which one law's margin is used up (Illinois method)."""
     low, high = 0.0, end
@@ -283,7 +283,7 @@ def _root(motion, mega, step, ground, end, joint, law):
     return part
 
 
-@merged
+@llvm_inlined
 def locate(motion, mega, step, ground, end):
     """Find the first part of a step at which a law ends; nan if no state can be evaluated.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.collapse import RIGHT_ANGLE, record_gap
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.energy import kinetic_energy
@@ -88,7 +88,7 @@ class Run(NamedTuple):
     options: Options
 
 
-@merged
+@llvm_inlined
 def look_outward(run, mega, position, velocity):
     """Record the rates at which voussoirs move away from rest.
 
@@ -109,7 +109,7 @@ def look_outward(run, mega, position, velocity):
     return comes_back
 
 
-@merged
+@llvm_inlined
 def record_place(run, mega, position):
     """Record the largest displacement and rotation so far."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
@@ -124,7 +124,7 @@ def record_place(run, mega, position):
     run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST] = rotation, farthest
 
 
-@merged
+@llvm_inlined
 def _has_collapsed(run, mega, position):
     """Whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed, work = False, mega.work
@@ -149,7 +149,7 @@ def recover_voussoirs(mega, position, velocity, state):
         state.slip[mega.joint[k]] = mega.work.slip[k]
 
 
-@merged
+@llvm_inlined
 def begin_motion(run, mega, segment):
     """Bring the state onto the contacts after an event, and evaluate it for the first time.
 
@@ -205,7 +205,7 @@ def write_step(run, mega, start, step, part, ground, output):
     clock[Clock.TIME] = now
 
 
-@merged
+@llvm_inlined
 def _accept(run, mega, part, peaks):
     """Accept the state at the end of a step or of its part; record works and peaks."""
     stages, energy = run.motion.stages, run.state.energy
@@ -224,7 +224,7 @@ def _accept(run, mega, part, peaks):
         runge_kutta.dense_state(stages, inside, mega.next_position, mega.next_velocity)
 
 
-@merged
+@llvm_inlined
 def _shift_stages(mega, stages, last):
     """Use the last stage as the first one of the next step."""
     for i in range(1, mega.position.shape[0]):
@@ -235,7 +235,7 @@ def _shift_stages(mega, stages, last):
         stages.power[0, p] = stages.power[last, p]
 
 
-@merged
+@llvm_inlined
 def _allowed_errors(mega, motion, farthest):
     """Return the errors in position [m] and in velocity [m/s] that count as one."""
     fastest = 0.0
@@ -245,7 +245,7 @@ def _allowed_errors(mega, motion, farthest):
     return size, motion.tolerance * (fastest + FLOOR * motion.speed)
 
 
-@merged
+@llvm_inlined
 def check_laws(motion, mega, step, ground):
     """Check all laws at the end of a step, and gaps inside it; return part, event."""
     now = ground_after(ground, step)
@@ -261,7 +261,7 @@ def check_laws(motion, mega, step, ground):
     return locate(motion, mega, step, ground, end), True
 
 
-@merged
+@llvm_inlined
 def integrate(run, mega, stop, output):
     """Integrate mega-voussoirs until a law ends or `stop` is reached.
 

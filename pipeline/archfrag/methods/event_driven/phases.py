@@ -12,7 +12,7 @@ mechanism has no unique motion, all voussoirs are stepped for a while
 import numpy as np
 
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import balance_energy, energies_of
 from archfrag.mechanics.ground import end_of_motion, ground_after, segment_at
@@ -62,12 +62,12 @@ QUIESCENT_STEPS, MOST_QUIESCENT_STEPS = 4.0, 64.0
 MEASURED = 16
 
 
-@merged
+@llvm_inlined
 def _unit(run):
     return run.motion.length / run.motion.speed
 
 
-@merged
+@llvm_inlined
 def _set_cause(run, cause, joint):
     run.progress[Progress.CAUSE], run.progress[Progress.JOINT] = cause, joint
 
@@ -177,7 +177,7 @@ def integrate_to_next_event(run, output):
     return DONE
 
 
-@merged
+@llvm_inlined
 def impact_or_mechanism_change(run):
     """Classify an event, and detect whether events accumulate."""
     state, progress, recent = run.state, run.progress, run.recent
@@ -212,7 +212,7 @@ def go_on(run, output, phase):
     return phase
 
 
-@merged
+@llvm_inlined
 def step_until(run, until, output):
     """Step all voussoirs while their modes go on changing."""
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
@@ -283,7 +283,7 @@ def rest_if_still(run, output):
     return leave_rest(run, code, output)
 
 
-@merged
+@llvm_inlined
 def leave_rest(run, code, output):
     """Begin to move at the end of a rest."""
     if code == common.IDLE:

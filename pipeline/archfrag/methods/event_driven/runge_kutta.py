@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.placing import corner_rate_at
 from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import contact_of
@@ -83,7 +83,7 @@ def new_stages(n_row: int) -> Stages:
     )  # fmt: skip
 
 
-@merged
+@llvm_inlined
 def _travel(far, time):
     """Displacement and velocity of the far springing a time after the beginning of a segment.
 
@@ -131,7 +131,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
     stages.power[stage, BY_FRICTION] = by_friction
 
 
-@merged
+@llvm_inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
     """Make one step from stage 0; return its error, inf if a stage has no solution."""
     position, velocity = mega.next_position, mega.next_velocity
@@ -167,7 +167,7 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
     return worst if np.isfinite(total) else np.inf
 
 
-@merged
+@llvm_inlined
 def _set_coefficients(out, start, end, first, last, highest):
     out[0] = start
     out[1] = end - start
@@ -176,7 +176,7 @@ def _set_coefficients(out, start, end, first, last, highest):
     out[4] = highest
 
 
-@merged
+@llvm_inlined
 def make_dense(mega, stages, scheme, step):
     """Set the coefficients of the dense output of a step."""
     last = scheme.time.shape[0] - 1
@@ -203,7 +203,7 @@ def make_dense(mega, stages, scheme, step):
         _set_coefficients(stages.dense_work[p], 0.0, end, first, final, highest)
 
 
-@merged
+@llvm_inlined
 def blend(r, part):
     """Evaluate a dense output at a part of the step."""
     left = 1.0 - part

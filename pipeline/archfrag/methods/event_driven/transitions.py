@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import kernel, merged
+from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact import placing
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
@@ -56,7 +56,7 @@ def place_voussoirs(model, state, work):
     placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
 
-@merged
+@llvm_inlined
 def pose_impact(run, joint, corner):
     """Set up the impact at the present state.
 
@@ -78,7 +78,7 @@ def pose_impact(run, joint, corner):
     return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
 
 
-@merged
+@llvm_inlined
 def _close_slow_joints(run):
     """Close joints and stop slips, in `work`, whose motion is so slow that it is nearly over.
 
@@ -108,7 +108,7 @@ def _close_slow_joints(run):
     return changed
 
 
-@merged
+@llvm_inlined
 def _approaches(run):
     """Whether the solved velocities close a corner that touches."""
     work, limit = run.work, -STAYING * run.motion.speed
@@ -121,7 +121,7 @@ def _approaches(run):
     return approaches
 
 
-@merged
+@llvm_inlined
 def take_impact(run):
     """Accept the velocities after an impact, and close slow joints."""
     model, state, work = run.model, run.state, run.work
@@ -145,7 +145,7 @@ def take_impact(run):
     state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had - by_far
 
 
-@merged
+@llvm_inlined
 def _take_velocities(run):
     """Accept solved velocities and modes; return the work of the far springing [J]."""
     state, work = run.state, run.work
@@ -164,7 +164,7 @@ def _take_velocities(run):
     return by_far
 
 
-@merged
+@llvm_inlined
 def _find_touching(j, run):
     """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
     model, state, work = run.model, run.state, run.work
@@ -183,7 +183,7 @@ def _find_touching(j, run):
     return rate
 
 
-@merged
+@llvm_inlined
 def ground_now(run, leaves_rest):
     """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
     range."""
@@ -199,7 +199,7 @@ def ground_now(run, leaves_rest):
     return ground_after(segment, later)
 
 
-@merged
+@llvm_inlined
 def pose_accelerations(run, ground):
     """Set up the problem of accelerations at the present state.
 
@@ -249,7 +249,7 @@ def solve_posed(model, state, work, path):
     return solved
 
 
-@merged
+@llvm_inlined
 def take_modes(run):
     """Accept the modes of solved accelerations; False if the accelerations are impossible."""
     model, state, work = run.model, run.state, run.work
@@ -269,7 +269,7 @@ def take_modes(run):
     return True
 
 
-@merged
+@llvm_inlined
 def cause_of(run):
     """Return why the mechanism ends: the cause, and the joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
@@ -286,7 +286,7 @@ def cause_of(run):
     return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
 
 
-@merged
+@llvm_inlined
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended, to start the search for modes."""
     contact, slide = run.work.contact, run.work.slide
@@ -306,7 +306,7 @@ def change_mode(run, cause, joint, law):
         contact[joint, 0] = contact[joint, 1] = slide[joint] = 0.0
 
 
-@merged
+@llvm_inlined
 def fastest_of(run):
     """Return the largest speed of any body, with rotations times joint length; nan if broken."""
     fastest = spoiled = 0.0

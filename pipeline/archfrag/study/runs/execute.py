@@ -199,11 +199,11 @@ class _Makers:
 
         bar, self.used = self._bar, 1
         with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
-            for name in kernels_needed(self._plan):
-                if not kernels_are_compiled(name):  # else each worker loads them for itself
-                    bar.bar_format = "{desc}"
-                    show = partial(bar.set_description_str, refresh=False)
-                    self.compile_time += warmup(name, progress=show)
+            name = method_to_compile(self._plan)
+            if not kernels_are_compiled(name):  # else each worker loads them for itself
+                bar.bar_format = "{desc}"
+                show = partial(bar.set_description_str, refresh=False)
+                self.compile_time = warmup(name, progress=show)
             check_standing(self._plan.arches)
         bar.bar_format, bar.desc = None, "simulations"
         bar.unpause()  # its clock is that of the runs
@@ -258,14 +258,14 @@ def _follow_parent() -> None:
     end_with_parent()
 
 
-def kernels_needed(plan: Plan) -> list[str]:
-    """Return the names of the methods whose kernels a study needs."""
+def method_to_compile(plan: Plan) -> str:
+    """Return the name of the method whose kernels a study needs."""
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
     method = plan.study.method
     if method.name != AUTO:
-        return [method.name]
+        return method.name
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
-    return ["event_driven" if goes_by_events(rtol) else AUTO]
+    return "event_driven" if goes_by_events(rtol) else AUTO
