@@ -83,8 +83,9 @@ def cells(row: dict[str, str]) -> list[str]:
     """What a row shows; a note goes beside the source."""
     unit = f" {row['unit']}" if row["unit"] else ""
     note = f" ({row['note']})" if row["note"] else ""
+    spread = f" ± {0.5 * float(row['spread']):.2g}" if float(row["spread"]) else ""
     return [
-        row["case"], row["quantity"], row["reference"] + unit, row["ours"] + unit,
+        row["case"], row["quantity"], row["reference"] + unit, row["ours"] + spread + unit,
         relative(row["difference"], row["reference"]),
         relative(row["tolerance"], row["reference"]), row["source"] + note,
     ]  # fmt: skip

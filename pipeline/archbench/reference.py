@@ -15,13 +15,24 @@ from archbench import quantities
 from archbench.growth import measure_growth
 from archbench.scene import Array, Scene
 from archbench.settings import Setting
-from archbench.solve import Frames, Solution, collapses, least_collapsing, nearest_change, solve
+from archbench.solve import (
+    Frames,
+    Solution,
+    arch_of,
+    collapses,
+    least_collapsing,
+    nearest_change,
+    solve,
+)
 from archfrag.errors import ArchfragError
 
 MARGIN = 10.0  # nothing is drawn below so many times the reference's error
 LARGEST_FLOOR = 0.1  # a chart that begins above this would show no decade
 TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
 STEPS = tuple(1e-3 / 2**k for k in range(7))
+# What a run may cost is counted, so that no reference depends on the machine's speed: in steps
+# times (voussoirs + 7), which take about 0.5 us each by steps and 3 us by events.
+EVENTS_WORK, STEPS_WORK = {False: 5e5, True: 3.5e5}, {False: 4e6, True: 1e6}
 
 
 @dataclass
@@ -60,11 +71,11 @@ class Reference:
 
 
 def find_reference(scene: Scene, quick: bool) -> Reference:
-    """Reference of a scene with samples, as tight as pays: no run takes longer than a second."""
+    """Reference of a scene with samples, as tight as pays: no run takes more than EVENTS_WORK."""
     for rtol in TOLERANCES[1:] if quick else TOLERANCES:
         tight = Setting("event_driven", "rtol", rtol)
         base = solve(scene, tight, history=True)
-        if base.seconds <= (1.0 if quick else 1.5):
+        if _work(scene, base) <= EVENTS_WORK[quick]:
             break
     loose = tight.finer(10.0)
     coarser = solve(scene, loose, history=True)
@@ -116,13 +127,13 @@ def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tup
 
 def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
     """Distance of time stepping's limit: the error where beyond its own uncertainty."""
-    limit = 0.5 if quick else 2.0
+    limit = STEPS_WORK[quick]
     runs: list[Solution] = []
     for step in STEPS:
         runs.append(solve(scene, Setting("time_stepping", "dt", step), history=True))
         if runs[-1].collapsed is None:
             return
-        if runs[-1].seconds > limit:
+        if _work(scene, runs[-1]) > limit:
             break
     true, thickness = reference.seen, scene.thickness
     if len(runs) >= 4:
@@ -134,7 +145,9 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
             found, uncertainty = limit_of([np.array(each.peak) for each in seen])
             away = abs(float(found) - true.peak)
             _compare(reference, "peak", away / true.peak, uncertainty / true.peak)
-    used = [step for step, run in zip(STEPS, runs, strict=False) if run.seconds <= limit / 3.0]
+    used = [
+        step for step, run in zip(STEPS, runs, strict=False) if 3.0 * _work(scene, run) <= limit
+    ]
     error = reference.error["amplitude"]
     if len(used) < 4 or math.isnan(error):
         return
@@ -147,6 +160,11 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
         offsets.append(np.array(change.offset))
     found, uncertainty = limit_of(offsets)
     _compare(reference, "amplitude", abs(float(found)), uncertainty)
+
+
+def _work(scene: Scene, run: Solution) -> float:
+    """Cost of a run, the same on every machine."""
+    return run.steps * (arch_of(scene).n_voussoir + 7.0)
 
 
 def _compare(reference: Reference, quantity: str, away: float, uncertainty: float) -> None:

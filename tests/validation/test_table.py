@@ -85,3 +85,16 @@ def test_a_value_that_moved_is_new_or_is_beyond_its_tolerance_fails():
     ):  # fmt: skip
         with pytest.raises(AssertionError, match=message):
             fixture(table)("arch", quantity, ours, 0.37, "paper", abs=1e-3)
+
+
+def test_a_chaotic_value_is_held_to_its_spread_and_a_tolerance_is_not_less():
+    one, near = fixture(), [0.36, 0.37, 0.375]
+    one("arch", "peak", near, 0.37, "paper", abs=0.02)
+    assert not one.wrong
+    assert float(one.record[0][1]["spread"]) == pytest.approx(0.015)
+    table = {("A topic", "arch", "peak", "paper"): one.record[0][1]}
+    fixture(table)("arch", "peak", 0.38, 0.37, "paper", abs=0.02)
+    with pytest.raises(AssertionError, match="write it anew"):
+        fixture(table)("arch", "peak", 0.388, 0.37, "paper", abs=0.02)
+    one("arch", "other peak", near, 0.37, "paper", abs=0.01)
+    assert "runs nearby differ by 0.015" in one.wrong[0]
