@@ -87,7 +87,7 @@ class Validated:
         found = f"{case}, {quantity}: {ours:.6g} {unit}; {source} has {reference:.6g}"
         if holds == bool(short):
             self.wrong.append(f"{found}; allowed is a difference of {allowed:.3g}")
-        if not (short or spread <= allowed):
+        if spread > allowed and not short:
             self.wrong.append(f"{found}; runs nearby differ by {spread:.2g}, more than is allowed")
         if self.committed is None:
             return
