@@ -68,18 +68,18 @@ class Validated:
         A value that is known to fall short gives the reason in `short`, and has to. While a table
         is written, failures wait for the end of the test, so that all its rows are there.
         """
-        spread = float(np.ptp(ours))
-        ours, reference = float(np.median(ours)), float(reference)
+        values, reference = np.array(ours, float), float(reference)
+        spread, ours = float(np.ptp(values)), float(np.median(values))
         allowed, difference = max(abs, rel * math.fabs(reference)), ours - reference
         holds = math.fabs(difference) <= allowed
         if math.fabs(difference) < 1e-8 * math.fabs(reference):
             difference = 0.0  # rounding, which is another one on another machine
-        values = (
+        cells = (
             topic or self.topic, case, quantity, unit, source, f"{reference:.6g}", f"{ours:.6g}",
             f"{spread:.2g}", f"{difference:.3g}", f"{allowed:.3g}", "yes" if holds else "no",
             short, self.test,
         )  # fmt: skip
-        row = dict(zip(COLUMNS, values, strict=True))
+        row = dict(zip(COLUMNS, cells, strict=True))
         key = tuple(row[name] for name in KEY)
         assert key not in self.seen, f"validated twice: {key}"
         self.seen.add(key)
