@@ -26,12 +26,15 @@ INHERITED = "ARCHFRAG_KERNEL_CACHE"
 _temporary: list[tempfile.TemporaryDirectory[str]] = []  # removed when this process ends
 
 
+def kernel_platform() -> str:
+    """Return the versions and the kind of machine that compiled kernels depend on."""
+    versions = [f"{name}={version(name)};" for name in ("numba", "llvmlite", "numpy")]
+    return "".join(versions) + f"python={platform.python_version()};{platform.machine()};"
+
+
 def kernel_hash() -> str:
     """Hash of everything that compiled kernels depend on: 40 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for name in ("numba", "llvmlite", "numpy"):
-        digest.update(f"{name}={version(name)};".encode())
-    digest.update(f"python={platform.python_version()};{platform.machine()};".encode())
+    digest = hashlib.sha256(kernel_platform().encode())
     home = Path(__file__).resolve().parent
     for folder in KERNEL_FOLDERS:
         for path in sorted((home / folder).rglob("*.py")):

@@ -131,7 +131,7 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0] == ["cube", "fit", "report"]
     next(copied.plan.parts.glob("*.npy")).unlink()
     assert stale_steps(study)[0][0] == "batch-0of1"
-    monkeypatch.setattr("archfrag.study.runs.store.kernel_hash", lambda: "edited")
+    monkeypatch.setattr("archfrag.study.runs.store.code_identity", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
     stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
     assert stale[0] == "batch-0of1"

@@ -1,6 +1,7 @@
 """Plans, identities of runs, and the parts that hold their results."""
 
 import hashlib
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.kernel_cache import KERNEL_FOLDERS
 from archfrag.study.file.schema import load_study
-from archfrag.study.files import PACKAGE
+from archfrag.study.files import PACKAGE, digest_of_syntax
 from archfrag.study.runs.store import (
+    COLUMNS,
     DECIDING,
     KEY,
     ROW,
+    code_identity,
     gather,
     make_plan,
     places,
@@ -66,9 +68,40 @@ class TestPlan:
         # Arch and motion count as the kernels get them.
         elsewhere = ("arch/", "motions/", "files.py", "errors.py", "kernel_cache.py")
         decides = {path for pattern in DECIDING for path in PACKAGE.glob(pattern)}
-        decides |= {path for name in KERNEL_FOLDERS for path in (PACKAGE / name).rglob("*.py")}
         left = {str(path.relative_to(PACKAGE)) for path in passed - decides}
         assert not [name for name in left if not name.startswith(elsewhere)]
+
+    @pytest.mark.parametrize(
+        ("file", "old", "new", "same"),
+        [
+            ("mechanics/laws.py", "Signorini's and", "The laws of", True),
+            ("simulation/springings.py", "import math", "import math  # why not", True),
+            ("simulate.py", "there must be one", "give one", True),
+            ("simulate.py", "1.02, 1e-6", "1.03, 1e-6", False),
+            ("methods/auto.py", "return _made_well", "return 1 and _made_well", False),
+            ("mechanics/laws.py", " < ", " <= ", False),
+        ],
+    )
+    def test_words_do_not_decide_and_code_does(self, tmp_path, monkeypatch, file, old, new, same):
+        before = digest_of_syntax(*DECIDING)
+        copy = tmp_path / "archfrag"
+        shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+        text = (copy / file).read_text()
+        assert old in text
+        (copy / file).write_text(text.replace(old, new))
+        monkeypatch.setattr("archfrag.study.files.PACKAGE", copy)
+        digest_of_syntax.cache_clear()
+        assert (digest_of_syntax(*DECIDING) == before) == same
+        digest_of_syntax.cache_clear()
+
+    @pytest.mark.parametrize(
+        ("field", "same"), [("long_name", True), ("comment", True), ("source", False)]
+    )
+    def test_labels_of_columns_do_not_decide(self, monkeypatch, field, same):
+        before = code_identity()
+        columns = [column._replace(**{field: "other"}) for column in COLUMNS]
+        monkeypatch.setattr("archfrag.study.runs.store.COLUMNS", columns)
+        assert (code_identity() == before) == same
 
 
 class TestParts:

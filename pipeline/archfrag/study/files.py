@@ -1,5 +1,6 @@
 """Files that a study reads and writes, known by their content; and what results are made with."""
 
+import ast
 import contextlib
 import functools
 import hashlib
@@ -56,15 +57,44 @@ def digest_of(value: Any) -> str:
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
 
 
+def _files_of_code(*patterns: str) -> list[Path]:
+    found = {path for pattern in patterns for path in PACKAGE.glob(pattern)}
+    return sorted(path for path in found if path.is_file() and path.suffix != ".pyc")
+
+
 @functools.cache
 def digest_of_code(*patterns: str) -> str:
     """SHA-256 of files of this package, 64 hexadecimal digits."""
     digest = hashlib.sha256()
-    for path in sorted({path for pattern in patterns for path in PACKAGE.glob(pattern)}):
-        if path.is_file() and path.suffix != ".pyc":
-            digest.update(str(path.relative_to(PACKAGE)).encode())
-            digest.update(path.read_bytes())
+    for path in _files_of_code(*patterns):
+        digest.update(str(path.relative_to(PACKAGE)).encode())
+        digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+@functools.cache
+def digest_of_syntax(*patterns: str) -> str:
+    """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
+
+    Comments, docstrings, layout and the messages of errors do not count.
+    """
+    digest = hashlib.sha256()
+    for path in _files_of_code(*patterns):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode())
+        digest.update(ast.dump(_without_words(ast.parse(path.read_bytes()))).encode())
+    return digest.hexdigest()
+
+
+def _without_words(tree: ast.Module) -> ast.Module:
+    """Take docstrings, and what errors are raised with, from a syntax tree."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            node.exc.args, node.exc.keywords = [], []
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node, clean=False
+        ):
+            del node.body[0]
+    return tree
 
 
 def sha256_if_there(path: Path | str) -> str | None:

@@ -3,6 +3,7 @@
 import contextlib
 import multiprocessing
 import signal
+import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +26,7 @@ from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.records import PreparedRecord, load_record
 from archfrag.study.file.schema import Method, Study
-from archfrag.study.files import add_to_log, available_cores, machine
+from archfrag.study.files import add_to_log, available_cores, commit, machine, versions
 from archfrag.study.runs import store
 from archfrag.study.runs.design import Cases, Verdicts, ask
 from archfrag.study.runs.store import Plan, Table, places
@@ -48,10 +49,20 @@ _motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertica
 def make_runs(
     work: Path, parts: Path, method: Method, arch: ArchEntry,
     records: Sequence[PreparedRecord], factors: Sequence[float], keys: NDArray[np.bytes_],
+    code: tuple[str, str],
 ) -> tuple[Path, float]:  # fmt: skip
-    """Make some runs of one arch, motions from the folder `work`; their part and CPU time [s]."""
+    """Make some runs of one arch, motions from the folder `work`; their part and CPU time [s].
+
+    `code` is the identity and the description of the code that asks for them. A process that has
+    other code makes none (WorkerError).
+    """
     from archfrag.simulate import results_of_runs
 
+    if store.code_identity() != code[0]:
+        raise WorkerError(
+            f"a worker on {socket.gethostname()} runs {describe_code()}; the study is run by "
+            f"{code[1]}; install the same code for all workers, and start them anew"
+        )
     started = time.process_time()
     motions = [_motion(work, record) for record in records]
     options = method.model_dump(exclude={"name", "delay"})
@@ -125,6 +136,14 @@ def run_batch(
     })  # fmt: skip
 
 
+def describe_code() -> str:
+    """Name the code of this process: version, commit, identity, and what it is compiled with."""
+    found = versions()
+    packages = ", ".join(f"{name} {found.get(name)}" for name in ("numba", "numpy"))
+    own = f"identity {store.code_identity()[:12]}, {packages}"
+    return f"archfrag {found['archfrag']} (commit {commit()[:12]}, {own})"
+
+
 def chunks(cases: Cases, size: Callable[[], int]) -> Iterator[Cases]:
     """Runs cut into chunks of one arch each, of as many runs as `size` then gives."""
     for own in np.split(cases, np.flatnonzero(np.diff(cases["arch"])) + 1):
@@ -142,6 +161,7 @@ class _Makers:
         self.used = 0  # processes
         self.kernel_time = self.compile_time = 0.0  # [s]
         self._plan, self._count, self._bar = plan, count, bar
+        self._code = plan.identity, describe_code()
         self._runs, self._cpu, self._losses = 0, 0.0, 0
         self._pool: Executor | None = None
         self._client: Any = None
@@ -150,7 +170,9 @@ class _Makers:
         """End all workers."""
         if self._pool is not None:
             with contextlib.suppress(OSError):  # of a pool that has just lost its workers
-                self._pool.shutdown(wait=False, cancel_futures=True)
+                # That of dask cancels what waits without being told.
+                more = {} if self._client is not None else {"cancel_futures": True}
+                self._pool.shutdown(wait=False, **more)
             for child in multiprocessing.active_children():
                 child.kill()
                 child.join()
@@ -186,6 +208,11 @@ class _Makers:
                     self._bar.update(len(part))
         except CancelledError as error:
             raise WorkerError(f"the scheduler is gone; {_GO_ON}") from error
+        except (ImportError, AttributeError, TypeError) as error:  # of another version's modules
+            if self._client is None:
+                raise
+            what = f"{type(error).__name__}: {error}; all workers must have {self._code[1]}"
+            raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
         except BrokenProcessPool:
             self._losses += 1
             if self._losses > LOSSES_ALLOWED:
@@ -225,7 +252,7 @@ class _Makers:
         work = (
             plan.study.work, plan.parts, plan.study.method, plan.arches[cases["arch"][0]].entry,
             [plan.records[record] for record in cases["record"]],
-            plan.factors(cases).tolist(), plan.keys(cases),
+            plan.factors(cases).tolist(), plan.keys(cases), self._code,
         )  # fmt: skip
         if self._pool is not None:
             self.used = self._count

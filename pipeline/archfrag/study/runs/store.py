@@ -23,22 +23,22 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.kernel_cache import kernel_hash
+from archfrag.kernel_cache import kernel_platform
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
 from archfrag.motions.measures import scaling_exponent
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared
 from archfrag.study.file.schema import Study
-from archfrag.study.files import digest_of, digest_of_code
+from archfrag.study.files import digest_of, digest_of_syntax
 from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask
 
 if TYPE_CHECKING:
     from archfrag.mechanics.types import Results
 
-# Code beside the kernels that decides what a run is, and what its row holds.
+# Code that decides what a run is, and what its row holds.
 DECIDING = (
-    "methods/**/*.py", "simulat*/**/*.py", "simulat*.py",
-    "study/runs/store.py", "study/runs/variables.csv",
+    "mechanics/**/*.py", "methods/**/*.py", "simulation/**/*.py", "simulate.py",
+    "study/runs/store.py",
 )  # fmt: skip
 KEY = 16  # bytes
 Table = NDArray[np.void]
@@ -58,6 +58,15 @@ ROW = np.dtype([
     ("key", f"S{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
     ("model_time", "f8", (len(Model),)), ("wall_time", "f8"),
 ])  # fmt: skip
+
+
+def code_identity() -> str:
+    """Digest of what the code that makes runs does, of its rows, and of what it runs on.
+
+    Texts that only label are left out: a run stays what it was if they are mended.
+    """
+    rows = [[column.name, column.dtype, column.source] for column in COLUMNS]
+    return digest_of([kernel_platform(), digest_of_syntax(*DECIDING), rows])
 
 
 def columns_of(results: "Results") -> dict[str, NDArray]:
@@ -90,8 +99,8 @@ class Plan:
 
     @cached_property
     def identity(self) -> str:
-        """Digest of the kernels and of the code that calls them."""
-        return digest_of([kernel_hash(), digest_of_code(*DECIDING)])
+        """Identity of the code that makes runs, see `code_identity`."""
+        return code_identity()
 
     @property
     def parts(self) -> Path:
