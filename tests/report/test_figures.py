@@ -78,7 +78,7 @@ class TestLabelsKeepClear:
         runs.verdict_map(data)
         curves.curve(data, synthetic.none("no run collapsed"))
         curves.curve(data, synthetic.answer_of(4.0))
-        runs.fractions(runs.groupings(data, 0.9), data)
+        runs.fractions(runs.groupings(data, 0.9), data, "the base")
         assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
@@ -233,7 +233,7 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     for category, count in zip(joint.categories[:-1], joint.counts[:-1]):
         number = int(category.removeprefix("joint "))
         assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
-    runs.fractions(groups, data)
+    runs.fractions(groups, data, "the base")
     for sheet in drawn:
         for panel in sheet.panels:
             top = np.zeros(data.levels.size)

@@ -43,7 +43,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tu
         return f"{name}, which does not stand under its own weight", "There is no onset."
     key = [
         Entry("thrust at onset", look.VERMILION, "line"),
-        Entry("thrust, self-weight", look.SOFT, "dash"),
+        Entry("thrust at rest", look.SOFT, "dash"),
         Entry("hinge", look.BLUE, "dot"),
     ]
     if len(onset.sliding) or len(onset.sliding_minus):

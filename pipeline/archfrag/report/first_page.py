@@ -17,6 +17,7 @@ from archfrag.report.curves import curve_panel, draw_curve
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import Picture
 from archfrag.report.inputs import ReportInputs, thetas
+from archfrag.report.limits import short, study_aspects
 from archfrag.simulate import Onset
 from archfrag.study.answer.curves import arch_classes, quoted
 
@@ -57,7 +58,7 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     return html.template(
         "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
         arch=_arch(arch, onset, name, bool(inputs.classes)), curve=_curve(inputs), film=moving,
-        what=what, facts=_facts(inputs), run=example, load=_load(inputs),
+        what=what, facts=_facts(inputs), run=example, limits=short(study_aspects(inputs)),
     )  # fmt: skip
 
 
@@ -109,14 +110,6 @@ def _whose(inputs: ReportInputs, name: str) -> str:
         whose = f"an arch drawn from class {name} ({count} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
     return whose + f", the weakest of {len(answers)} {kinds}," * (len(answers) > 1)
-
-
-def _load(inputs: ReportInputs) -> str:
-    """What fill counts for in the arches that are shown."""
-    filled = ["fill" in arch.parameters for _, arch, _ in inputs.arches]
-    if any(filled):
-        return "fill as weight" + " where it is given" * (not all(filled)) + ", no spandrels"
-    return "no fill or spandrels"
 
 
 def _facts(inputs: ReportInputs) -> str:

@@ -37,6 +37,7 @@ from archfrag.study.steps import finished, read_timings
 SUMMARY_FORMAT = "archfrag-summary/2"
 COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
+_MODELLED = {"friction", "recess", "strength", "dead_load", "fill", "piers", "springings", "ties"}
 _MOST_GROUPS = 10
 _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
 
@@ -83,6 +84,8 @@ class ReportInputs:
     risk: StudyRisk | str | None = None  #: or why there are no rates
     #: Of `target_of_index`.
     target: tuple[FloatArray, Mapping[str, float]] | None = None
+    #: Keys of all arches that say what is modelled, by name of arch or class.
+    given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -148,6 +151,10 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
+    given: dict[str, list[Mapping[str, Any]]] = {}
+    for member in study.members:
+        keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
+        given.setdefault(member.arch_class, []).append(keys)
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
@@ -163,6 +170,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         at=study.report.at,
         risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
         target=target_of_index(study.motions.index),
+        given=given,
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
         | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )

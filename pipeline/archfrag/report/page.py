@@ -29,6 +29,7 @@ from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
+from archfrag.report.limits import study_aspects
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
 from archfrag.study.answer.curves import arch_classes, draws_together, quoted
@@ -114,7 +115,10 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         first=first_page(inputs, examples[leads]),
         answers=_answers(inputs, listed) if len(listed) > 1 else "",
         cautions=html.cautions(_general(inputs, members)),
-        glossary=[(term.format(**known), words.format(**known)) for term, words in terms],
+        glossary=[
+            *((term.format(**known), words.format(**known)) for term, words in terms),
+            ("Limits", " ".join(each.sentence for each in study_aspects(inputs))),
+        ],
     )  # fmt: skip
     return text, figures
 

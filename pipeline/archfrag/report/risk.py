@@ -11,6 +11,7 @@ from archfrag.hazard import Hazard
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
+from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import level_axis, stacked
 from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
@@ -113,7 +114,7 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
     """The rate by level and mechanism; None if no run collapsed."""
     found = arch.by_mechanism
     if not found.counts.any():
@@ -128,7 +129,9 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    return f"Rate of collapse of {arch.arch} by level and mechanism"
+    texts = TEXTS["contributions"]
+    caption = texts["caption"] + texts["pale"] * bool(found.unassigned.any())
+    return f"Rate of collapse of {arch.arch} by level and mechanism", caption
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from archfrag.report.arch import Example, draw_ground
 from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
+from archfrag.report.limits import base_of
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
@@ -203,9 +204,12 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 
 @figure
 def fractions(
-    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults
+    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
 ) -> tuple[str, str]:
-    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria."""
+    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria.
+
+    `base` is what joint 0 is.
+    """
     every = bool(results.simulated.all())
     divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
@@ -225,7 +229,7 @@ def fractions(
     texts = TEXTS["fractions"]
     return (
         f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
-        texts["runs" if every else "collapses"] + texts["split"],
+        texts["runs" if every else "collapses"] + texts["split"].format(base=base),
     )
 
 
@@ -273,8 +277,9 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
         sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
-    texts, motion = TEXTS["timeline"], example.motion.id
-    caption = texts["caption"].format(motion=motion, level=example.level, reason=example.reason)
+    texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
+    motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
+    caption = texts["caption"].format(motion=motion, base=base, **about)
     return (
         f"Mechanism over time under {motion}: hinges, sliding and open joints",
         caption + texts["differs"] * (not example.same),

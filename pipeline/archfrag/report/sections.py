@@ -15,6 +15,7 @@ from archfrag.report import curves, html, runs
 from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
+from archfrag.report.limits import base_of
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
@@ -45,7 +46,8 @@ def arch_parts(
     yield heading("How it falls")
     yield arch_figures.lost_joints(arch, results)
     collapsed = results.counts["collapsed"].any()
-    yield runs.fractions(groups, results) if collapsed else paragraph("No run collapsed.")
+    base = base_of(arch.free_end, arch.parameters)
+    yield runs.fractions(groups, results, base) if collapsed else paragraph("No run collapsed.")
     if animated and onset.stands:
         yield from _films(inputs, results, place, None if leads else example)
     if picture := runs.ida_curves(results):
@@ -226,7 +228,7 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None and "fill" not in parameters:
-        yield "dead load", "none: the ring alone, without fill and spandrels"
+        yield "dead load", "none"
 
 
 def _mechanism_table(
