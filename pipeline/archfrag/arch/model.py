@@ -126,6 +126,24 @@ class Arch:
 
         return tie_lines(self)
 
+    @property
+    def tie_bodies(self) -> NDArray[np.int64]:
+        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
+        ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
+        return ties[:, :2].astype(np.int64) - 1
+
+    @property
+    def fill_outlines(self) -> list[NDArray[np.float64]]:
+        """Outlines of fill and backing, for drawing, (m, 2) each [m]; empty without fill."""
+        from archfrag.arch.shown import fill_outlines
+
+        return fill_outlines(self)
+
+    def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        from archfrag.arch.shown import frame
+
+        return frame(self, *motion)
+
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
         return ("intrados", "extrados")[corner != self.flipped]

@@ -4,7 +4,7 @@ CSS moves each voussoir from key frame to key frame without a script. Paper, and
 for reduced motion, get four still frames.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
@@ -94,16 +95,18 @@ def _at_onset(
 def arch_panel(
     sheet: Sheet, arch: Arch, middle: float, top: float, most: tuple[float, float]
 ) -> Panel:
-    """Draw the voussoirs to scale below `top`, within a width and height [px]."""
-    points = np.concatenate(arch.outlines)
+    """Draw bodies, fill and ties to scale below `top`, within a width and height [px]."""
+    fill = arch.fill_outlines
+    points = np.concatenate([*arch.outlines, *fill])
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()
     box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
     panel = Panel(sheet, box, (low[0], low[0] + size[0]), (low[1], low[1] + size[1]))
-    for outline in arch.outlines:
+    kinds = ["earth", "backing"][: len(fill)] + ["stone"] * arch.n_voussoir
+    for kind, outline in zip(kinds, [*fill, *arch.outlines]):
         x, y = np.transpose(outline)
         d = look.trace(panel.at_x(x), panel.at_y(y))
-        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
+        sheet.path(f"{d}z", kind=kind, stroke_width=0.8)
     for line in arch.tie_lines:
         x, y = line.T
         panel.line(x, y, look.BLUE, 1.6)
@@ -257,13 +260,10 @@ def film(example: Example, name: str, title: str, enlarged: bool = False) -> Fil
     if frames is None:
         return None
     arch, (time, place, rotation) = example.arch, frames
-    points, centroid = np.concatenate(arch.outlines), np.asarray(arch.centroids, dtype=float)
+    centroid = np.asarray(arch.centroids, dtype=float)
     larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
     place, rotation = centroid + larger * (place - centroid), larger * rotation
-    low, high = points.min(axis=0), points.max(axis=0)
-    size, seen = float((high - low).max()), place.reshape(-1, 2)
-    low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.06 * size
-    high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.06 * size
+    low, high = arch._frame(place, rotation, 0.06)
     wide, tall = (high - low).tolist()
     scale = min(NARROW / wide, 300.0 / tall)
     origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
@@ -277,18 +277,22 @@ def film(example: Example, name: str, title: str, enlarged: bool = False) -> Fil
     if not example.response.collapsed:
         parts = np.array_split(np.arange(time.size), min(4, time.size))
         stills = [int(part[reach[part].argmax()]) for part in parts]
-    what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
+    what = f"{title}: {_bodies(arch)} under {example.motion.id}, {example.level}"
     # The acceleration of the ground stands below.
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
     box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
     panel = Panel(sheet, box, ends, (-1.0, 1.0))
-    peak = f"{draw_ground(panel, example, 240):.2g} g"
-    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
+    peak, seen = _peak(example), draw_ground(panel, example, 240)
+    which = "peak" if seen > 0.995 * peak else "peak of the window"
+    words = f"time [s], with the ground acceleration ({which} {seen:.2g} g)"
+    panel.axis_x(even_ticks(*ends, 6), words)
     outlines = zip(map(np.asarray, arch.outlines), centroid)
+    ties = _tie_moves(arch, place, rotation, pixels, origin)
     drawn = {
         "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
         "shapes": [look.trace(*pixels(outline, at).T) for outline, at in outlines],
         "rest": pixels(centroid, origin).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
+        "ties": ties.tolist(),
         "percent": (100.0 * (time - time[0]) / duration).tolist(), "duration": duration,
         "time": time, "stills": stills, "ground": Markup("".join(sheet.parts)),
     }  # fmt: skip
@@ -297,6 +301,40 @@ def film(example: Example, name: str, title: str, enlarged: bool = False) -> Fil
     caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
     strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
     return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
+
+
+def _tie_moves(
+    arch: Arch, place: FloatArray, rotation: FloatArray, pixels: Callable[..., FloatArray],
+    origin: tuple[float, float],
+) -> FloatArray:  # fmt: skip
+    """Left end [px], angle [degrees] and length [px] of ties over time, (n_tie, n_time, 4)."""
+    rows = []
+    for line, bodies in zip(arch.tie_lines, arch.tie_bodies.tolist()):
+        ends = []
+        for end, body in zip(line, bodies):
+            at = np.tile(end, (len(place), 1))
+            if 0 <= body < arch.n_voussoir:
+                (x, y), turn = end - arch.centroids[body], rotation[:, body]
+                sine, cosine = np.sin(turn), np.cos(turn)
+                at = place[:, body] + np.column_stack(
+                    [cosine * x - sine * y, sine * x + cosine * y]
+                )
+            ends.append(pixels(at, origin))
+        along = ends[1] - ends[0]
+        angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
+        rows.append(np.column_stack([ends[0], angle, np.hypot(*along.T)]))
+    return np.array(rows).reshape(-1, len(place), 4)
+
+
+def _bodies(arch: Arch) -> str:
+    """Count what an arch is made of."""
+    first, last = arch.springings
+    return counted(last - first, "voussoir") + " on piers" * (first > 0)
+
+
+def _peak(example: Example) -> float:
+    """Largest acceleration of the ground in a run [g]."""
+    return float(np.abs(example.motion.acceleration).max()) * example.factor / STANDARD_GRAVITY
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:
@@ -308,5 +346,8 @@ def draw_ground(panel: Panel, example: Example, bins: int) -> float:
     place, low, high = look.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
     peak = max(float(np.abs([low, high]).max()), 1e-9)
     panel.y = (-1.05 * peak, 1.05 * peak)
-    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)
+    zero = look.number(float(panel.at_y(0.0)))
+    panel.sheet.path(f"M{look.number(panel.box[0])} {zero}H{look.number(panel.box[2])}", kind="gr")
+    x = panel.at_x(np.interp(place, np.arange(shown.size), shown))
+    panel.sheet.path(look.ribbon(x, panel.at_y(low), panel.at_y(high)), kind="ground")
     return peak

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
 SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
@@ -44,6 +45,11 @@ class Picture:
         )
         svg = self.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         return svg.replace(">", f">{inside}", 1) + "\n"
+
+
+def raised(power: str) -> str:
+    """Write an exponent of ten: -5 as 10⁻⁵."""
+    return f"10{str(int(power)).translate(_RAISED)}"
 
 
 def number(value: float) -> str:
@@ -109,6 +115,19 @@ def pairs(label: str, rows: Iterable[Sequence[object]], head: str = "figure") ->
 def digits(value: float) -> str:
     """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
     return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
+
+
+def rounded(value: float, count: int = 2) -> str:
+    """A number with so many significant digits, zeros at the end kept: 0.00020, 5.9·10⁻⁵, 1,400.
+
+    A dash where it is not known.
+    """
+    if not np.isfinite(value):
+        return "–"
+    if abs(value) >= 10.0 ** (count - 1):
+        return f"{float(f'{value:.{count}g}'):,.0f}"
+    mantissa, _, power = f"{value:#.{count}g}".partition("e")
+    return mantissa.removesuffix(".") + (f"·{raised(power)}" if power else "")
 
 
 def onset_text(value: float) -> str:

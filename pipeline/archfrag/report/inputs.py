@@ -227,6 +227,23 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     )  # fmt: skip
 
 
+def fractions_seen(cube: xr.Dataset, name: str, scale: Scale) -> tuple[FloatArray, FloatArray]:
+    """Levels [unit of the scale], and fractions of the runs of an arch or class that collapse.
+
+    They are of what capacities imply if records were searched, and of groups of neighbouring runs
+    if each has a level of its own; nan where no run has a verdict.
+    """
+    (runs,) = runs_of_cube(cube, [name])
+    verdict = runs.brackets.filled if runs.design.adaptive else runs.verdict
+    levels = runs.level * scale.factor
+    if levels.ndim == 2:
+        levels, group = _grouped(levels[:, 0], verdict[:, 0] != Verdict.NOT_SIMULATED)
+        mine = group[:, None] == np.arange(levels.size)
+        verdict = np.where(mine, verdict, Verdict.NOT_SIMULATED)
+    counts = count_verdicts(verdict)
+    return levels, counts["collapsed"] / np.where(counts["n"] > 0, counts["n"], np.nan)
+
+
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:
     """Levels of groups of runs that have one of their own, and the group of each record, or -1."""
     run = np.flatnonzero(made & np.isfinite(own))

@@ -19,7 +19,6 @@ from archfrag.errors import InputError, attempt
 from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.fragility.risk import lognormal_rates
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
@@ -30,10 +29,10 @@ from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.limits import study_aspects
+from archfrag.report.ratios import known_answers, ratios
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
-from archfrag.study.answer.curves import arch_classes, draws_together, quoted
-from archfrag.study.answer.risk import StudyRisk
+from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
@@ -43,7 +42,6 @@ _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
 _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
-_MOST_RATIOS, _FEWEST_DRAWS = 8, 100  # arches whose ratios are told, and draws of a band
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 
 
@@ -78,7 +76,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
         sections.append(("risk", "Risk", parts))
     if len(listed) > 1:
-        sections.append(("all", "All arches", [every, *_ratios(inputs, listed)]))
+        sections.append(("all", "All arches", [every, *_ratios(inputs)]))
     figures = {}
     for i, name in enumerate(classes):
         own = {each: answer for each, answer in members.items() if of_class[each] == name}
@@ -123,28 +121,14 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     return text, figures
 
 
-def _ratios(inputs: ReportInputs, answers: Mapping[str, Answer]) -> Iterable[Any]:
-    """Medians and rates of arches over those of the first one, with bands by common motions."""
-    names = [name for name, each in answers.items() if isinstance(each.curve, Fragility)]
-    if inputs.classes or not 1 < len(names) <= _MOST_RATIOS:
-        return
-    draws = draws_together(inputs.cube, names)
-    if len(draws) < _FEWEST_DRAWS:
-        return
-    numbers = {"median capacity": draws[..., 0]}
-    if isinstance(inputs.risk, StudyRisk):
-        numbers["annual rate of collapse"] = lognormal_rates(
-            inputs.risk.hazard.main, draws[..., 0], draws[..., 1]
-        )
-    tail = 0.5 - 0.5 * inputs.confidence
-    for what, values in numbers.items():
-        ratios = [np.quantile(own / values[:, 0], (0.5, tail, 1.0 - tail)) for own in values.T[1:]]
-        words = "; ".join(
-            f"{name} {ratio:.2f} ({inputs.percent}: {low:.2f} to {high:.2f})"
-            for name, (ratio, low, high) in zip(names[1:], ratios)
-        )
-        yield paragraph(f"Ratio of the {what} to that of {names[0]}: {words}.")
-    yield paragraph(TEXTS["ratios"]["how"], "note")
+def _ratios(inputs: ReportInputs) -> Iterable[Any]:
+    """Medians and rates over those of the first arch or class; of two, the first page has them."""
+    found, known = ratios(inputs), list(known_answers(inputs))
+    for what, each in found.items() if len(known) > 2 else ():
+        words = "; ".join(f"{one.name} {one.text(inputs.percent)}" for one in each)
+        yield paragraph(f"Ratio of the {what} to that of {known[0]}: {words}.")
+    if found:
+        yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
 def _general(inputs: ReportInputs, members: Mapping[str, Answer]) -> list[str]:
@@ -240,11 +224,10 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
         values = np.asarray(motion.acceleration, dtype=float)
         _, low, high = look.envelope(values / (np.abs(values).max() or 1.0), _BINS)
         place = np.linspace(0.5, 109.5, low.size)
-        ends = np.append(19.75 - 19.5 * high, (20.25 - 19.5 * low)[::-1])
-        outline = look.trace(np.append(place, place[::-1]), ends)
+        outline = look.ribbon(place, 20.0 - 19.0 * low, 20.0 - 19.0 * high)
         pieces.append(
             f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
-            f'<path d="{outline}z" fill="{look.BLUE}"/></svg>'
+            f'<path d="M0 20H110" class="gr"/><path d="{outline}" class="wave"/></svg>'
             f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
             f"<span>{measure(motion, 'PGA') / STANDARD_GRAVITY:.2f} g, {motion.duration:.0f} s"
             "</span></div>"
