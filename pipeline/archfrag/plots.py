@@ -95,7 +95,13 @@ def plot_arch(arch: Any, ax: Axes | None = None, numbers: bool = True) -> Axes:
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
     ax.add_collection(PolyCollection(arch.outlines, facecolor=STONE, edgecolor=EDGE, lw=0.8))
-    under = {"facecolor": EARTH, "edgecolor": EDGE, "ls": "--", "lw": 0.8, "zorder": 0.5}
+    under: dict[str, Any] = {
+        "facecolor": EARTH,
+        "edgecolor": EDGE,
+        "ls": "--",
+        "lw": 0.8,
+        "zorder": 0.5,
+    }
     ax.add_collection(PolyCollection(fill, **under))
     for tie in arch.tie_lines:
         ax.plot(*tie.T, color=BLUE, lw=1.6)
@@ -231,8 +237,8 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     limits = upper.axis()
     plot_arch(arch, upper, numbers=False).axis(limits)
     ties = upper.lines[: len(arch.tie_lines)]
-    stones, earth = upper.collections[:2]
-    earth.remove()  # what lies on the arch does not move as a body
+    stones: Any = upper.collections[0]
+    upper.collections[1].remove()  # what lies on the arch does not move as a body
     upper.add_collection(PolyCollection(arch.outlines, facecolor="none", edgecolor=GREY, lw=0.6))
     (dots,) = upper.plot([], [], "o", color=BLUE, mec="white", mew=0.8, ms=6.0)
     figure.draw_without_rendering()

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import shlex
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +103,10 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
     if anything:
         from archfrag.study.answer.fits import fit_lines, load_fits
 
-        answers, cautions = fit_lines(study, load_fits(study))
+        fitted = load_fits(study)
+        answers, cautions = fit_lines(study, fitted)
+        for found in _rates(study, *fitted):
+            answers, cautions = answers + found[0], cautions + found[1]
         for line in (line for answer in answers for line in wrapped(answer, 8)):
             echo(line)
         for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
@@ -114,6 +117,24 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
     if report.is_relative_to(Path.cwd()):
         report = report.relative_to(Path.cwd())
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
+
+
+def _rates(
+    study: Any, arches: Any, classes: Any, cube: Any
+) -> Iterator[tuple[list[str], list[str]]]:
+    """Lines and cautions on the rates of collapse, if the study has a hazard."""
+    if study.risk is None:
+        return
+    from archfrag.errors import attempt
+    from archfrag.study.answer.curves import quoted
+    from archfrag.study.answer.risk import risk_lines, risk_of_study
+
+    with cube:
+        risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
+    if isinstance(risk, str):
+        yield [], [f"no rates of collapse: {risk}"]
+    elif risk is not None:
+        yield risk_lines(risk)
 
 
 @click.command()

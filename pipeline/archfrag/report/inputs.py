@@ -17,7 +17,6 @@ from archfrag.errors import InputError, attempt
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.fragility.quoted import Answer
-from archfrag.hazard import load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
@@ -25,7 +24,7 @@ from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
-from archfrag.study.answer.risk import StudyRisk, risk_of
+from archfrag.study.answer.risk import StudyRisk, risk_of_study
 from archfrag.study.checks import logo_url
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
@@ -168,7 +167,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         confidence=study.report.confidence,
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
-        risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
+        risk=attempt(partial(risk_of_study, study, cube, quoted(cube, answers, classes))),
         target=target_of_index(study.motions.index),
         given=given,
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
@@ -183,15 +182,6 @@ def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer
     answers, _, cube = finished(other)
     with cube:
         return cube.load(), answers
-
-
-def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> StudyRisk | None:
-    given = study.risk
-    if given is None:
-        return None
-    hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
-    fits = {name: answer.curve for name, answer in answers.items()}
-    return risk_of(cube, fits, hazard, given.years, study.report.confidence)
 
 
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:

@@ -52,10 +52,9 @@ def aspects(
 
 def study_aspects(inputs: ReportInputs) -> list[Aspect]:
     """Return what the study of a report models and what not."""
-    cube, of_class, given = inputs.cube, arch_classes(inputs.cube), dict(inputs.given)
+    cube, of_class, given = inputs.cube, arch_classes(inputs.cube), inputs.given
     if not given:  # a report without a study file
-        for name, arch, _ in inputs.arches:
-            given.setdefault(of_class[name], []).append(arch.parameters)
+        given = {of_class[name]: [arch.parameters] for name, arch, _ in inputs.arches}
     return aspects(
         given, cube.attrs.get("vertical_component", "not used"),
         study_config(cube).get("method", {}).get("delay"),

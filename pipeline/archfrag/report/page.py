@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -33,6 +32,7 @@ from archfrag.report.ratios import known_answers, ratios
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
 from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
@@ -134,13 +134,8 @@ def _ratios(inputs: ReportInputs) -> Iterable[Any]:
 def _general(inputs: ReportInputs, members: Mapping[str, Answer]) -> list[str]:
     """Cautions that no section has; of those of arches that differ in numbers only the first."""
     own = [name for name, _, _ in inputs.arches if name not in members]
-    alike: dict[str, list[str]] = {}
-    for each in inputs.cautions:
-        name, _, words = each.partition(": ")
-        if name not in own:
-            kind = re.sub(r"[\d.]+", "", words) if name in inputs.answers else each
-            alike.setdefault(kind, []).append(each)
-    return [f"{len(same)} arches, such as " * (len(same) > 1) + same[0] for same in alike.values()]
+    rest = [each for each in inputs.cautions if each.partition(": ")[0] not in own]
+    return gathered(rest, inputs.cube, own)
 
 
 def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
