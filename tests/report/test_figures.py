@@ -170,6 +170,37 @@ class TestLabelsKeepClear:
             assert f"{100 * counts.max() / counts.sum():.0f} %" in shown
             assert len(shown) >= 0.4 * arch.n_joint
 
+    def test_a_number_stands_on_the_other_side_where_there_is_room(self, drawn):
+        """Of neighbours at the crown one has its fraction outside and one inside."""
+        arch = af.Arch.segmental(10.0, 4.0, 0.45, 21, 0.6)
+        found = results(n_level=40)
+        found["collapse_joint"][:] = np.where(found["collapse_joint"] % 2, 10, 11)
+        arches.lost_joints(arch, found)
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        assert [len(list(texts(sheet))) for sheet in drawn] == [2, 2]
+
+    @pytest.mark.parametrize(
+        ("levels", "expected"),
+        [
+            (np.linspace(0.1, 0.9, 15), ["0.1", "0.2", "0.3", "0.4"]),
+            (np.geomspace(0.05, 1.6, 6), ["0.05", "0.1", "0.2", "0.5", "1"]),
+            (np.array([0.371, 0.52]), ["0.38", "0.4"]),
+        ],
+    )
+    def test_ticks_are_round_whatever_the_levels(self, levels, expected, drawn):
+        data = results(n_level=levels.size)
+        runs.verdict_map(replace(data, levels=levels))
+        for sheet in drawn:
+            (panel,) = sheet.panels
+            below = {
+                w: box for w, *box in texts(sheet) if box[1] > panel.box[3] and w[0].isdigit()
+            }
+            assert sheet.narrow or list(below)[: len(expected)] == expected
+            for words, (left, _, right, _) in below.items():
+                place = np.interp(0.5 * (left + right), panel.box[::2], panel.x)
+                at = np.interp(place, np.arange(levels.size), np.log(levels))
+                assert np.exp(at) == pytest.approx(float(words), rel=0.02)
+
     @pytest.mark.parametrize("level", [0.02, 0.41, 0.85])
     def test_levels_and_theta_stay_in_the_panel(self, level, drawn):
         given = synthetic.inputs(at=level, answers={"ring": synthetic.answer_of(8.0)})

@@ -113,13 +113,30 @@ def arch_panel(
     return panel
 
 
-def _label_joint(panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str) -> None:
-    """Write words outward of the extrados of a joint, so many pixels away."""
-    place, outward = arch.extrados[joint], arch.extrados[joint] - arch.intrados[joint]
-    right, up = away * outward / np.linalg.norm(outward)
-    x, y = float(panel.at_x(place[0])), float(panel.at_y(place[1]))
-    side = "m" if abs(right) < 0.3 * away else "e" if right < 0.0 else ""
-    panel.sheet.text(x + right, y - up + 3.5, words, f"{kind} {side}".rstrip())
+def _label_joint(
+    panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str,
+    others: list[FloatArray] | None = None,
+) -> bool:  # fmt: skip
+    """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
+    negative.
+
+    They are not written where they would cover one of the `others`, boxes of words to which theirs
+    is added. Returned is whether they were.
+    """
+    along = arch.extrados[joint] - arch.intrados[joint]
+    place = arch.extrados[joint] if away > 0.0 else arch.intrados[joint]
+    right, up = away * along / np.linalg.norm(along)
+    x, y = float(panel.at_x(place[0])) + right, float(panel.at_y(place[1])) - up + 3.5
+    side = "m" if abs(right) < 0.3 * abs(away) else "e" if right < 0.0 else ""
+    if others is not None:
+        wide = look.text_width(words, look.SMALL)
+        left = x - wide * {"m": 0.5, "e": 1.0, "": 0.0}[side]
+        box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
+        if any(((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in others):
+            return False
+        others.append(box)
+    panel.sheet.text(x, y, words, f"{kind} {side}".rstrip())
+    return True
 
 
 def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
@@ -138,17 +155,15 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
         return None
     most = min(sheet.width, 480.0) - 110.0, 240.0
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
-    named = list[FloatArray]()  # where
+    named = list[FloatArray]()  # boxes of words: left, top, right, bottom
     for i in np.argsort(-counts, kind="stable"):
         joint, part = int(joints[i]), counts[i] / counts.sum()
         x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
         radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
         panel.dots(x, y, look.VERMILION, "hinge", radius)
-        here, room = np.concatenate([panel.at_x(x), panel.at_y(y)]), (28.0, 11.0)
-        if all((np.abs(here - other) > room).any() for other in named):
-            named.append(here)
-            words = f"{100 * part:.0f} %"
-            _label_joint(panel, arch, joint, 14.0, words, "s")
+        words = f"{100 * part:.0f} %"
+        if not _label_joint(panel, arch, joint, 14.0, words, "s", named):
+            _label_joint(panel, arch, joint, -14.0, words, "s", named)
     sheet.height = panel.box[3] + 14.0
     return f"Joints of {results.arch} that lost contact for good, by how often"
 

@@ -145,6 +145,11 @@ def interval(ends: Sequence[float], form: str = ".2f") -> str:
     return f"{ends[0]:{form}} to {ends[1]:{form}}" if np.isfinite(ends[0]) else "–"
 
 
+def rounded_interval(low: float, high: float) -> str:
+    """Two numbers as `rounded`, or a dash where they are not known."""
+    return f"{rounded(low)} to {rounded(high)}" if np.isfinite(low) else "–"
+
+
 def percentages(values: Sequence[float]) -> str:
     """Probabilities in percent with two digits, each written once: 7.7 %, 2.0 to 21 %."""
     shown = []

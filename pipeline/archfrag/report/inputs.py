@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.fragility.quoted import Answer
@@ -163,7 +164,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         classes=classes,
         cautions=cautions_of_cube(study, cube, answers),
         timings=read_timings(study),
-        title=study.title,
+        title=_title(study),
         confidence=study.report.confidence,
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
@@ -173,6 +174,15 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
         | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )
+
+
+def _title(study: Study) -> str:
+    """The heading; one of its own if the study was not given any but its id."""
+    if study.title != study.id:
+        return study.title
+    block = all(member.entry.profile == "block" for member in study.members)
+    noun = "block" if block else "masonry arch"
+    return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
 
 
 def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer]]:

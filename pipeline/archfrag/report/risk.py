@@ -30,6 +30,9 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
     yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
     yield _rates_table(risk, percent)
+    known = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
+    if any(rate.mean > rate.quoted for rate in known):
+        yield html.paragraph(TEXTS["notes"]["mean_rate"], "note")
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
         yield html.heading(name)
@@ -58,11 +61,11 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
         rate, (likely, *ends) = arch.rate, arch.rate.probability_in(risk.years)
         least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
         rows.append([
-            name, f"{least}{rate.quoted:.2g}", html.interval((rate.lower, rate.upper), ".2g"),
-            html.measured(rate.mean, ".2g"),
-            most + html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
-            f"{least}{likely:.2g}", html.interval(ends, ".2g"), f"{100 * rate.outside:.1f} %",
-            *(html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]),
+            name, least + html.rounded(rate.quoted), html.rounded_interval(rate.lower, rate.upper),
+            html.rounded(rate.mean),
+            most + html.rounded(rate.return_period), least + html.rounded(likely),
+            html.rounded_interval(*ends), f"{100 * rate.outside:.1f} %",
+            *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
 
@@ -109,7 +112,7 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
     sheet.height = third.box[3] + look.BELOW
-    found = f"{'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year"
+    found = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
     return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
 
 

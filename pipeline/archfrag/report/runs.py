@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -47,10 +48,22 @@ FRACTILES = {"16 %": 0.16, "median": 0.5, "84 %": 0.84}
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
-    """Label cells that stand for levels, the first always among them."""
-    most = max(2, int((panel.box[2] - panel.box[0]) / 38.0))
-    ticks = np.arange(0, levels.size, max(1, -(-levels.size // most)))
-    panel.axis_x(ticks, title, [f"{float(digits(levels[i])):g}" for i in ticks])
+    """Draw round numbers at their places among cells that stand for levels.
+
+    Between levels these places are interpolated in logarithms.
+    """
+    most = min(10, max(2, int((panel.box[2] - panel.box[0]) / 38.0)))
+    values, logs = np.empty(0), np.log(levels)
+    if levels.size > 1:
+        spread = [float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)]
+        make = look.log_ticks if spread[1] < spread[0] else partial(look.even_ticks, most=most)
+        values = make(float(levels[0]), float(levels[-1]))
+    if values.size < 2:
+        values = levels
+    panel.axis_x(
+        np.interp(np.log(values), logs, np.arange(levels.size)), title,
+        [look.tick_label(float(digits(value))) for value in values],
+    )  # fmt: skip
 
 
 @figure

@@ -10,6 +10,7 @@ from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
+from archfrag.motions.measures import LEVEL_UNITS
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.arch import Example
@@ -58,7 +59,7 @@ def arch_parts(
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
-        yield from _measures(more["measures"], name, inputs.scale.measure)
+        yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
     yield heading("Checks")
@@ -195,7 +196,7 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
-def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
+def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -206,10 +207,13 @@ def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
         label = row["measure"] + " (best)" * (row["measure"] == found["best"])
-        label += " (of the study)" * (row["measure"] == measure)
+        label += " (of the study)" * (row["measure"] == scale.measure)
         shown = bar.format(measured(efficiency[i]), percent[i])
-        numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
-        cells.append([label, shown, *numbers, row["unit"].replace("2", "²")])
+        numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance")]
+        units = LEVEL_UNITS.get(row["unit"], {})
+        unit = scale.unit if scale.unit in units else row["unit"]
+        theta = measured(float(row["theta"] or np.nan) / units.get(unit, 1.0))
+        cells.append([label, shown, *numbers, theta, unit.replace("2", "²")])
     yield paragraph(found["message"])
     heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")

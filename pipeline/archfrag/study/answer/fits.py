@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FITS, CURVE = "fits.json", "curve.csv"
+DECIMALS = 9  # of a probability
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
@@ -106,9 +107,10 @@ def _store(
     for name, found in curves.quoted(cube, arches, classes).items():
         if not isinstance(found.curve, str):
             im = np.array(found.im)
-            values = name, im / factor, found.curve.probability(im), found.lower, found.upper
+            chances = (found.curve.probability(im), found.lower, found.upper)
+            values = name, im / factor, *(np.round(each, DECIMALS) for each in chances)
             rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
-    write_csv(study.folder / CURVE, rows)
+    write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 
 def load_fits(study: Study) -> Fitted:
