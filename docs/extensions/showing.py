@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 import archfrag as af
 from archfrag.report.arch import Example, arch_at_onset
-from archfrag.report.arch import film as film_and_frames
+from archfrag.report.moving import film as film_and_frames
 from archfrag.report.drawing import BLUE, GREY, SKY, VERMILION
 from archfrag.report.html import STYLE
 

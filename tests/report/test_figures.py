@@ -13,7 +13,7 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
-from archfrag.report import curves, drawing, page, runs
+from archfrag.report import curves, drawing, moving, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.report.film import save_film
 from archfrag.report.first_page import first_page
@@ -347,7 +347,7 @@ class TestRepeated:
         example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
         turned, captions = [], []
         for enlarged in (False, True):
-            shown, strip = arches.film(example, "film", "A near miss", enlarged)
+            shown, strip = moving.film(example, "film", "A near miss", enlarged)
             frames = re.findall(r"@keyframes film-k\d+\{.*", shown.svg)
             turned.append(np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float))
             captions.append(shown.caption)
@@ -378,7 +378,7 @@ class TestRepeated:
 
     def test_film(self, fallen, tmp_path):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
-        shown, strip = arches.film(fallen, "fall0", "A collapse")
+        shown, strip = moving.film(fallen, "fall0", "A collapse")
         assert strip.svg.count("<text") == 4
         assert len(shown.svg) < 150_000
         assert not re.search(r"<script|\son\w+=", shown.svg)

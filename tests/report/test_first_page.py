@@ -12,6 +12,7 @@ import archfrag as af
 from archfrag.fragility.risk import HazardCurve
 from archfrag.hazard import Hazard
 from archfrag.report import arch as arches
+from archfrag.report import moving
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, fractions_seen
 from archfrag.report.page import render
@@ -139,9 +140,9 @@ def matrices(found):
 
 class TestFilm:
     def test_all_bodies_stay_in_the_frame_in_motion_and_in_the_strip(self, fall):
-        shown, strip = arches.film(fall, "fall", "A collapse")
+        shown, strip = moving.film(fall, "fall", "A collapse")
         width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown.svg).groups())
-        height -= 40.0 + arches._STRIP
+        height -= 40.0 + moving._STRIP
         shapes = re.findall(r'<path id="fall-\d+" d="M([^"]+)z"/>', shown.svg)
         number = r"(-?[\d.]+)"
         moved = 0.0
@@ -160,7 +161,7 @@ class TestFilm:
         assert strip.svg.count("scale(0.25)") == 4
 
     def test_the_tie_moves_with_its_voussoirs(self, fall):
-        shown, strip = arches.film(fall, "fall", "A collapse")
+        shown, strip = moving.film(fall, "fall", "A collapse")
         assert strip.svg.count('class="tie"') == 4
         body = AFTER.tie_bodies[0, 0]
         tie, voussoir = (
@@ -194,17 +195,17 @@ class TestFilm:
         pyplot.close(film._fig)
 
     def test_the_slider_ends_where_the_film_does(self, fall):
-        shown, _ = arches.film(fall, "fall", "A collapse")
+        shown, _ = moving.film(fall, "fall", "A collapse")
         end = float(re.search(r'type="range" min="0" max="([\d.]+)"', shown.svg)[1])
         duration = float(re.search(r"animation-duration:([\d.]+)s", shown.svg)[1])
-        assert end * duration == pytest.approx(duration - arches._HOLD, abs=0.02)
+        assert end * duration == pytest.approx(duration - moving._HOLD, abs=0.02)
 
     def test_the_ground_has_a_line_of_zero_and_says_whose_peak_it_tells(self, fall):
-        shown, _ = arches.film(fall, "fall", "A collapse")
+        shown, _ = moving.film(fall, "fall", "A collapse")
         assert 'class="ground"' in shown.svg
         assert "(peak 0.92 g)" in shown.svg
         early = np.concatenate([[12.0, 0.0], fall.motion.acceleration])
         longer = replace(fall, motion=af.Motion(early, 1e-3, id="pulse"))
-        later, _ = arches.film(longer, "fall", "A collapse")
-        start = arches.key_frames(longer)[0][0]
+        later, _ = moving.film(longer, "fall", "A collapse")
+        start = moving.key_frames(longer)[0][0]
         assert ("(peak of the window" in later.svg) == (start > 0.002)

@@ -15,12 +15,13 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import Answer
 from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.arch import Example, arch_panel, draw_hinges, film
+from archfrag.report.arch import Example, arch_panel, draw_hinges
 from archfrag.report.curves import curve_panel, draw_curve
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
 from archfrag.report.limits import short, study_aspects
+from archfrag.report.moving import film
 from archfrag.report.ratios import before_and_after, known_answers
 from archfrag.simulate import Onset
 from archfrag.study.answer.curves import arch_classes, quoted
@@ -112,7 +113,7 @@ def _sentence(inputs: ReportInputs) -> Markup:
 def _whose(inputs: ReportInputs, name: str) -> str:
     """The arch or the class of an answer, in a sentence."""
     answers = quoted(inputs.cube, inputs.answers, inputs.classes)
-    whose = name if len(answers) > 1 else "the arch"
+    whose = name if len(answers) > 1 else _noun(inputs)
     if name in inputs.classes:
         count = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({count} arches)"
@@ -127,7 +128,8 @@ def _facts(inputs: ReportInputs) -> str:
     words = f"{(verdict != Verdict.NOT_SIMULATED).sum():,} runs of {cube.sizes['record']} "
     words += "ground motions" + " with their vertical components" * both
     words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
-    words += f", {(verdict == Verdict.COLLAPSED).sum():,} collapses."
+    collapses = int((verdict == Verdict.COLLAPSED).sum())
+    words += f", {collapses:,} collapse{'s' * (collapses != 1)}."
     answer = leading(inputs)[1]
     alone = len(quoted(cube, inputs.answers, inputs.classes)) == 1
     if alone and answer.n_independent and not isinstance(answer.curve, str):
@@ -265,4 +267,12 @@ def _titled(inputs: ReportInputs, name: str) -> str:
     """An arch or a class by its name, if the study has others."""
     if name in inputs.classes:
         return f"class {name}"
-    return name if len(quoted(inputs.cube, inputs.answers, inputs.classes)) > 1 else "the arch"
+    alone = len(quoted(inputs.cube, inputs.answers, inputs.classes)) == 1
+    return _noun(inputs) if alone else name
+
+
+def _noun(inputs: ReportInputs) -> str:
+    """What the only arch of a study is."""
+    _, arch, _ = inputs.arches[0]
+    column = "the column" if arch.free_end else "the arch"
+    return "the block" if arch.parameters["profile"] == "block" else column

@@ -89,7 +89,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         if name in members:
             appendix.append(html.folded(name, *filter(None, shown)))
         else:
-            sections.append((f"arch{i}", name, list(shown)))
+            # An arch that has the name of its study was not given any.
+            alone = len(answers) == 1 and name == cube.attrs.get("archfrag_study")
+            sections.append((f"arch{i}", "The arch" if alone else name, list(shown)))
         if len(answers) <= SHOWN:
             figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
     if len(answers) > SHOWN:

@@ -35,7 +35,8 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
         yield html.paragraph(TEXTS["notes"]["mean_rate"], "note")
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
-        yield html.heading(name)
+        if len(risk.arches) > 1:
+            yield html.heading(name)
         if isinstance(arch, str):
             yield html.paragraph(f"No rate: {arch}.", "none")
             continue

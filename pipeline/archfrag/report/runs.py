@@ -10,11 +10,12 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, deaggregate
 from archfrag.report import drawing as look
-from archfrag.report.arch import Example, draw_ground
+from archfrag.report.arch import Example
 from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
 from archfrag.report.limits import base_of
+from archfrag.report.moving import draw_ground
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
@@ -67,7 +68,7 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
 
 
 @figure
-def verdict_map(sheet: Sheet, results: ArchResults) -> str:
+def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     """Verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
@@ -103,7 +104,9 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> str:
         words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
         sheet.text(left - 8.0, middle, words, "m", angle=-90)
     level_axis(panel, results.levels, results.scale.label)
-    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
+    texts = TEXTS["verdict_map"]
+    caption = texts["caption"] + texts["capacity"] * bool(bounded)
+    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels", caption
 
 
 @figure

@@ -17,6 +17,7 @@ from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.limits import base_of
+from archfrag.report.moving import film
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
@@ -287,10 +288,10 @@ def _films(inputs: ReportInputs, results: ArchResults, place: int, fall: Example
     """Runs simulated again: a collapse, if it is not shown elsewhere, and a near miss."""
     films, arch = [], inputs.arches[place][1]
     if fall is not None and fall.response.collapsed:
-        films.append(arch_figures.film(fall, f"fall{place}", "A collapse"))
+        films.append(film(fall, f"fall{place}", "A collapse"))
     miss = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
     if miss is not None and not miss.response.collapsed:
-        films.append(arch_figures.film(miss, f"miss{place}", "A near miss", enlarged=True))
+        films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
         shown = Markup("\n").join(film[0] for film in films if film is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)
