@@ -124,9 +124,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
 
 
 def _ratios(inputs: ReportInputs) -> Iterable[Any]:
-    """Medians and rates over those of the first arch or class; of two, the first page has them."""
+    """Medians and rates over those of the first arch or class, with bands by common motions."""
     found, known = ratios(inputs), list(known_answers(inputs))
-    for what, each in found.items() if len(known) > 2 else ():
+    for what, each in found.items():
         words = "; ".join(f"{one.name} {one.text(inputs.percent)}" for one in each)
         yield paragraph(f"Ratio of the {what} to that of {known[0]}: {words}.")
     if found:
