@@ -19,7 +19,6 @@ from archfrag.errors import InputError, attempt
 from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.fragility.risk import lognormal_rates
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
@@ -31,7 +30,8 @@ from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, ta
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
-from archfrag.study.answer.curves import arch_classes, draws_together, quoted
+from archfrag.study.answer.compare import compare
+from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.answer.risk import StudyRisk
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
@@ -42,7 +42,7 @@ _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
 _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
-_MOST_RATIOS, _FEWEST_DRAWS = 8, 100  # arches whose ratios are told, and draws of a band
+_MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 
 
@@ -120,26 +120,27 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
 
 
 def _ratios(inputs: ReportInputs, answers: Mapping[str, Answer]) -> Iterable[Any]:
-    """Medians and rates of arches over those of the first one, with bands by common motions."""
-    names = [name for name, each in answers.items() if isinstance(each.curve, Fragility)]
-    if inputs.classes or not 1 < len(names) <= _MOST_RATIOS:
+    """Medians and rates of arches or classes over those of the first one, by common motions."""
+    curves = {k: each.curve for k, each in answers.items() if isinstance(each.curve, Fragility)}
+    names = list(curves)
+    if not 1 < len(names) <= _MOST_RATIOS:
         return
-    draws = draws_together(inputs.cube, names)
-    if len(draws) < _FEWEST_DRAWS:
+    site = inputs.risk.hazard.main if isinstance(inputs.risk, StudyRisk) else None
+    same = [inputs.cube] * len(names), names, [curves] * len(names)
+    found = attempt(lambda: compare(*same, site, inputs.confidence))
+    if isinstance(found, str):
+        yield paragraph(f"There are no ratios: {found}.", "note")
         return
-    numbers = {"median capacity": draws[..., 0]}
-    if isinstance(inputs.risk, StudyRisk):
-        numbers["annual rate of collapse"] = lognormal_rates(
-            inputs.risk.hazard.main, draws[..., 0], draws[..., 1]
-        )
-    tail = 0.5 - 0.5 * inputs.confidence
-    for what, values in numbers.items():
-        ratios = [np.quantile(own / values[:, 0], (0.5, tail, 1.0 - tail)) for own in values.T[1:]]
-        words = "; ".join(
-            f"{name} {ratio:.2f} ({inputs.percent}: {low:.2f} to {high:.2f})"
-            for name, (ratio, low, high) in zip(names[1:], ratios)
-        )
-        yield paragraph(f"Ratio of the {what} to that of {names[0]}: {words}.")
+    words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
+    rows = []
+    for name, each in found.items():
+        for what, row in each.items():
+            pair = [row["before"], row["after"]]
+            shown = [inputs.scale.digits(v) if what == "theta" else f"{v:.2g}" for v in pair]
+            ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
+            rows.append([name, words[what], *shown, f"{row['ratio']:.2f}", ends])
+    heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
+    yield table(f"Ratios to {names[0]}", heads, rows, "compact", 3)
     yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
