@@ -16,7 +16,7 @@ from archfrag.report import moving
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, fractions_seen
 from archfrag.report.page import render
-from archfrag.report.ratios import before_and_after, ratios
+from archfrag.report.ratios import before_and_after, ratio_text
 from archfrag.study.answer.risk import risk_of
 from tests.report import synthetic
 from tests.report.test_page import text
@@ -58,13 +58,14 @@ def page(both):
 class TestBeforeAndAfter:
     def test_the_ratio_stands_on_the_first_page(self, both, page):
         """All capacities are 1.5 times as large; the rate falls as the hazard, by 1.5 squared."""
-        found = {what: each[0] for what, each in ratios(both).items()}
-        for what, expected in (("median capacity", 1.5), ("annual rate of collapse", 1.5**-2)):
-            ratio = found[what]
-            assert ratio.value == pytest.approx(expected, rel=0.15)
-            assert ratio.lower <= ratio.value <= ratio.upper
+        found = both.ratios["after"]
+        for what, expected in (("theta", 1.5), ("rate", 1.5**-2)):
+            row = found[what]
+            assert row["ratio"] == pytest.approx(expected, rel=0.25)
+            assert row["lower"] <= row["ratio"] <= row["upper"]
         (words,) = page.xpath('//section[@id="first"]/p[@class="compared"]')
-        median, rate = (each.text(both.percent) for each in found.values())
+        median, rate = (ratio_text(row, "90 %") for row in found.values())
+        assert re.fullmatch(r"1\.\d\d \(90 %: \d\.\d\d to \d\.\d\d\)", median)
         start = f"The median capacity of after is {median} times that of before, "
         assert text(words).startswith(f"{start}its annual rate of collapse {rate} times.")
         assert before_and_after(replace(both, risk=None))[0] == f"{start[:-2]}."
@@ -75,9 +76,10 @@ class TestBeforeAndAfter:
         names = ("before", "before", "after", "after")
         answers = {own: both.answers[name] for own, name in zip(cube["arch"].values, names)}
         given = replace(both, cube=cube, answers=answers, classes=both.answers, risk=None)
-        ratio = ratios(given)["median capacity"][0]
-        assert ratio.name == "after"
-        assert ratio.value == pytest.approx(1.5, rel=0.15)
+        ((name, rows),) = given.ratios.items()
+        assert name == "after"
+        assert rows["theta"]["ratio"] == pytest.approx(1.5, rel=0.15)
+        assert "of after is 1." in before_and_after(given)[0]
 
     def test_it_says_which_curve_is_higher_at_low_levels(self, both):
         wide = replace(both.answers["after"], curve=synthetic.curve_of(4.5, 0.9))

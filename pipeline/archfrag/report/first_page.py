@@ -22,7 +22,7 @@ from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
 from archfrag.report.limits import short, study_aspects
 from archfrag.report.moving import film
-from archfrag.report.ratios import before_and_after, known_answers
+from archfrag.report.ratios import before_and_after
 from archfrag.simulate import Onset
 from archfrag.study.answer.curves import arch_classes, quoted
 
@@ -228,7 +228,7 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     of the reader; of two arches or classes the other curve too.
     """
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
-    others = {k: fit for k, fit in known_answers(inputs).items() if k != name}
+    others = {k: fit for k, fit in inputs.known.items() if k != name}
     others = others if len(others) == 1 else {}
     whose = _titled(inputs, name)
     entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]

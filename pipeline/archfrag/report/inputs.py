@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
+from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
@@ -39,6 +40,7 @@ COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 _MODELLED = {"friction", "recess", "strength", "dead_load", "fill", "piers", "springings", "ties"}
 _MOST_GROUPS = 10
+_MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
 
 
@@ -92,6 +94,22 @@ class ReportInputs:
     @property
     def percent(self) -> str:
         return f"{100 * self.confidence:.0f} %"
+
+    @cached_property
+    def known(self) -> dict[str, Fragility]:
+        """Curves of classes and of arches of none, in the order of the study."""
+        answers = quoted(self.cube, self.answers, self.classes)
+        return {k: each.curve for k, each in answers.items() if isinstance(each.curve, Fragility)}
+
+    @cached_property
+    def ratios(self) -> dict[str, Table] | str:
+        """`compare` of the others with the first of them; or why there are no ratios."""
+        names = list(self.known)
+        if not 1 < len(names) <= _MOST_RATIOS:
+            return {}
+        site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
+        same = [self.cube] * len(names), names, [self.known] * len(names)
+        return attempt(lambda: compare(*same, site, self.confidence))
 
     @property
     def highest(self) -> float:

@@ -28,7 +28,6 @@ from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.limits import study_aspects
-from archfrag.report.ratios import known_answers, ratios
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
 from archfrag.study.answer.curves import arch_classes, quoted
@@ -124,12 +123,22 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
 
 
 def _ratios(inputs: ReportInputs) -> Iterable[Any]:
-    """Medians and rates over those of the first arch or class, with bands by common motions."""
-    found, known = ratios(inputs), list(known_answers(inputs))
-    for what, each in found.items():
-        words = "; ".join(f"{one.name} {one.text(inputs.percent)}" for one in each)
-        yield paragraph(f"Ratio of the {what} to that of {known[0]}: {words}.")
-    if found:
+    """Medians and rates of arches or classes over those of the first one, by common motions."""
+    found, names = inputs.ratios, list(inputs.known)
+    if isinstance(found, str):
+        yield paragraph(f"There are no ratios: {found}.", "note")
+        return
+    words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
+    rows = []
+    for name, each in found.items():
+        for what, row in each.items():
+            form = inputs.scale.digits if what == "theta" else html.rounded
+            pair = form(row["before"]), form(row["after"])
+            ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
+            rows.append([name, words[what], *pair, f"{row['ratio']:.2f}", ends])
+    if rows:
+        heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
+        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 3)
         yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
