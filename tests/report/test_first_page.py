@@ -140,6 +140,14 @@ def matrices(found):
     return np.column_stack([x, y]), np.deg2rad(angle)
 
 
+def test_weights_tie_and_springings_stand_under_the_arch(page):
+    (own,) = page.xpath('//section[@id="arch1"]')
+    weights, tie, places = re.search(r"The ring weighs .*\(intrados\)\.", text(own))[0].split("; ")
+    assert re.fullmatch(r"The ring weighs \S+ kN, piers \S+ kN, fill \S+ kN", weights)
+    assert tie == "the tie pulls with 20 kN"
+    assert places.startswith("springings at (")
+
+
 class TestFilm:
     def test_all_bodies_stay_in_the_frame_in_motion_and_in_the_strip(self, fall):
         shown, strip = moving.film(fall, "fall", "A collapse")

@@ -51,7 +51,7 @@ def validate(study: Any, as_json: bool) -> None:
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
     text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    texts = text, *found["drawings"], *found["classes"], *found["partners"]
+    texts = text, *found["drawings"], *found["facts"], *found["classes"], *found["partners"]
     show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
@@ -102,7 +102,10 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
 
     if anything:
         from archfrag.study.answer.fits import fit_lines, load_fits
+        from archfrag.study.checks import arch_texts
 
+        for line in (line for text in arch_texts(study) for line in wrapped(text, 8)):
+            echo(line)
         fitted = load_fits(study)
         answers, cautions = fit_lines(study, fitted)
         for found in _rates(study, *fitted):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from archfrag.arch.facts import facts_text
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
@@ -63,6 +64,8 @@ def arch_parts(
         yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
+    facts = facts_text(arch)
+    yield paragraph(f"{facts[0].upper()}{facts[1:]}.")
     yield heading("Checks")
     yield curves.curve(results, answer)
     free = more.get("free", {})
