@@ -138,7 +138,7 @@ def _ratios(inputs: ReportInputs) -> Iterable[Any]:
             rows.append([name, words[what], *pair, f"{row['ratio']:.2f}", ends])
     if rows:
         heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
-        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 3)
+        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 2)
         yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
