@@ -1,4 +1,5 @@
-# The steps of `archfrag run` as rules, for many studies, for a workflow of your own, for a cluster:
+# The steps of `archfrag run` as rules, for many studies, for a workflow of your own, for a cluster.
+# Snakemake comes with the extra `workflow`: pip install -e ".[workflow]"
 #   snakemake --cores 2 --config study=configs/shipped.yaml
 #   snakemake --cores 2 --config "study=[one.yaml, two.yaml]" -- results/two/report.html
 # Results of FILE.yaml are in results/FILE, or in the folder that `results` of the configuration
@@ -9,6 +10,13 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
+try:
+    import archfrag
+except ModuleNotFoundError:
+    raise WorkflowError(
+        "the environment of this Snakemake has no archfrag; install both in one, in a checkout by "
+        'pip install -e ".[workflow]"'
+    )
 if "study" not in config:
     raise WorkflowError("no study is given; add --config study=FILE, such as configs/shipped.yaml")
 GIVEN = config["study"] if isinstance(config["study"], list) else [config["study"]]

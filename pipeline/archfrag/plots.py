@@ -27,7 +27,7 @@ from archfrag.errors import InputError
 # Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 INK, GREY = "#737b85", "#9aa2ab"  # texts, seen on white and on black; thin lines
-STONE, EDGE = "#e9e4da", "#8d8473"
+STONE, EDGE, EARTH = "#e9e4da", "#8d8473", "#f6f3ec"
 SIZE = 9.0  # of texts [points]
 GRAVITY = 9.80665  # [m/s2]
 MOST_NUMBERS = 15  # of joints in a figure
@@ -88,12 +88,21 @@ def html_of(thing: Any, size: tuple[float, float] = (6.4, 3.2)) -> str:
 
 
 def plot_arch(arch: Any, ax: Axes | None = None, numbers: bool = True) -> Axes:
-    """Draw an arch to scale, with its ground and the numbers of its joints."""
-    points = np.concatenate(arch.outlines)
+    """Draw an arch to scale, with its fill, ground and the numbers of its joints."""
+    fill = arch.fill_outlines
+    points = np.concatenate([*arch.outlines, *fill])
     width, height = np.maximum(np.ptp(points, axis=0), 1e-9).tolist()
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
     ax.add_collection(PolyCollection(arch.outlines, facecolor=STONE, edgecolor=EDGE, lw=0.8))
+    under: dict[str, Any] = {
+        "facecolor": EARTH,
+        "edgecolor": EDGE,
+        "ls": "--",
+        "lw": 0.8,
+        "zorder": 0.5,
+    }
+    ax.add_collection(PolyCollection(fill, **under))
     for tie in arch.tie_lines:
         ax.plot(*tie.T, color=BLUE, lw=1.6)
     ax.set_aspect("equal")
@@ -220,21 +229,23 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
     near = np.searchsorted(time, clock).clip(max=time.size - 1)
     modes = response.history["contact_mode"].values[near]
     corners = [getattr(arch, arch.corner_name(corner))[: arch.n_joint] for corner in (0, 1)]
-    figure, upper, lower = stage(np.concatenate(arch.outlines), place.reshape(-1, 2))
+    figure, upper, lower = stage(*arch._frame(place, angle, 0.08))
     ground = response.motion.acceleration * (response.scale / GRAVITY)
     lower.plot(response.motion.time, ground, color=BLUE, lw=0.7)
     lower.set_xlim(start, end)
     now = lower.axvline(start, color=VERMILION, lw=1.4)
     limits = upper.axis()
     plot_arch(arch, upper, numbers=False).axis(limits)
+    ties = upper.lines[: len(arch.tie_lines)]
     stones: Any = upper.collections[0]
+    upper.collections[1].remove()  # what lies on the arch does not move as a body
     upper.add_collection(PolyCollection(arch.outlines, facecolor="none", edgecolor=GREY, lw=0.6))
     (dots,) = upper.plot([], [], "o", color=BLUE, mec="white", mew=0.8, ms=6.0)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # as it is from now on: layouts take time
 
     def moved(points: FloatArray, body: int, frame: int) -> FloatArray:
-        if body == arch.n_voussoir:  # the ground
+        if not 0 <= body < arch.n_voussoir:  # the ground
             return points
         cosine, sine = np.cos(angle[frame, body]), np.sin(angle[frame, body])
         turned = (points - centre[body]) @ np.array([[cosine, sine], [-sine, cosine]])
@@ -249,22 +260,17 @@ def animate(response: Any, seconds: float = 8.0, speed: float = 1.0) -> Film:
             moved(corners[(modes[frame, j] - 1) // 3][j], j, frame) for j in turning.tolist()
         ]
         dots.set_data(*np.reshape(hinges, (-1, 2)).T)
+        for tie, rest, bodies in zip(ties, arch.tie_lines, arch.tie_bodies):
+            tie.set_data(*np.transpose([moved(p, b, frame) for p, b in zip(rest, bodies)]))
         now.set_xdata([clock[frame]] * 2)
-        return stones, dots, now
+        return stones, dots, now, *ties
 
     count = clock.size + round(HOLD * FRAMES)
     return Film(figure, show, frames=count, interval=1000.0 / FRAMES, blit=False)
 
 
-def stage(outline: FloatArray, seen: FloatArray) -> tuple[Figure, Axes, Axes]:
-    """Axes of a film of an arch and of where its parts come within reason, and axes below them.
-
-    `outline` and `seen` are points (n, 2) [m]; the axes below are over time.
-    """
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    size = float((high - low).max())
-    low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.08 * size
-    high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.08 * size
+def stage(low: FloatArray, high: FloatArray) -> tuple[Figure, Axes, Axes]:
+    """Axes of a film between two corners of its frame [m], and axes below them over time."""
     tall = float(np.clip(6.4 * (high - low)[1] / (high - low)[0], 2.0, 6.0))
     figure = pyplot.figure(figsize=(6.4, tall + 1.2), layout="constrained")
     upper, lower = map(dressed, figure.subplots(2, height_ratios=[tall, 1.2]))

@@ -21,7 +21,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer, curve_of_dict
 from archfrag.report import make_report
 from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import capacities, draws_together, quoted
+from archfrag.study.answer.curves import capacities, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.file.schema import Intensity, Study, load_study
 from archfrag.study.files import OWNER, read_json, write_text
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 Band = tuple[NDArray[np.float64], NDArray[np.float64]]
-FEWEST_DRAWS = 100  # of a band of a ratio
 _RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
          "probability_upper"]  # fmt: skip
 
@@ -190,6 +189,7 @@ class Results:
         with cube:
             self._cube = cube.load()
         self._quoted = quoted(self._cube, arches, classes)
+        self._known = {name: found.curve for name, found in {**classes, **arches}.items()}
         self.curves = {
             name: _curve(name, found.curve, found, study.intensity)
             for name, found in {**classes, **arches}.items() if isinstance(found.curve, Fragility)
@@ -266,21 +266,24 @@ class Results:
         return table
 
     def compare(
-        self, before: str, after: str, hazard: PathLike | Sequence[PathLike] | None = None,
-        **given: Any,
+        self, before: str, after: str, hazard: PathLike | Sequence[PathLike] | None = None, *,
+        other: Results | None = None, **given: Any,
     ) -> pd.DataFrame:  # fmt: skip
-        """Compare two arches of the study: one as it is, and one with a tie or another remedy.
+        """Compare an arch, or a class, as it is with one that has a tie or another remedy.
 
-        Both met the same motions, so that the band of a ratio is narrower than those of the two
-        numbers. Ratio and band are of maximum-likelihood curves of both arches: the median and
-        quantiles in a bootstrap of the common records, by whole events.
+        Both met the same motions, so the interval of a ratio is narrower than those of the two
+        numbers. It is by the jackknife over motions, or over earthquakes with all their records.
+        InputError if the motions, or the samples of two classes, differ; FitError if one has no
+        curve, or there are fewer than three motions or earthquakes.
 
         Parameters
         ----------
         before, after : str
-            Names of arches.
+            Names of arches or of classes of arches.
         hazard, **given
             As for `risk`; without a hazard there is no row of rates.
+        other : Results, optional
+            Results of another study on the same motions, in which `after` is.
 
         Returns
         -------
@@ -289,29 +292,16 @@ class Results:
         """
         import pandas as pd
 
-        from archfrag.fragility.risk import collapse_rate, lognormal_rates
+        from archfrag.study.answer.compare import compare
 
-        names = (before, after)
-        draws = draws_together(self._cube, names)
-        if len(draws) < FEWEST_DRAWS:
-            raise FitError(f"too few capacities of {before} and {after} are known for a band")
-        confidence = self._study.report.confidence
-        ends = 0.5, 0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence
-        curves = []
-        for name in names:
-            if isinstance(curve := self._quoted[name].curve, str):
-                raise FitError(f"{name} has no curve: {curve}")
-            curves.append(curve)
-        factor = 1.0 / self._study.intensity.factor
-        rows = {"theta": ([factor * curve.theta for curve in curves], draws[..., 0])}
+        second, site = other or self, None
         if hazard is not None or self._study.risk is not None:
             site = self._hazard(hazard, **given)[0].main
-            rates = [collapse_rate(site, curve).rate for curve in curves]
-            rows["rate"] = rates, lognormal_rates(site, draws[..., 0], draws[..., 1])
-        return pd.DataFrame({
-            name: [*pair, *np.quantile(each[:, 1] / each[:, 0], ends)]
-            for name, (pair, each) in rows.items()
-        }, index=["before", "after", "ratio", "lower", "upper"]).T  # fmt: skip
+        cubes, known = (self._cube, second._cube), (self._known, second._known)
+        found = compare(cubes, (before, after), known, site, self._study.report.confidence)
+        table = pd.DataFrame(found[after]).T
+        table.loc["theta", ["before", "after"]] /= self._study.intensity.factor
+        return table
 
     def _hazard(
         self, hazard: PathLike | Sequence[PathLike] | None, *, years: float = 50.0,

@@ -130,7 +130,7 @@ def test_blocks_that_make_no_chain_are_refused_by_handle(tmp_path, blocks, wrong
         (PIER, {"closed": False}, {}, "LWPOLYLINE 2F is open"),
         (PIER, {"unit": 0}, {}, "INSUNITS = 0"),
         (PIER, {"unit": 4}, {}, "0.0015 m"),
-        (PIER, {}, {"layer": "BRICK"}, "layers with polylines: STONE"),
+        (PIER, {}, {"layer": "BRICK"}, r"BRICK has nothing .*layers with polylines: STONE \(3\)"),
         (PIER[:1], {"ground": []}, {}, "LWPOLYLINE 2F"),
         (PIER, {"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
         (PIER, {"ground": [GROUND, ((0, 0.5), (0, 1))]}, {}, "between two joints"),
@@ -140,6 +140,200 @@ def test_drawings_that_are_refused(tmp_path, blocks, options, reading, word):
     draw(tmp_path / "a.dxf", blocks, **options)
     with pytest.raises(GeometryError, match=word):
         af.Arch.from_dxf(tmp_path / "a.dxf", 0.7, **reading)
+
+
+class Sheet:
+    """A drawing in m with layers, of which some hide what is on them, and blocks."""
+
+    def __init__(self, path, frozen=(), off=()):
+        self.path, self.document = path, ezdxf.new(units=6)
+        self.space, self.frozen, self.off = self.document.modelspace(), frozen, off
+
+    def add(self, corners, layer="STONE", where=None, **attributes):
+        add = (self.space if where is None else where).add_lwpolyline
+        return add(corners, close=True, dxfattribs={"layer": layer, **attributes})
+
+    def block(self, name, corners, layer="0"):
+        block = self.document.blocks.new(name)
+        self.add(corners, layer, block)
+        return block
+
+    def insert(self, name, place, layer="STONE", where=None, **attributes):
+        add = (self.space if where is None else where).add_blockref
+        return add(name, place, dxfattribs={"layer": layer, **attributes})
+
+    def read(self, **given):
+        for names, hide in ((self.frozen, "freeze"), (self.off, "off")):
+            for name in names:
+                getattr(self.document.layers.get(name), hide)()
+        for entity in self.space:
+            if entity.dxf.layer not in self.document.layers:
+                self.document.layers.add(entity.dxf.layer)
+        self.document.saveas(self.path)
+        return read_drawing(self.path, **given)
+
+
+UNIT = [(0, 0), (1, 0), (1, 0.5), (0, 0.5)]
+
+
+def pier(tmp_path, **hidden):
+    sheet = Sheet(tmp_path / "a.dxf", **hidden)
+    for name in ("STONE", "OTHER"):
+        sheet.document.layers.add(name)
+    for corners in PIER[:2]:
+        sheet.add(corners)
+    sheet.space.add_line(*GROUND, dxfattribs={"layer": "STONE"})
+    return sheet
+
+
+class TestWhatIsSeen:
+    def test_and_is_no_part_of_the_arch_is_counted_and_named(self, tmp_path):
+        sheet = pier(tmp_path)
+        for corners in PIER[:2]:  # hatches of the blocks, and below one of no block
+            sheet.space.add_hatch().paths.add_polyline_path(corners)
+        sheet.space.add_text("plinth")
+        assert sheet.read().caution == ""
+        sheet.space.add_hatch().paths.add_polyline_path(PIER[2])
+        sheet.block("CAP", UNIT)
+        sheet.insert("CAP", (0, 1), "OTHER")
+        sheet.insert("CAP", (0, 1.5), "OTHER")
+        for k in range(3):
+            sheet.space.add_line((5, k), (6, k))
+        sheet.space.add_arc((0, 0), 1, 0, 90, dxfattribs={"layer": "AXIS"})
+        sheet.document.add_xref_def("other.dwg", "ABUTMENT")
+        sheet.insert("ABUTMENT", (0, 0), "REFS")
+        found = sheet.read(layer="STONE")
+        assert len(found.outlines) == 2
+        assert found.caution == (
+            "a.dxf: 2 blocks (INSERT of CAP) on layer OTHER, 1 ARC on layer AXIS, 1 HATCH on "
+            "layer 0, 1 INSERT on layer REFS, 3 LINE on layer 0 are not part of the arch; if some "
+            "of it is, name its layer too"
+        )
+        with pytest.warns(UserWarning, match="2 blocks .INSERT of CAP. on layer OTHER"):
+            af.Arch.from_dxf(sheet.path, 0.9, layer="STONE")
+        asked = "onset", "--drawing", str(sheet.path), "--friction", "0.9", "--layer", "STONE"
+        assert "caution: a.dxf: 2 blocks" in CliRunner().invoke(main, asked).stderr
+
+    @pytest.mark.parametrize("hidden", [{"frozen": ["OTHER"]}, {"off": ["OTHER"]}, {}])
+    def test_and_nothing_else_is_read(self, tmp_path, hidden):
+        sheet = pier(tmp_path, **hidden)
+        for corners in PIER:
+            sheet.add([(x + 7, y) for x, y in corners], "OTHER", invisible=int(not hidden))
+        found = sheet.read()
+        assert (found.layer, len(found.outlines), found.caution) == ("STONE", 2, "")
+        if hidden:
+            with pytest.raises(GeometryError, match="layer other is frozen or off"):
+                sheet.read(layer="other")
+
+    def test_of_a_reference_hangs_on_the_layers_in_its_block(self, tmp_path):
+        sheet = pier(tmp_path, off=["OTHER"])
+        sheet.block("CAP", UNIT, "STONE")  # a block on a layer that is off shows what is on others
+        sheet.insert("CAP", (0, 1), "OTHER")
+        sheet.block("CUP", UNIT)
+        sheet.insert("CUP", (0, 9), "OTHER")
+        assert len(sheet.read().outlines) == 3
+        sheet.frozen = ["OTHER"]
+        assert len(sheet.read().outlines) == 2
+
+    def test_on_several_layers_is_one_arch_if_they_are_named(self, tmp_path):
+        sheet = pier(tmp_path)
+        sheet.add(PIER[2], "CAPS")
+        with pytest.raises(GeometryError, match=r"CAPS \(1\), STONE \(2\); give .*\[A, B\]"):
+            sheet.read()
+        assert len(sheet.read(layer=["caps", "STONE"]).outlines) == 3
+        arch = af.Arch.from_dxf(sheet.path, 0.9, layer=("STONE", "CAPS"))
+        assert arch.n_voussoir == 3
+        entry = ArchEntry(
+            id="pier", drawing=str(sheet.path), friction=0.9, layer=["STONE", "CAPS"]
+        )
+        assert entry.build().n_voussoir == 3
+        for given in (["--layer", "STONE", "--layer", "CAPS"], ["--layer", "STONE,CAPS"]):
+            asked = ["onset", "--drawing", str(sheet.path), "--friction", "0.9", *given]
+            answer = CliRunner().invoke(main, asked)
+            assert "3 voussoirs" in answer.stderr
+            assert "caution" not in answer.stderr
+
+
+class TestInsertedBlocks:
+    @pytest.mark.parametrize(
+        "given",
+        [
+            {"insert": (0, 1)},
+            {"insert": (1, 1), "xscale": -1},
+            {"insert": (1, 1.5), "rotation": 180},
+            {"insert": (0, 1.5), "yscale": -1},
+            {"insert": (0, 1), "xscale": 0.5, "yscale": 0.5, "zscale": 0.5, "size": 2},
+            {"insert": (0, 1), "xscale": 0.5, "size": (2, 1)},
+            {"insert": (-1, 1), "extrusion": (0, 0, -1)},
+        ],
+    )
+    def test_are_read_where_they_are_seen(self, tmp_path, given):
+        sheet, size = pier(tmp_path), np.ones(2) * given.pop("size", 1)
+        sheet.block("CAP", [tuple(size * corner) for corner in UNIT])
+        sheet.insert("CAP", given.pop("insert"), **given)
+        found = sheet.read()
+        assert found.caution == ""
+        np.testing.assert_allclose(found.outlines[2].min(axis=0), [0, 1, 0], atol=1e-12)
+        np.testing.assert_allclose(found.outlines[2].max(axis=0), [1, 1.5, 0], atol=1e-12)
+
+    def test_may_hold_others_and_stand_in_rows(self, tmp_path):
+        sheet = Sheet(tmp_path / "a.dxf")
+        sheet.block("ONE", UNIT)
+        pair = sheet.document.blocks.new("PAIR")
+        sheet.insert("ONE", (0, 0), "0", pair)
+        sheet.insert("ONE", (0, 0.5), "0", pair)
+        sheet.insert("PAIR", (3, 2), row_count=3, row_spacing=1.0)
+        sheet.space.add_line((3, 2), (4, 2), dxfattribs={"layer": "STONE"})
+        found = sheet.read(layer="STONE")
+        assert sorted(outline[:, 1].min() for outline in found.outlines) == list(
+            np.arange(2, 5, 0.5)
+        )
+        assert af.Arch.from_dxf(sheet.path, 0.9).n_voussoir == 6
+
+    def test_that_cannot_be_exploded_are_refused_by_handle(self, tmp_path):
+        sheet = pier(tmp_path)
+        round_one = [(x, y, 0.2) for x, y in UNIT]
+        sheet.document.blocks.new("R").add_lwpolyline(round_one, "xyb", close=True)
+        squeezed = sheet.insert("R", (0, 1), xscale=2.0)
+        named = f"ELLIPSE of INSERT {squeezed.dxf.handle} .block R. is no 2D polyline"
+        with pytest.raises(GeometryError, match=named):
+            sheet.read()
+        sheet.space.delete_entity(squeezed)
+        sheet.document.add_xref_def("other.dwg", "X")
+        handle = sheet.insert("X", (0, 0)).dxf.handle
+        with pytest.raises(GeometryError, match=f"layer STONE: INSERT {handle} is no 2D polyline"):
+            sheet.read()
+
+    def test_that_hold_each_other_or_too_much_are_refused(self, tmp_path):
+        sheet = pier(tmp_path)
+        sheet.block("ONE", UNIT)
+        many = {"row_count": 1000, "column_count": 1000, "row_spacing": 1, "column_spacing": 2}
+        sheet.insert("ONE", (0, 1), **many)
+        with pytest.raises(GeometryError, match="hold more than 50000 entities"):
+            sheet.read()
+        sheet = pier(tmp_path)
+        block = sheet.block("SELF", UNIT)
+        sheet.insert("SELF", (0, 1), "0", block)
+        sheet.insert("SELF", (0, 1))
+        with pytest.raises(GeometryError, match="more than 16 deep"):
+            sheet.read()
+
+
+@pytest.mark.parametrize("layer", [None, "0-Arcata", ["A-Giunti", "0-Arcata"]])
+def test_arcs_and_joint_lines_are_told_what_to_draw(tmp_path, layer):
+    sheet = Sheet(tmp_path / "a.dxf")
+    for radius in (5.6, 6.2):
+        sheet.space.add_arc((12, 3), radius, 28, 152, dxfattribs={"layer": "0-Arcata"})
+    for k in range(23):
+        sheet.space.add_line((k, 0), (k, 1), dxfattribs={"layer": "A-Giunti"})
+    with pytest.raises(GeometryError) as error:
+        sheet.read(layer=layer)
+    message = str(error.value)
+    assert "no polyline is seen, but 2 ARC on layer 0-Arcata" in message
+    assert ("23 LINE on layer A-Giunti" in message) == (layer != "0-Arcata")
+    assert "one closed polyline for each voussoir" in message
+    assert "BOUNDARY" in message
+    assert "None" not in message
 
 
 def test_other_entities_and_other_files(tmp_path):

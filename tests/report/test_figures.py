@@ -13,7 +13,7 @@ import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import arch as arches
-from archfrag.report import curves, drawing, page, runs
+from archfrag.report import curves, drawing, moving, page, runs
 from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.report.film import save_film
 from archfrag.report.first_page import first_page
@@ -78,7 +78,7 @@ class TestLabelsKeepClear:
         runs.verdict_map(data)
         curves.curve(data, synthetic.none("no run collapsed"))
         curves.curve(data, synthetic.answer_of(4.0))
-        runs.fractions(runs.groupings(data, 0.9), data)
+        runs.fractions(runs.groupings(data, 0.9), data, "the base")
         assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
@@ -170,6 +170,37 @@ class TestLabelsKeepClear:
             assert f"{100 * counts.max() / counts.sum():.0f} %" in shown
             assert len(shown) >= 0.4 * arch.n_joint
 
+    def test_a_number_stands_on_the_other_side_where_there_is_room(self, drawn):
+        """Of neighbours at the crown one has its fraction outside and one inside."""
+        arch = af.Arch.segmental(10.0, 4.0, 0.45, 21, 0.6)
+        found = results(n_level=40)
+        found["collapse_joint"][:] = np.where(found["collapse_joint"] % 2, 10, 11)
+        arches.lost_joints(arch, found)
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        assert [len(list(texts(sheet))) for sheet in drawn] == [2, 2]
+
+    @pytest.mark.parametrize(
+        ("levels", "expected"),
+        [
+            (np.linspace(0.1, 0.9, 15), ["0.1", "0.2", "0.3", "0.4"]),
+            (np.geomspace(0.05, 1.6, 6), ["0.05", "0.1", "0.2", "0.5", "1"]),
+            (np.array([0.371, 0.52]), ["0.38", "0.4"]),
+        ],
+    )
+    def test_ticks_are_round_whatever_the_levels(self, levels, expected, drawn):
+        data = results(n_level=levels.size)
+        runs.verdict_map(replace(data, levels=levels))
+        for sheet in drawn:
+            (panel,) = sheet.panels
+            below = {
+                w: box for w, *box in texts(sheet) if box[1] > panel.box[3] and w[0].isdigit()
+            }
+            assert sheet.narrow or list(below)[: len(expected)] == expected
+            for words, (left, _, right, _) in below.items():
+                place = np.interp(0.5 * (left + right), panel.box[::2], panel.x)
+                at = np.interp(place, np.arange(levels.size), np.log(levels))
+                assert np.exp(at) == pytest.approx(float(words), rel=0.02)
+
     @pytest.mark.parametrize("level", [0.02, 0.41, 0.85])
     def test_levels_and_theta_stay_in_the_panel(self, level, drawn):
         given = synthetic.inputs(at=level, answers={"ring": synthetic.answer_of(8.0)})
@@ -233,7 +264,7 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     for category, count in zip(joint.categories[:-1], joint.counts[:-1]):
         number = int(category.removeprefix("joint "))
         assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
-    runs.fractions(groups, data)
+    runs.fractions(groups, data, "the base")
     for sheet in drawn:
         for panel in sheet.panels:
             top = np.zeros(data.levels.size)
@@ -316,7 +347,7 @@ class TestRepeated:
         example = arches.Example(ARCH, motion, scale, "PGA", response, "chosen", True)
         turned, captions = [], []
         for enlarged in (False, True):
-            shown, strip = arches.film(example, "film", "A near miss", enlarged)
+            shown, strip = moving.film(example, "film", "A near miss", enlarged)
             frames = re.findall(r"@keyframes film-k\d+\{.*", shown.svg)
             turned.append(np.array(re.findall(r"rotate\(([-.\d]+)deg", "".join(frames)), float))
             captions.append(shown.caption)
@@ -347,7 +378,7 @@ class TestRepeated:
 
     def test_film(self, fallen, tmp_path):
         """Small, without a script, and in the last frame where the run ends, clockwise [deg]."""
-        shown, strip = arches.film(fallen, "fall0", "A collapse")
+        shown, strip = moving.film(fallen, "fall0", "A collapse")
         assert strip.svg.count("<text") == 4
         assert len(shown.svg) < 150_000
         assert not re.search(r"<script|\son\w+=", shown.svg)

@@ -15,14 +15,18 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.hazard import Hazard
 from archfrag.motions.measures import spectral_acceleration
+from archfrag.report import curves, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
-from archfrag.report.html import digits, percentages
+from archfrag.report.html import digits, percentages, rounded
 from archfrag.report.inputs import arch_results
 from archfrag.report.page import _scaled_spectra, render, write_report
 from archfrag.report.risk import risk_parts
+from archfrag.study.answer import fits
 from archfrag.study.answer.risk import risk_of
+from archfrag.study.file.schema import load_study
 from tests.report import synthetic
 from tests.report.test_figures import overlaps
+from tests.study.small import small_study
 
 GRAVITY = synthetic.GRAVITY
 LEVELS_OF_RING = "Verdicts and probabilities of ring by level"
@@ -144,7 +148,7 @@ class TestAnswer:
         ]
         rows = table(page, "Intensity measures for thick")[1]
         assert rows[0] == ["PGV (best)", "0.300", "–", "0.500", "0.300", "m/s"]
-        assert rows[1] == ["PGA (of the study)", "0.420", "–", "0.500", "4.00", "m/s²"]
+        assert rows[1] == ["PGA (of the study)", "0.420", "–", "0.500", "0.408", "g"]
         assert rows[2] == ["Arias", "–", "–", "0.500", "–", "m/s"]
 
     def test_summary_for_programs(self, full):
@@ -236,6 +240,7 @@ def test_risk(drawn):
     _, rows = table(page, "Rates of collapse")
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{whole.arches['ring'].rate.rate:.2g}"
+    assert "It is the higher one because weak motions" in text(section(page, "risk"))
     (figure,) = page.xpath('//svg[starts-with(@aria-label, "Rate of collapse of ring by")]')[-1:]
     parts = [float(part) for part in re.findall(r" (\d+) %", figure.text_content())]
     assert len(parts) > 1
@@ -273,7 +278,7 @@ class TestClass:
         given, _, _ = full
         _, figures = render(given)
         assert set(figures) == {"curve-both.svg", "curve-thin.svg", "curve-thick.svg"}
-        assert "arches of the class" in figures["curve-both.svg"].file
+        assert "an arch drawn at random from class both" in figures["curve-both.svg"].file
 
     def test_cautions_alike_are_said_once(self, full):
         given, _, _ = full
@@ -281,7 +286,7 @@ class TestClass:
                  (("thin", 8), ("thick", 12))]  # fmt: skip
         page = read(replace(given, cautions=[*words, "thick: no run collapsed"]))
         assert [text(each) for each in page.xpath('//header/p[@class="caution"]')] == [
-            "Caution: 2 arches, such as thin: 8 of 30 records stand.",
+            "Caution: 2 arches of both, such as thin: 8 of 30 records stand.",
             "Caution: thick: no run collapsed.",
         ]
 
@@ -388,6 +393,44 @@ def bisected():
     facts = {"runs": int((~away).sum()), "records": 8, "checked": 3, "contradictions": 1}
     data.attrs["archfrag_design"] = json.dumps({"kind": "ida", "arches": {"ring": facts}})
     return replace(study, cube=data, answers=synthetic.answers_of(data)), first
+
+
+class TestWords:
+    def test_significant_digits_are_kept(self):
+        shown = {0.0002: "0.00020", 0.010000001: "0.010", 5.93e-5: "5.9·10⁻⁵", 1396.0: "1,400",
+                 0.34: "0.34", 12.3: "12", 99.6: "100", 1.0: "1.0", np.nan: "–"}  # fmt: skip
+        assert {value: rounded(value) for value in shown} == shown
+        assert rounded(0.392, 3) == "0.392"
+
+    @pytest.mark.parametrize(
+        ("keys", "expected"),
+        [({"title": "small"}, "Fragility of masonry arches"), ({}, "A small study")],
+    )
+    def test_a_study_without_a_title_has_one(self, tmp_path, keys, expected):
+        study = load_study(small_study(tmp_path)).model_copy(update=keys)
+        assert inputs._title(study) == expected
+
+    def test_classes_are_named(self, full):
+        given, _, _ = full
+        shown = curves.all_curves(given, given.answers, given.classes).caption
+        assert "Bold: an arch drawn at random from class both." in shown
+        two = {"both": given.classes["both"], "other": given.classes["both"]}
+        shown = curves.all_curves(given, given.answers, two).caption
+        assert shown.count("Shaded") == 1
+        assert not shown.startswith("Lognormal")
+        words = first_page._whose(replace(given, classes=two), "both")
+        assert words.endswith(", the weakest of 2 classes,")
+
+    def test_the_curve_table_has_seven_digits(self, full, tmp_path):
+        given, _, _ = full
+        study = load_study(small_study(tmp_path))
+        study.folder.mkdir()
+        fits._store(study, dict(given.answers), {}, given.cube)
+        lines = (study.folder / "curve.csv").read_text().splitlines()[1:]
+        cells = [cell for line in lines for cell in line.split(",")[1:]]
+        digits_of = [len(re.sub(r"e.*|[.-]", "", cell).lstrip("0")) for cell in cells]
+        assert max(digits_of) <= 7
+        assert min(float(cell) for cell in cells if float(cell)) >= 1e-9
 
 
 class TestDesigns:

@@ -13,7 +13,6 @@ import time
 import numpy as np
 import psutil
 import pytest
-from tqdm import tqdm
 
 from archfrag.errors import WorkerError
 from archfrag.motions.formats import one_reader, read_apart
@@ -119,21 +118,22 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(("estimate", "grows"), [(2, True), (30, False)])
-def test_the_bar_counts_from_the_first_run_to_an_estimate_that_grows(
-    copied, monkeypatch, estimate, grows
+@pytest.mark.parametrize("estimate", [2, 30])
+def test_the_bar_counts_from_the_first_run_to_an_estimate_that_stays(
+    copied, monkeypatch, estimate
 ):
     def warmup(name, progress):
         progress("compiling kernels: 5 s")
         time.sleep(1.5)
         return 5.0
 
-    def bar(**options):
-        return tqdm(**{**options, "mininterval": 0.01, "delay": 0.01})
+    class Bar(execute._Bar):
+        def __init__(self, **options):
+            super().__init__(**{**options, "mininterval": 0.01, "delay": 0.01})
 
     for part in copied.plan.parts.glob("*.npy"):
         part.unlink()
-    monkeypatch.setattr(execute, "tqdm", bar)
+    monkeypatch.setattr(execute, "_Bar", Bar)
     monkeypatch.setattr("archfrag.warmup.kernels_are_compiled", lambda name: False)
     monkeypatch.setattr("archfrag.warmup.warmup", warmup)
     monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
@@ -146,10 +146,17 @@ def test_the_bar_counts_from_the_first_run_to_an_estimate_that_grows(
     bars = [frame for frame in frames if frame.startswith("simulations: ")]
     found = [re.search(r" (\d+)/(\d+) \[00:(\d+)<", frame) for frame in bars]
     shown = [tuple(map(int, each.groups())) for each in found]
-    assert all(made <= total for made, total, _ in shown)
-    assert (shown[0][1], shown[-1][1] > 2 * estimate) == (2 * estimate, grows)
-    assert shown[-1][2] <= log["wall_time"] - 1.5
+    *before, last = shown
+    assert {total for _, total, _ in before} == {2 * estimate}
+    assert all(made < total for made, total, _ in before)
+    assert last[:2] == (log["runs"],) * 2
+    assert last[2] <= log["wall_time"] - 1.5
     assert not frames[-1].strip()
+
+
+@pytest.mark.parametrize(("checks", "expected"), [(None, 150), (7, 127)])
+def test_a_search_is_expected_to_check_as_many_runs_as_it_has_records(checks, expected):
+    assert Ida(kind="ida", checks=checks).size(30, 15) == (expected, "about")
 
 
 def test_only_the_kernels_that_the_runs_need(done):

@@ -189,6 +189,12 @@ class TestSnakemake:
         message = "no study is given; add --config study=FILE"
         assert message in snakemake(tmp_path, "-n", code=1)
 
+    def test_without_archfrag_an_error_says_how_to_install_both(self, tmp_path, monkeypatch):
+        blocked = "import sys; sys.modules['archfrag'] = None"
+        (tmp_path / "sitecustomize.py").write_text(blocked)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        assert 'pip install -e ".[workflow]"' in snakemake(tmp_path, "-n", code=1)
+
 
 def test_the_first_line_comes_before_anything_heavy_is_imported():
     blocked = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'numba', 'pandas', 'yaml']))"

@@ -1,14 +1,19 @@
 """DXF drawings of arches: the only module that imports ezdxf."""
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import ezdxf
+import ezdxf.path
 import numpy as np
+import shapely
 
 from archfrag.arch.checks import FloatArray
+from archfrag.arch.geometry import sampled
 from archfrag.arch.polygons import Blocks, without_repeated
-from archfrag.errors import GeometryError, from_extra
+from archfrag.errors import GeometryError
 from archfrag.files import read_bytes
 
 # Units that a drawing may be in [m], and their codes in $INSUNITS.
@@ -16,64 +21,86 @@ UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.304
 _CODES = {6: "m", 14: "dm", 5: "cm", 4: "mm", 1: "in", 2: "ft"}
 SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
 LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
-# Entities that are no blocks; any other might be one.
-_IGNORED = {
+MOST_ENTITIES, DEEPEST = 50_000, 16  # of exploded references to blocks, which may be nested
+_MOST_LISTED = 8  # kinds of entities in a message
+_POLYLINES = ("LWPOLYLINE", "POLYLINE")
+# Entities that say something about the drawing; any other might be a block.
+_ANNOTATIONS = {
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MLEADER",
-    "MULTILEADER", "POINT", "HATCH", "IMAGE", "WIPEOUT", "XLINE", "RAY", "VIEWPORT",
+    "MULTILEADER", "POINT", "IMAGE", "WIPEOUT", "XLINE", "RAY", "VIEWPORT",
 }  # fmt: skip
+_WHAT_TO_DRAW = (
+    "draw one closed polyline for each voussoir, all on one layer (in AutoCAD: BOUNDARY and a "
+    "click into each voussoir, or PLINE with its option Close)"
+)
 
 
-def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Blocks:
+class _Part(NamedTuple):
+    """An entity that is seen in model space, of a reference to a block if it comes from one."""
+
+    entity: Any
+    layer: str  # on which it is seen
+    name: str  # kind, handle, and the reference that it comes from
+    reference: Any = None  # the outermost one
+
+    @property
+    def kind(self) -> str:
+        return self.entity.dxftype()
+
+
+def read_drawing(
+    path: str | Path, layer: str | Sequence[str] | None = None, unit: str | None = None
+) -> Blocks:
     """Read the blocks of a DXF drawing, text or binary; `layer` and `unit` as in `Arch.from_dxf`.
 
+    References to blocks (INSERT) are exploded. What is frozen, off or invisible is not read. What
+    is seen and is not read, other than text and dimensions, is counted in `Blocks.caution`.
     `GeometryError` names file, layer and handle of an entity that is no block.
     """
     document = _document(Path(path))
-    entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]
-    kinds = ("LWPOLYLINE", "POLYLINE")
-    layers = Counter(e.dxf.layer for e in entities if e.dxftype() in kinds)
-    if layer is None and len(layers) == 1:
-        layer = next(iter(layers))
-    if layer is None or layer.casefold() not in map(str.casefold, layers):
-        listed = ", ".join(f"{name} ({count})" for name, count in sorted(layers.items())) or "none"
-        raise GeometryError(
-            f"{path}: layer = {layer} must be the layer that has the blocks; layers with "
-            f"polylines: {listed}"
-        )
+    parts, hidden = _seen(document, str(path))
+    layers = _chosen(layer, parts, hidden, str(path))
     code = document.header.get("$INSUNITS", 0)
-    name = _CODES.get(code) if unit is None else unit
-    if name not in UNITS:
+    unit = _CODES.get(code) if unit is None else unit
+    if unit not in UNITS:
         raise GeometryError(
             f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
         )
-    scale = UNITS[name]
-    found = Blocks([], [], [], [], layer, name)
-    for entity in entities:
-        kind = entity.dxftype()
-        if entity.dxf.layer.casefold() != layer.casefold() or kind in _IGNORED:
-            continue
-        name = f"{path}, layer {layer}: {kind} {entity.dxf.handle}"
-        if kind == "LINE":
-            ends = [entity.dxf.start, entity.dxf.end]
+    scale, left = UNITS[unit], list[_Part]()
+    found = Blocks([], [], [], [], ", ".join(layers.values()), unit)
+    for part in parts:
+        name = f"{path}, layer {part.layer}: {part.name}"
+        if part.layer.casefold() not in layers or part.kind == "HATCH":
+            left.append(part)
+        elif part.kind == "LINE":
+            ends = [part.entity.dxf.start, part.entity.dxf.end]
             found.ground.append(scale * np.array([[end.x, end.y] for end in ends]))
             found.ground_names.append(name)
         else:
-            found.outlines.append(_outline(entity, name) * [scale, scale, 1.0])
+            found.outlines.append(_outline(part.entity, name) * [scale, scale, 1.0])
             found.names.append(name)
     every = np.concatenate(found.outlines)[:, :2]
     size = float(np.ptp(every, axis=0).max())
     if len(every) > MOST_CORNERS or not SMALLEST <= size <= LARGEST:
         raise GeometryError(
-            f"{path}, layer {layer}: the blocks have {len(every)} corners and take {size:.4g} m; "
-            f"an arch has at most {MOST_CORNERS} and takes {SMALLEST:g} to {LARGEST:g} m: give "
-            f"the drawing's unit, one of {', '.join(UNITS)}"
+            f"{path}, layer {found.layer}: the blocks have {len(every)} corners and take "
+            f"{size:.4g} m; an arch has at most {MOST_CORNERS} and takes {SMALLEST:g} to "
+            f"{LARGEST:g} m: give the drawing's unit, one of {', '.join(UNITS)}"
+        )
+    whole = [sampled(outline)[:, :2] / scale for outline in found.outlines]
+    left = [part for part in left if part.kind != "HATCH" or not _fills(part.entity, whole)]
+    if left:
+        used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
+        texts, several = _counted(left, used), len(left) > 1
+        found.caution = (
+            f"{Path(path).name}: {texts} {'are' if several else 'is'} not part of the arch; if "
+            "some of it is, name its layer too"
         )
     return found
 
 
 def _document(path: Path) -> Any:
     """The file as ezdxf reads it."""
-    ezdxf = from_extra("ezdxf", "drawing")
     read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")  # small enough, no device
     try:
         return ezdxf.readfile(path)
@@ -83,6 +110,113 @@ def _document(path: Path) -> Any:
             f"{path}: is not a DXF file, or a damaged one ({reason}); save it again as DXF from "
             "the drawing program"
         ) from None
+
+
+def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
+    """Return what is seen in model space but for annotations, and layers that hide polylines."""
+    layers = {layer.dxf.name.casefold(): layer for layer in document.layers}
+    frozen = {name for name, layer in layers.items() if layer.is_frozen()}
+    off = {name for name, layer in layers.items() if layer.is_off()}
+    parts, hidden, inside = list[_Part](), Counter[str](), [0]
+
+    def look(entity: Any, layer: str, reference: Any, depth: int) -> None:
+        kind, name = entity.dxftype(), layer.casefold()
+        if entity.dxf.invisible or kind in _ANNOTATIONS:
+            return
+        # The layer of a reference hides what is in its block only if it is frozen.
+        if name in frozen or (name in off and kind != "INSERT"):
+            hidden[layer] += kind in (*_POLYLINES, "INSERT")
+            return
+        block = entity.block() if kind == "INSERT" else None
+        if block is None or block.block.is_xref:
+            source = entity if entity.dxf.handle else entity.source_of_copy or entity
+            told = f"{kind} {source.dxf.handle or ''}".rstrip()
+            if reference is not None:
+                told += f" of INSERT {reference.dxf.handle} (block {reference.dxf.name})"
+            parts.append(_Part(entity, layer, told, reference))
+            return
+        inside[0] += entity.mcount * len(block)
+        if inside[0] > MOST_ENTITIES or depth > DEEPEST:
+            raise GeometryError(
+                f"{path}: its blocks (INSERT) hold more than {MOST_ENTITIES} entities, or blocks "
+                f"more than {DEEPEST} deep; save a drawing that has only the arch"
+            )
+        outer = entity if reference is None else reference
+        for each in _exploded(entity):
+            own = each.dxf.layer  # what is on layer 0 is seen on that of the reference
+            look(each, layer if own == "0" else own, outer, depth + 1)
+
+    for entity in document.modelspace():
+        look(entity, entity.dxf.layer, None, 0)
+    return parts, hidden
+
+
+def _exploded(reference: Any) -> Iterator[Any]:
+    """Entities of a reference to a block where it puts them, of all its rows and columns."""
+    skipped: list[Any] = []
+    for each in reference.multi_insert() if reference.mcount > 1 else [reference]:
+        yield from each.virtual_entities(
+            skipped_entity_callback=lambda entity, reason: skipped.append(entity)
+        )
+    yield from skipped  # which cannot be moved, and are refused if they are on a layer of the arch
+
+
+def _chosen(
+    given: str | Sequence[str] | None, parts: list[_Part], hidden: Counter[str], path: str
+) -> dict[str, str]:
+    """Layers of the blocks: their names in small letters, and as the drawing has them."""
+    shown = {part.layer.casefold(): part.layer for part in parts}
+    closed = Counter(part.layer for part in parts if part.kind in _POLYLINES)
+    names = [given] if isinstance(given, str) else list(given or ())
+    names = names or list(closed) * (len(closed) == 1)
+    listed = ", ".join(f"{name} ({count})" for name, count in sorted(closed.items()))
+    others = f"; layers with polylines: {listed}" if closed else ""
+    if hiding := [name for name, count in sorted(hidden.items()) if count]:
+        others += f"; frozen or off, and not read: {', '.join(hiding)}"
+    for name in names:
+        if name.casefold() in map(str.casefold, hiding):
+            raise GeometryError(f"{path}: layer {name} is frozen or off; thaw it and turn it on")
+    lost = next((name for name in names if name.casefold() not in shown), None)
+    if lost is not None:
+        raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")
+    layers = {name.casefold(): shown[name.casefold()] for name in names}
+    if not names and closed:
+        raise GeometryError(
+            f"{path}: several layers have polylines: {listed}; give the layer of the blocks, or "
+            "the layers: [A, B]"
+        )
+    if not set(closed) & set(layers.values()):
+        there = [part for part in parts if not layers or part.layer.casefold() in layers]
+        texts = _counted(there, {id(part.reference) for part in there}) or "nothing"
+        raise GeometryError(f"{path}: no polyline is seen, but {texts}; {_WHAT_TO_DRAW}{others}")
+    return layers
+
+
+def _counted(parts: list[_Part], used: set[int]) -> str:
+    """Count entities by kind and layer, and references to blocks of which nothing is used."""
+    whole = {id(p.reference): p.reference for p in parts if id(p.reference) not in used}
+    kinds = Counter((p.kind, p.layer) for p in parts if not p.reference or id(p.reference) in used)
+    blocks = Counter((r.dxf.name, r.dxf.layer) for r in whole.values() if r is not None)
+    texts = [f"{n} {kind} on layer {layer}" for (kind, layer), n in sorted(kinds.items())]
+    texts = [
+        *(f"{n} block{'s' * (n > 1)} (INSERT of {name}) on layer {layer}"
+          for (name, layer), n in sorted(blocks.items())),
+        *texts,
+    ]  # fmt: skip
+    more = len(texts) - _MOST_LISTED
+    return ", ".join(texts[:_MOST_LISTED]) + f" and {more} more kinds" * (more > 0)
+
+
+def _fills(hatch: Any, blocks: list[FloatArray]) -> bool:
+    """Whether a hatch is that of blocks which are drawn: the middle of each boundary is in one."""
+    shapes = [shapely.Polygon(block) for block in blocks]
+    try:
+        paths = list(ezdxf.path.from_hatch(hatch))
+    except Exception:  # ezdxf raises of all kinds for damaged boundaries
+        return False
+    middles = [np.mean([(p.x, p.y) for p in path.control_vertices()], axis=0) for path in paths]
+    points = shapely.points(np.reshape(middles, (-1, 2)))
+    return all(shapely.covers(shapes, point).any() for point in points)
 
 
 def _outline(entity: Any, name: str) -> FloatArray:

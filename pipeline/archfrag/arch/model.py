@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import bridge, checks
+from archfrag.arch import bridge, checks, facts
 from archfrag.arch import ring as rings
 from archfrag.errors import GeometryError
 from archfrag.files import counted
@@ -126,6 +127,24 @@ class Arch:
 
         return tie_lines(self)
 
+    @property
+    def tie_bodies(self) -> NDArray[np.int64]:
+        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
+        ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
+        return ties[:, :2].astype(np.int64) - 1
+
+    @property
+    def fill_outlines(self) -> list[NDArray[np.float64]]:
+        """Outlines of fill and backing, for drawing, (m, 2) each [m]; empty without fill."""
+        from archfrag.arch.shown import fill_outlines
+
+        return fill_outlines(self)
+
+    def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        from archfrag.arch.shown import frame
+
+        return frame(self, *motion)
+
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
         return ("intrados", "extrados")[corner != self.flipped]
@@ -183,7 +202,7 @@ class Arch:
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
         given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
-        return cls(**_fields("circular", given, ring, friction, **material))
+        return cls(**_fields("circular", given, ring, friction, **material))._warned()
 
     @classmethod
     def segmental(
@@ -258,7 +277,7 @@ class Arch:
         ring = ring_of(span, rise, thickness, position, **own)
         shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
         shape |= own | {"joints": _plain(joints)}
-        return cls(**_fields(profile, shape, ring, friction, **material))
+        return cls(**_fields(profile, shape, ring, friction, **material))._warned()
 
     @classmethod
     def from_joints(
@@ -301,7 +320,7 @@ class Arch:
             )
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = rings.straight_ring(inner, outer)
-        return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))
+        return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))._warned()
 
     @classmethod
     def from_polygons(
@@ -311,7 +330,7 @@ class Arch:
     ) -> Arch:  # fmt: skip
         """Build a chain of simple polygons in any order; edges that two share become joints.
 
-        It needs the extra `drawing`. Outlines must neither cross themselves nor overlap.
+        Outlines must neither cross themselves nor overlap.
 
         Parameters
         ----------
@@ -342,26 +361,30 @@ class Arch:
 
         drawn = Blocks.from_points(outlines, ground)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
 
     @classmethod
     def from_dxf(
-        cls, path: str | Path, friction: ArrayLike, *, layer: str | None = None,
+        cls, path: str | Path, friction: ArrayLike, *, layer: str | Sequence[str] | None = None,
         unit: str | None = None, thickness_factor: float = 1.0, tolerance: float | None = None,
         **material: Any,
     ) -> Arch:  # fmt: skip
-        """Build a chain from the blocks of a DXF drawing; it needs the extra `drawing`.
+        """Build a chain from the blocks of a DXF drawing.
 
-        `GeometryError` names file, layer and handle of what is no block or does not fit.
+        `GeometryError` names file, layer and handle of what is no block or does not fit. A warning
+        counts what else the drawing shows but for text and dimensions. What is frozen, off or
+        invisible is not read.
 
         Parameters
         ----------
         path : str or Path
             Its blocks are closed polylines (LWPOLYLINE or 2D POLYLINE, sides straight or arcs) of
-            one layer; a LINE of that layer shows an edge on the ground.
-        layer, unit : str, optional
-            Layer of the blocks; the only one with polylines if not given. m, dm, cm, mm, in or ft;
-            overrides what the drawing states ($INSUNITS).
+            one or more layers, drawn or inserted (INSERT); a LINE of these layers shows an edge on
+            the ground.
+        layer : str or sequence of str, optional
+            Layer or layers of the blocks; the only one with polylines if not given.
+        unit : str, optional
+            m, dm, cm, mm, in or ft; overrides what the drawing states ($INSUNITS).
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
         """
@@ -369,8 +392,10 @@ class Arch:
         from archfrag.arch.polygons import polygon_shape
 
         drawn = read_drawing(path, layer, unit)
+        if drawn.caution:
+            warnings.warn(drawn.caution, UserWarning, stacklevel=2)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))
+        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
 
     def tied(
         self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
@@ -418,7 +443,7 @@ class Arch:
         return Arch(**{
             **vars(self), "chain": self.chain._replace(tie=np.array(ties)),
             "parameters": {**self.parameters, "ties": ties_told},
-        })  # fmt: skip
+        })._warned(f"ties[{len(ties) - 1}]")  # fmt: skip
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
         """Return the arch with joints that transmit nothing near their ends.
@@ -531,7 +556,12 @@ class Arch:
         if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):
             names = ", ".join(sorted(later))
             raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
-        return Arch(**self.again(**more))
+        return Arch(**self.again(**more))._warned(*more)
+
+    def _warned(self, *keys: str) -> Self:
+        """Return the arch after warnings of values that are probably in another unit."""
+        facts.warn_of_units(self, *keys)
+        return self
 
 
 class Block(Arch):
@@ -563,6 +593,7 @@ class Block(Arch):
         ring = rings.straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
         super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
+        self._warned()
 
 
 def _fields(

@@ -1,4 +1,4 @@
-"""Chains from simple polygons: edges that two blocks share become joints. It needs shapely."""
+"""Chains from simple polygons: edges that two blocks share become joints."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,12 +6,13 @@ from itertools import pairwise
 from typing import Any, NoReturn, Self
 
 import numpy as np
+import shapely
 
 from archfrag.arch import checks
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import cross, middle_of, outline_section, place_text, sampled
 from archfrag.arch.ring import Ring
-from archfrag.errors import GeometryError, from_extra
+from archfrag.errors import GeometryError
 
 TOLERANCE = 1e-5  # of the size of all, within which corners and edges are the same
 _SHORTEST = 10.0  # joint, in tolerances
@@ -26,8 +27,9 @@ class Blocks:
     ground: list[_Segment]  # none where ends stand opposite to their joints
     names: list[str]  # of the blocks
     ground_names: list[str]
-    layer: str = ""  # of a drawing, and its unit
+    layer: str = ""  # or layers of a drawing, its unit, and what it shows besides the blocks
     unit: str = ""
+    caution: str = ""
     tolerance: float = 0.0  # within which corners and edges are the same [m]
     # On the way to a chain, of each block: the other blocks with the joint, along its own edges.
     joints: list[dict[int, _Segment]] = field(default_factory=list)
@@ -184,7 +186,6 @@ def _places_along(
 
 def _check_simple(given: Blocks) -> None:
     """Refuse outlines that cross themselves, have no area, or overlap."""
-    shapely = from_extra("shapely", "drawing")
     points = [sampled(outline) for outline in given.outlines]
     shapes = np.array([shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points])
     least = given.tolerance
@@ -204,7 +205,6 @@ def _check_simple(given: Blocks) -> None:
 
 def _find_joints(given: Blocks) -> None:
     """Joints of blocks with each other and with the ground, whose lines count after the blocks."""
-    shapely = from_extra("shapely", "drawing")
     count, names = len(given.outlines), given.names + given.ground_names
     edges: list[_Segment] = []
     owner: list[int] = []
@@ -293,7 +293,6 @@ def _walk(given: Blocks) -> list[int]:
     while ahead := [other for other in given.joints[order[-1]] if other not in order[-2:]]:
         order.append(ahead[0])
     if apart := set(range(len(names))) - set(order):
-        shapely = from_extra("shapely", "drawing")
         shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
         gap, one, near = min((shapes[a].distance(shapes[b]), a, b) for a in order for b in apart)
         given.refuse(

@@ -19,7 +19,7 @@ _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
 _SPREADS = 10  # parts of a spread in a table
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
-_TYPES = {"voussoirs": int, "drawing": str, "layer": str, "drawing_unit": str}  # others: float
+_TYPES = {"voussoirs": int, "drawing": str, "drawing_unit": str}  # others: float
 _OPTIONS = {
     "voussoirs": "Number of voussoirs.",
     "friction": "Coulomb coefficient; inf is allowed.",
@@ -31,7 +31,6 @@ _OPTIONS = {
     "width": "Width of a block [m].",
     "height": "Height of a block [m].",
     "drawing": "DXF file with the blocks: closed polylines, and lines on the ground.",
-    "layer": "Layer of the drawing; the only one with polylines if not given.",
     "drawing_unit": "Unit of the drawing: m, dm, cm, mm, in or ft; what it states if not given.",
 }
 
@@ -41,7 +40,11 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
+        from archfrag.arch.facts import unit_cautions
+
         given = {name: options.pop(name) for name in ("profile", *_OPTIONS)}
+        layers = [name for text in options.pop("layer") for name in text.split(",")]
+        given["layer"] = layers or None
         given["unit"] = given.pop("drawing_unit")
         entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
         if entry.drawing is not None:
@@ -51,7 +54,10 @@ def _takes_arch(command: Callable) -> Callable:
         if entry.vary is not None:
             samples = f"its {entry.vary.samples} samples are --arch {entry.id}-0001 and so on"
             warn(f"{entry.id} as given, without vary; {samples}")
-        command(entry.build(), **options)
+        arch = entry.build()
+        for caution in unit_cautions(arch):
+            warn(f"caution: {caution}")
+        command(arch, **options)
 
     return takes(
         click.option("--study", type=PATH, metavar="STUDY", help="Study file with the arch."),
@@ -62,6 +68,9 @@ def _takes_arch(command: Callable) -> Callable:
                      show_default=True),
         *(click.option(f"--{name.replace('_', '-')}", type=_TYPES.get(name, float), help=text)
           for name, text in _OPTIONS.items()),
+        click.option("--layer", multiple=True, metavar="NAME,...",
+                     help="Layer of the drawing; the only one with polylines if not given. "
+                     "Repeatable."),
     )(wrapped)  # fmt: skip
 
 
@@ -121,6 +130,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 
     The figure shows the arch with hinges and thrust line at onset.
     """
+    from archfrag.arch.facts import facts_of, facts_text
     from archfrag.simulate import onset as find_onset
     from archfrag.study.files import finite, write_text
 
@@ -137,7 +147,8 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
     text = "\n".join(lines) if start.stands else "does not stand under its own weight"
-    facts = {name: getattr(start, name) for name in names}
+    text += f"\n{facts_text(arch)}"
+    facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
     if start.stands and spread is not None:
         from archfrag.simulation.springings import springing_path
 

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import shlex
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ def validate(study: Any, as_json: bool) -> None:
     parts = ", ".join(counted(found[key], noun) for key, noun in nouns.items())
     runs = f"{found['extent']} {counted(found['runs'], 'run')}".removeprefix("exactly ")
     text = f"{path}: in order; {parts}, {runs} by design {found['design']}"
-    texts = text, *found["drawings"], *found["classes"], *found["partners"]
+    texts = text, *found["drawings"], *found["facts"], *found["classes"], *found["partners"]
     show(found, "\n  ".join(texts), as_json)
     for caution in () if as_json else found["cautions"]:
         warn(f"caution: {caution}")
@@ -102,8 +102,14 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
 
     if anything:
         from archfrag.study.answer.fits import fit_lines, load_fits
+        from archfrag.study.checks import arch_texts
 
-        answers, cautions = fit_lines(study, load_fits(study))
+        for line in (line for text in arch_texts(study) for line in wrapped(text, 8)):
+            echo(line)
+        fitted = load_fits(study)
+        answers, cautions = fit_lines(study, fitted)
+        for found in _rates(study, *fitted):
+            answers, cautions = answers + found[0], cautions + found[1]
         for line in (line for answer in answers for line in wrapped(answer, 8)):
             echo(line)
         for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
@@ -114,6 +120,24 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
     if report.is_relative_to(Path.cwd()):
         report = report.relative_to(Path.cwd())
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
+
+
+def _rates(
+    study: Any, arches: Any, classes: Any, cube: Any
+) -> Iterator[tuple[list[str], list[str]]]:
+    """Lines and cautions on the rates of collapse, if the study has a hazard."""
+    if study.risk is None:
+        return
+    from archfrag.errors import attempt
+    from archfrag.study.answer.curves import quoted
+    from archfrag.study.answer.risk import risk_lines, risk_of_study
+
+    with cube:
+        risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
+    if isinstance(risk, str):
+        yield [], [f"no rates of collapse: {risk}"]
+    elif risk is not None:
+        yield risk_lines(risk)
 
 
 @click.command()

@@ -6,7 +6,6 @@ with slope 1 / beta, in which all likelihoods are concave: there is one maximum,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -129,37 +128,6 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
     ends = np.concatenate([low, high])
     n_ends = int(np.unique(ends[np.isfinite(ends)]).size)
     return Fragility(*known, -float(loss[0]), n_ends, lower.size, "brackets")
-
-
-def common_draws(
-    brackets: Sequence[tuple[FloatArray, FloatArray]], event: ArrayLike | None = None,
-    resamples: int = 400, seed: int = 1,
-) -> FloatArray:  # fmt: skip
-    """theta and beta of several arches in a bootstrap of their common records.
-
-    Each draw takes the same records, by whole events, for all arches, whose capacities lie in
-    `brackets`, (lower, upper) of (n_record,) each. Returned are (n_draw, n_arch, 2); draws that
-    determine no curve are left out.
-    """
-    counts = draws_of_records(event, len(brackets[0][0]), seed, resamples)
-    found = []
-    for size in np.unique(counts.sum(axis=1)):
-        same = counts[counts.sum(axis=1) == size]
-        drawn = np.array([np.repeat(np.arange(row.size), row) for row in same])
-        with np.errstate(divide="ignore"):
-            ends = [[np.log(np.asarray(end))[drawn] for end in each] for each in brackets]
-        # As in `fit_brackets`: no curve where one capacity would agree with all, or none is known.
-        good = [
-            (low.max(axis=1) > high.min(axis=1)) & np.isfinite(low + high).any(axis=1)
-            for low, high in ends
-        ]
-        kept = np.logical_and.reduce(good)
-        if kept.any():
-            fits = [normal_lines(np.ones((size, 1)), low[kept], high[kept]) for low, high in ends]
-            found.append(np.stack([
-                np.column_stack([np.exp(mean[:, 0]), deviation]) for mean, deviation, *_ in fits
-            ], axis=1))  # fmt: skip
-    return np.concatenate(found) if found else np.zeros((0, len(brackets), 2))
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:

@@ -110,6 +110,7 @@ class CollapseRate:
     confidence: float
     below: float  #: fractions of `rate` from below and above the hazard curve, which is extended
     above: float
+    below_onset: float = 0.0  #: what a curve has below the onset of motion, not in `rate` [1/year]
 
     @property
     def outside(self) -> float:
@@ -140,42 +141,53 @@ class CollapseRate:
 
 def collapse_rate(
     hazard: HazardCurve, curve: Fragility, draws: tuple[ArrayLike, ArrayLike] | None = None,
-    confidence: float = 0.9,
+    confidence: float = 0.9, onset: ArrayLike = 0.0,
 ) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
 
     `draws` are theta and beta, (n_draw,) each, from `parameter_draws`, of a class those of its
     lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
-    hazard's extension below its first point adds to each is at most its rate at this point.
+    hazard's extension below its first point adds to each is at most its rate at this point. Below
+    `onset`, one intensity or one for each of the curve's parts, nothing collapses.
     """
     at, ends = np.log(hazard.im), tails(confidence)
-    parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
+    parts = rate_by_level(hazard, curve, hazard.im[[0, -1]], onset)
     rate = float(parts.sum())
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
     mean = lower = upper = np.nan
     if draws is not None:
-        each = _lognormal(hazard, at, *draws)
+        least = np.min(onset)
+        each = _lognormal(hazard, at, *draws, least)
         each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
         rates = each.sum(axis=-1)
         if curve.members is not None:
-            rates *= rate / float(_lognormal(hazard, at, curve.theta, curve.beta).sum())
+            whole = float(_lognormal(hazard, at, curve.theta, curve.beta, least).sum())
+            rates *= rate / whole if whole > 0.0 else 0.0
         if below + above <= MOST_OUTSIDE:
             mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
-    return CollapseRate(rate, mean, lower, upper, confidence, float(below), float(above))
+    left_out = float(rate_by_level(hazard, curve, hazard.im[:1]).sum()) - rate
+    return CollapseRate(
+        rate, mean, lower, upper, confidence, float(below), float(above), max(left_out, 0.0)
+    )
 
 
-def lognormal_rates(hazard: HazardCurve, theta: ArrayLike, beta: ArrayLike) -> FloatArray:
+def lognormal_rates(
+    hazard: HazardCurve, theta: ArrayLike, beta: ArrayLike, onset: ArrayLike = 0.0
+) -> FloatArray:
     """Mean annual frequency of collapse of lognormal curves (...), (...) [1/year]."""
-    return _lognormal(hazard, np.log(hazard.im), theta, beta).sum(axis=-1)
+    return _lognormal(hazard, np.log(hazard.im), theta, beta, onset).sum(axis=-1)
 
 
-def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
+def rate_by_level(
+    hazard: HazardCurve, curve: Fragility, edges: ArrayLike, onset: ArrayLike = 0.0
+) -> FloatArray:
     """Rate of collapse by motions from 0 to the first of the rising `edges`, (n_edge,), between
-    edges, and from the last on, (n_edge + 1,) [1/year].
+    edges, and from the last on, (n_edge + 1,) [1/year]. `onset` as for `collapse_rate`.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
-    rates = _lognormal(hazard, cuts, *curve.parts.T).mean(axis=0)
+    theta, beta = curve.parts.T
+    rates = _lognormal(hazard, cuts, theta, beta, onset).mean(axis=0)
     level = np.searchsorted(edges, np.append(-np.inf, cuts), side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
@@ -190,26 +202,34 @@ def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[Float
 
 
 def _lognormal(
-    hazard: HazardCurve, cuts: FloatArray, theta: ArrayLike, beta: ArrayLike
-) -> FloatArray:
-    """Rates of lognormal curves (...) from im = 0 to infinity, cut at ln im, (..., n_cut + 1).
+    hazard: HazardCurve, cuts: FloatArray, theta: ArrayLike, beta: ArrayLike,
+    onset: ArrayLike = 0.0,
+) -> FloatArray:  # fmt: skip
+    """Rates of lognormal curves (...) from `onset` to infinity, cut at ln im, (..., n_cut + 1).
 
     By parts: [-Phi lambda] + integral of lambda dPhi, and the latter with lambda = c e^(-k x) is
     lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k beta)], z = (x - ln theta) / beta.
     """
     theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
-    log_theta = np.log(theta)
+    log_theta, least = np.log(theta), log_intensity(onset)[..., None]
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
     anchor, log_rate, k = hazard.pieces(left)
-    a, b = (left - log_theta) / beta, (right - log_theta) / beta
+    (low, a, lower), (high, b, upper) = (
+        _end(hazard, np.maximum(end, least), log_theta, beta) for end in (left, right)
+    )
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
-    part = ndtr(b[..., :-1]) * hazard.rate_at(np.exp(cuts))
-    none = 0.0 * part[..., :1]
-    lower, upper = np.concatenate([none, part], axis=-1), np.concatenate([part, none], axis=-1)
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
-    return np.where(k > 0.0, np.maximum(lower - upper + moved, 0.0), 0.0)
+    return np.where((k > 0.0) & (low < high), np.maximum(lower - upper + moved, 0.0), 0.0)
+
+
+def _end(
+    hazard: HazardCurve, x: FloatArray, log_theta: FloatArray, beta: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """An end ln im of pieces, z there, and Phi lambda, which is 0 at both ends of all pieces."""
+    z, known = (x - log_theta) / beta, np.isfinite(x)
+    return x, z, np.where(known, ndtr(z) * hazard.rate_at(np.exp(np.where(known, x, 0.0))), 0.0)
 
 
 @dataclass(frozen=True)

@@ -1,38 +1,22 @@
-"""An arch with hinges and thrust lines at onset, and in motion: a run simulated again.
-
-CSS moves each voussoir from key frame to key frame without a script. Paper, and readers who ask
-for reduced motion, get four still frames.
-"""
+"""An arch with hinges and thrust lines at onset, and runs of it that are simulated again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
-from numpy.typing import ArrayLike
 
-from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
 from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.report import drawing as look
-from archfrag.report import html
-from archfrag.report.drawing import NARROW, Entry, FloatArray, Panel, Sheet, even_ticks, figure
-from archfrag.report.html import TEXTS, Picture, digits, onset_text
+from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, figure
+from archfrag.report.html import digits, onset_text
 from archfrag.report.inputs import ArchResults, ReportInputs, study_config
 from archfrag.simulate import Onset, simulate
 from archfrag.simulation.response import Response
 
-LONGEST = 8.0  # [s] of a run, shown in real time
-_MOST_FRAMES = 40
-_MOST_TRANSFORMS = 2400  # voussoirs by frames: about 50 bytes each
-_CANDIDATES = 600
-_HOLD = 1.5  # [s] that the last frame stays
-_SMALL = 0.1  # largest rotation [rad] of a motion that is drawn three times as large
-_STRIP = 46.0  # [px] of the ground's acceleration
 Chosen = tuple[int, int, str]  # record, level, and why this run
-Film = tuple[Picture, Picture]  # in motion, and still frames
-Frames = tuple[FloatArray, FloatArray, FloatArray]  # time [s], centroids [m], rotations [rad]
 
 
 @figure
@@ -43,7 +27,7 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tu
         return f"{name}, which does not stand under its own weight", "There is no onset."
     key = [
         Entry("thrust at onset", look.VERMILION, "line"),
-        Entry("thrust, self-weight", look.SOFT, "dash"),
+        Entry("thrust at rest", look.SOFT, "dash"),
         Entry("hinge", look.BLUE, "dot"),
     ]
     if len(onset.sliding) or len(onset.sliding_minus):
@@ -94,29 +78,48 @@ def _at_onset(
 def arch_panel(
     sheet: Sheet, arch: Arch, middle: float, top: float, most: tuple[float, float]
 ) -> Panel:
-    """Draw the voussoirs to scale below `top`, within a width and height [px]."""
-    points = np.concatenate(arch.outlines)
+    """Draw bodies, fill and ties to scale below `top`, within a width and height [px]."""
+    fill = arch.fill_outlines
+    points = np.concatenate([*arch.outlines, *fill])
     low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
     wide, high = (min(np.divide(most, size)) * size).tolist()
     box = (middle - 0.5 * wide, top, middle + 0.5 * wide, top + high)
     panel = Panel(sheet, box, (low[0], low[0] + size[0]), (low[1], low[1] + size[1]))
-    for outline in arch.outlines:
+    kinds = ["earth", "backing"][: len(fill)] + ["stone"] * arch.n_voussoir
+    for kind, outline in zip(kinds, [*fill, *arch.outlines]):
         x, y = np.transpose(outline)
         d = look.trace(panel.at_x(x), panel.at_y(y))
-        sheet.path(f"{d}z", kind="stone", stroke_width=0.8)
+        sheet.path(f"{d}z", kind=kind, stroke_width=0.8)
     for line in arch.tie_lines:
         x, y = line.T
         panel.line(x, y, look.BLUE, 1.6)
     return panel
 
 
-def _label_joint(panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str) -> None:
-    """Write words outward of the extrados of a joint, so many pixels away."""
-    place, outward = arch.extrados[joint], arch.extrados[joint] - arch.intrados[joint]
-    right, up = away * outward / np.linalg.norm(outward)
-    x, y = float(panel.at_x(place[0])), float(panel.at_y(place[1]))
-    side = "m" if abs(right) < 0.3 * away else "e" if right < 0.0 else ""
-    panel.sheet.text(x + right, y - up + 3.5, words, f"{kind} {side}".rstrip())
+def _label_joint(
+    panel: Panel, arch: Arch, joint: int, away: float, words: str, kind: str,
+    others: list[FloatArray] | None = None,
+) -> bool:  # fmt: skip
+    """Write words outward of the extrados of a joint, or inward of its intrados if `away` [px] is
+    negative.
+
+    They are not written where they would cover one of the `others`, boxes of words to which theirs
+    is added. Returned is whether they were.
+    """
+    along = arch.extrados[joint] - arch.intrados[joint]
+    place = arch.extrados[joint] if away > 0.0 else arch.intrados[joint]
+    right, up = away * along / np.linalg.norm(along)
+    x, y = float(panel.at_x(place[0])) + right, float(panel.at_y(place[1])) - up + 3.5
+    side = "m" if abs(right) < 0.3 * abs(away) else "e" if right < 0.0 else ""
+    if others is not None:
+        wide = look.text_width(words, look.SMALL)
+        left = x - wide * {"m": 0.5, "e": 1.0, "": 0.0}[side]
+        box = np.array([left - 3.0, y - 8.5, left + wide + 3.0, y + 3.0])
+        if any(((box[:2] < other[2:]) & (box[2:] > other[:2])).all() for other in others):
+            return False
+        others.append(box)
+    panel.sheet.text(x, y, words, f"{kind} {side}".rstrip())
+    return True
 
 
 def draw_hinges(panel: Panel, arch: Arch, hinges: Sequence[tuple[int, str]]) -> None:
@@ -135,17 +138,15 @@ def lost_joints(sheet: Sheet, arch: Arch, results: ArchResults) -> str | None:
         return None
     most = min(sheet.width, 480.0) - 110.0, 240.0
     panel = arch_panel(sheet, arch, 0.5 * sheet.width, 28.0, most)
-    named = list[FloatArray]()  # where
+    named = list[FloatArray]()  # boxes of words: left, top, right, bottom
     for i in np.argsort(-counts, kind="stable"):
         joint, part = int(joints[i]), counts[i] / counts.sum()
         x, y = 0.5 * (arch.intrados[joint] + arch.extrados[joint])[:, None]
         radius = float(2.0 + 8.0 * np.sqrt(counts[i] / counts.max()))
         panel.dots(x, y, look.VERMILION, "hinge", radius)
-        here, room = np.concatenate([panel.at_x(x), panel.at_y(y)]), (28.0, 11.0)
-        if all((np.abs(here - other) > room).any() for other in named):
-            named.append(here)
-            words = f"{100 * part:.0f} %"
-            _label_joint(panel, arch, joint, 14.0, words, "s")
+        words = f"{100 * part:.0f} %"
+        if not _label_joint(panel, arch, joint, 14.0, words, "s", named):
+            _label_joint(panel, arch, joint, -14.0, words, "s", named)
     sheet.height = panel.box[3] + 14.0
     return f"Joints of {results.arch} that lost contact for good, by how often"
 
@@ -161,6 +162,7 @@ class Example:
     response: Response
     reason: str  #: why this run was chosen
     same: bool  #: whether it ended as in the study: status, steps and time of collapse
+    ground: str = "the ground"  #: what its motion is relative to
 
 
 def choose(results: ArchResults, median: float | None) -> Chosen | None:
@@ -219,94 +221,5 @@ def repeat(
     about = "" if results.own_levels is None else "about "
     scale = results.scale
     shown = f"{about}{scale.measure} = {digits(results.levels[level])} {scale.unit}"
-    return Example(arch, motion, factor, shown, response, reason, same)
-
-
-def key_frames(example: Example) -> Frames | None:
-    """Frames between which linear motion comes closest to the run's; None if nothing moves."""
-    time, shift, rotation = example.response._arrays()
-    start, end = example.response._window(LONGEST)
-    if start == end:
-        return None
-    size = float(np.ptp(np.concatenate(example.arch.outlines), axis=0).max())
-    state = np.dstack([shift, 0.1 * size * rotation]).reshape(time.size, -1)
-    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")) - 1
-    rows = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
-    most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
-    kept = rows[_most_telling(time[rows], state[rows], most)]
-    centroid = np.asarray(example.arch.centroids, dtype=float)
-    return time[kept], centroid + shift[kept], rotation[kept]
-
-
-def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
-    """Rows with first and last, added one by one where the state is farthest from linear."""
-    kept = np.array([0, len(time) - 1])
-    while kept.size < min(most, len(time)):
-        right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
-        a, b = kept[right - 1], kept[right]
-        part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
-        error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
-        error[kept] = -1.0
-        kept = np.sort(np.append(kept, int(error.argmax())))
-    return kept
-
-
-def film(example: Example, name: str, title: str, enlarged: bool = False) -> Film | None:
-    """A run in motion, if small maybe `enlarged`, and four frames of it; None if nothing moves."""
-    frames = key_frames(example)
-    if frames is None:
-        return None
-    arch, (time, place, rotation) = example.arch, frames
-    points, centroid = np.concatenate(arch.outlines), np.asarray(arch.centroids, dtype=float)
-    larger = 3.0 if enlarged and np.abs(rotation).max() < _SMALL else 1.0
-    place, rotation = centroid + larger * (place - centroid), larger * rotation
-    low, high = points.min(axis=0), points.max(axis=0)
-    size, seen = float((high - low).max()), place.reshape(-1, 2)
-    low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - 0.06 * size
-    high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + 0.06 * size
-    wide, tall = (high - low).tolist()
-    scale = min(NARROW / wide, 300.0 / tall)
-    origin, height = (low[0] - 0.5 * (NARROW / scale - wide), high[1]), scale * tall
-
-    def pixels(points: FloatArray, at: ArrayLike) -> FloatArray:  # where pixel 0, 0 is `at` [m]
-        return scale * (points - np.asarray(at)) * (1.0, -1.0)
-
-    moves = np.dstack([pixels(place, origin), -np.rad2deg(rotation)])
-    duration, reach = float(time[-1] - time[0]) + _HOLD, np.abs(rotation).max(axis=1)
-    stills = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
-    if not example.response.collapsed:
-        parts = np.array_split(np.arange(time.size), min(4, time.size))
-        stills = [int(part[reach[part].argmax()]) for part in parts]
-    what = f"{title}: {arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
-    # The acceleration of the ground stands below.
-    sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
-    box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
-    panel = Panel(sheet, box, ends, (-1.0, 1.0))
-    peak = f"{draw_ground(panel, example, 240):.2g} g"
-    panel.axis_x(even_ticks(*ends, 6), f"time [s], with the ground acceleration (peak {peak})")
-    outlines = zip(map(np.asarray, arch.outlines), centroid)
-    drawn = {
-        "name": name, "label": what, "width": NARROW, "height": height, "strip": _STRIP,
-        "shapes": [look.trace(*pixels(outline, at).T) for outline, at in outlines],
-        "rest": pixels(centroid, origin).tolist(), "moves": moves.swapaxes(0, 1).tolist(),
-        "percent": (100.0 * (time - time[0]) / duration).tolist(), "duration": duration,
-        "time": time, "stills": stills, "ground": Markup("".join(sheet.parts)),
-    }  # fmt: skip
-    shown = "true to scale" if larger == 1.0 else "drawn three times as large as it is"
-    facts = {"what": what, "reason": example.reason, "frames": time.size, "size": shown}
-    caption = TEXTS["film"]["caption"].format(**facts, start=time[0], end=time[-1])
-    strip = html.template("stills.html.j2", **drawn, columns=len(stills), kind="strip")
-    return Picture(html.template("film.html.j2", **drawn), caption), Picture(strip, what)
-
-
-def draw_ground(panel: Panel, example: Example, bins: int) -> float:
-    """Draw the acceleration of the ground [g] in a panel over time; return its peak."""
-    acceleration = example.motion.acceleration * (example.factor / STANDARD_GRAVITY)
-    times = np.arange(acceleration.size) * example.motion.dt
-    start, end = panel.x
-    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
-    place, low, high = look.envelope(np.interp(shown, times, acceleration, right=0.0), bins)
-    peak = max(float(np.abs([low, high]).max()), 1e-9)
-    panel.y = (-1.05 * peak, 1.05 * peak)
-    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)
-    return peak
+    ground = "the ground at its left end" if method["far"] else "the ground"
+    return Example(arch, motion, factor, shown, response, reason, same, ground)

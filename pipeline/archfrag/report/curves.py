@@ -166,11 +166,21 @@ def all_curves(
     shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
     for own, (name, fit) in zip(strokes, named.items()):
         draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, own)
-    caption = words["bands" if shaded else "curves"]
-    caption += words["classes"] * bool(classes) + words["at"] * (at is not None)
+    kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
+    whose = f"class {next(iter(classes))}" if one else "a class"
+    caption = words["bands" if shaded else "curves"].format(kind=kind)
+    caption += words["classes"].format(whose=whose) * bool(classes) + words["at"] * (
+        at is not None
+    )
+    if shaded:
+        caption += (
+            "".join(map(_band_words, classes.values()))
+            if one
+            else words["several"] * bool(classes)
+        )
     what = f"Fragility curves of {len(known)} arches against {scale.label}. "
     what += _medians(named | dict(list(known.items())[:40]), scale)
-    return what, caption + "".join(map(_band_words, classes.values()))
+    return what, caption
 
 
 @figure

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.fragility.curve import FloatArray
-from archfrag.report.html import TEXTS, Picture, number
+from archfrag.report.html import TEXTS, Picture, number, raised
 
 Range = tuple[float, float]
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
@@ -28,7 +28,6 @@ BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE = "#D55E00", "#CC79A7"
 INK, SOFT, GREY, PALE = "#1f2933", "#52606d", "#7b8794", "#d3dae2"
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 HATCHES = ("slash", "dots", "cross")  # white patterns over a colour, drawn by the page's template
 
 
@@ -164,9 +163,8 @@ class Panel:
     def band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str, opacity: float = 0.3
     ) -> None:
-        place, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
-        d = trace(np.append(place, place[::-1]), np.append(upper, lower[::-1]))
-        self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
+        d = ribbon(self.at_x(x), self.at_y(low), self.at_y(high))
+        self.sheet.path(d, fill=colour, fill_opacity=opacity)
 
     def dots(
         self, x: ArrayLike, y: ArrayLike, colour: str, mark: str = "dot", radius: float = 3.0
@@ -262,8 +260,7 @@ def panel_below(
 def tick_label(value: float) -> str:
     """A number as :g writes it, but with powers of ten: 0.2, 10⁻⁵, 5·10⁻⁵."""
     number, _, power = f"{value:g}".partition("e")
-    raised = f"·10{str(int(power)).translate(_RAISED)}" if power else ""
-    return f"{number}{raised}".removeprefix("1·")
+    return f"{number}·{raised(power)}".removeprefix("1·") if power else number
 
 
 def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
@@ -319,6 +316,12 @@ def trace(x: FloatArray, y: FloatArray) -> str:
     points = [f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y)]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
+
+
+def ribbon(x: FloatArray, low: FloatArray, high: FloatArray) -> str:
+    """Closed path between two lines; empty without a point."""
+    d = trace(np.append(x, x[::-1]), np.append(high, low[::-1]))
+    return d + "z" if d else ""
 
 
 def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:

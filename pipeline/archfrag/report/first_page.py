@@ -1,6 +1,8 @@
 """First page of the report: the answer in a sentence, the arch to scale, the curve, a collapse."""
 
 import datetime
+import json
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -8,21 +10,25 @@ from markupsafe import Markup
 
 import archfrag
 from archfrag.arch import Arch
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import Answer
 from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.arch import Example, arch_panel, draw_hinges, film
+from archfrag.report.arch import Example, arch_panel, draw_hinges
 from archfrag.report.curves import curve_panel, draw_curve
 from archfrag.report.drawing import Entry, Panel, Sheet, figure
-from archfrag.report.html import Picture
-from archfrag.report.inputs import ReportInputs, thetas
+from archfrag.report.html import TEXTS, Picture
+from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
+from archfrag.report.limits import short, study_aspects
+from archfrag.report.moving import film
+from archfrag.report.ratios import before_and_after
 from archfrag.simulate import Onset
 from archfrag.study.answer.curves import arch_classes, quoted
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _HALF = 560.0  # width of the curve [px]
-_MOST = 270.0, 180.0  # width and height of the arch [px]
+_MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, and of two [px]
 
 
 def leading(inputs: ReportInputs) -> tuple[str, Answer]:
@@ -33,10 +39,12 @@ def leading(inputs: ReportInputs) -> tuple[str, Answer]:
 
 
 def leading_arch(inputs: ReportInputs) -> int:
-    """Place among `inputs.arches` of the arch that is drawn first: that of the leading answer, or
-    of its class the one with the nearest median.
-    """
-    name, answer = leading(inputs)
+    """Place among `inputs.arches` of the arch that is drawn first."""
+    return _place(inputs, *leading(inputs))
+
+
+def _place(inputs: ReportInputs, name: str, answer: Answer) -> int:
+    """Place among `inputs.arches` of an arch, or of the one of a class with the nearest median."""
     names = [each for each, _, _ in inputs.arches]
     if name in names or isinstance(answer.curve, str):
         return names.index(name) if name in names else 0
@@ -48,16 +56,18 @@ def leading_arch(inputs: ReportInputs) -> int:
 
 def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     """The page; `example` is a collapse of the arch that is drawn, or its nearest miss."""
-    name, arch, onset = inputs.arches[leading_arch(inputs)]
     what = "collapse" if example is not None and example.response.collapsed else "near miss"
     moving = None if example is None else film(example, "first", f"A {what}", what == "near miss")
+    name, _, _ = inputs.arches[leading_arch(inputs)]
+    which = f" of {name}" * (len(inputs.answers) > 1)
     heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     heading += [date, f"archfrag {archfrag.__version__}"]
     return html.template(
         "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
-        arch=_arch(arch, onset, name, bool(inputs.classes)), curve=_curve(inputs), film=moving,
-        what=what, facts=_facts(inputs), run=example, load=_load(inputs),
+        arches=list(_drawn(inputs)), curve=_curve(inputs), film=moving, which=which,
+        compared=before_and_after(inputs),
+        what=what, facts=_facts(inputs), run=example, limits=short(study_aspects(inputs)),
     )  # fmt: skip
 
 
@@ -103,20 +113,13 @@ def _sentence(inputs: ReportInputs) -> Markup:
 def _whose(inputs: ReportInputs, name: str) -> str:
     """The arch or the class of an answer, in a sentence."""
     answers = quoted(inputs.cube, inputs.answers, inputs.classes)
-    whose = name if len(answers) > 1 else "the arch"
+    whose = name if len(answers) > 1 else _noun(inputs)
     if name in inputs.classes:
         count = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({count} arches)"
     kinds = "classes and arches" if inputs.classes else "arches"
+    kinds = "classes" if len(answers) == len(inputs.classes) else kinds
     return whose + f", the weakest of {len(answers)} {kinds}," * (len(answers) > 1)
-
-
-def _load(inputs: ReportInputs) -> str:
-    """What fill counts for in the arches that are shown."""
-    filled = ["fill" in arch.parameters for _, arch, _ in inputs.arches]
-    if any(filled):
-        return "fill as weight" + " where it is given" * (not all(filled)) + ", no spandrels"
-    return "no fill or spandrels"
 
 
 def _facts(inputs: ReportInputs) -> str:
@@ -125,7 +128,8 @@ def _facts(inputs: ReportInputs) -> str:
     words = f"{(verdict != Verdict.NOT_SIMULATED).sum():,} runs of {cube.sizes['record']} "
     words += "ground motions" + " with their vertical components" * both
     words += f" on {len(inputs.answers)} arches" * (len(inputs.answers) > 1)
-    words += f", {(verdict == Verdict.COLLAPSED).sum():,} collapses."
+    collapses = int((verdict == Verdict.COLLAPSED).sum())
+    words += f", {collapses:,} collapse{'s' * (collapses != 1)}."
     answer = leading(inputs)[1]
     alone = len(quoted(cube, inputs.answers, inputs.classes)) == 1
     if alone and answer.n_independent and not isinstance(answer.curve, str):
@@ -134,19 +138,45 @@ def _facts(inputs: ReportInputs) -> str:
     return words
 
 
-def _arch(arch: Arch, onset: Onset, name: str, named: bool) -> Picture:
+def _drawn(inputs: ReportInputs) -> Iterator[Picture]:
+    """The arch of the leading answer; of two that differ in shape, fill or ties both."""
+    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
+    places = [leading_arch(inputs)]
+    if len(answers) == 2:
+        both = [_place(inputs, *each) for each in answers.items()]
+        shapes = [_shape(inputs.arches[place][1]) for place in both]
+        places = both if both[0] != both[1] and shapes[0] != shapes[1] else places
+    named = bool(inputs.classes) or len(answers) > 1
+    for place in places:
+        name, arch, onset = inputs.arches[place]
+        yield _arch(arch, onset, name, named, _MOST if len(places) == 1 else _SMALL)
+
+
+def _shape(arch: Arch) -> list[list[float]]:
+    """All that a drawing shows of an arch."""
+    points = [*arch.outlines, *arch.fill_outlines, *arch.tie_lines]
+    return [points.ravel().tolist() for points in points]
+
+
+def _arch(arch: Arch, onset: Onset, name: str, named: bool, most: tuple[float, float]) -> Picture:
     """The arch to scale with its dimensions and hinges at onset; `named` in the caption or not."""
     sheet = Sheet(look.NARROW)
-    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, _MOST)
+    panel = arch_panel(sheet, arch, 0.5 * sheet.width, 24.0, most)
     sheet.height = panel.box[3] + 8.0
     words = _dimensions(panel, arch)
     caption = f"Drawn: {name}. " * named
     if not onset.stands:
         caption += "It does not stand under its own weight."
         return Picture(sheet.svg(f"{name}: {words}"), caption)
-    draw_hinges(panel, arch, onset.hinges)
-    caption += f"Motion begins at {html.onset_text(onset.plus)} of ground acceleration"
-    caption += " with these hinges." if len(onset.hinges) else "."
+    towards = "−x" if onset.minus < 0.999 * onset.plus else "+x"
+    limit, hinges, _ = onset.mechanism(towards.replace("−", "-"))
+    draw_hinges(panel, arch, hinges)
+    ties = counted(len(arch.tie_lines), "tie")
+    caption += f"Blue: {ties}. " * bool(len(arch.tie_lines))
+    caption += "Dashed: the surface of the fill. " * bool(arch.fill_outlines)
+    caption += f"Motion begins at {html.onset_text(limit)} of ground acceleration"
+    caption += f" towards {towards}" if not np.isclose(onset.plus, onset.minus) else ""
+    caption += " with these hinges." if len(hinges) else "."
     return Picture(sheet.svg(f"{name} to scale: {words}"), caption)
 
 
@@ -194,20 +224,34 @@ def _measure(
 
 @partial(figure, width=_HALF)
 def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
-    """The curve with its band, theta on the axis, and the levels of the site or of the reader."""
+    """The curve with its band and what was observed, theta on the axis, and levels of the site or
+    of the reader; of two arches or classes the other curve too.
+    """
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
-    name = f"class {name}" if name in inputs.classes else name
-    words = f"Probability of collapse of {name} against {scale.label}"
-    caption = f"Line: lognormal curve of {name}. Shaded: {inputs.percent} band."
-    panel = curve_panel(sheet, [], reach, scale.label)
+    others = {k: fit for k, fit in inputs.known.items() if k != name}
+    others = others if len(others) == 1 else {}
+    whose = _titled(inputs, name)
+    entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]
+    panel = curve_panel(sheet, entries if others else [], reach, scale.label)
+    words = f"Probability of collapse of {whose} against {scale.label}"
+    levels, seen = fractions_seen(inputs.cube, name, scale)
+    kind, design = "", json.loads(inputs.cube.attrs["archfrag_design"])["kind"]
+    if np.isfinite(seen).any():
+        kind = TEXTS["first_curve"].get(design, TEXTS["first_curve"]["stripes"])
     if isinstance(fit := answer.curve, str):
-        return words, caption
+        panel.dots(levels, seen, look.INK, radius=2.6)
+        return words, kind.strip()
+    curve = "mean curve of the arches" if fit.members is not None else "lognormal curve"
+    caption = f"Line: {curve} of {whose}. Shaded: {inputs.percent} band.{kind}"
     marked = {word: scale.factor * level for word, level in site_levels(inputs).items()}
     marked |= {} if inputs.at is None else {"asked for": inputs.at}
     marked = {word: level for word, level in marked.items() if level < reach}
     for level in marked.values():
         panel.line([level, level], [0.0, 1.0], look.VERMILION, 1.1, "2 2")
-    draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"), 2.4)
+    for other in others.values():
+        draw_curve(panel, other, scale, entries[1], 1.6)
+    draw_curve(panel, answer, scale, entries[0], 2.4)
+    panel.dots(levels, seen, look.INK, radius=2.6)
     theta, median = scale.factor * fit.theta, scale.text(fit.theta)
     if theta < reach:
         half = float(fit.probability(fit.theta))  # of a class not quite 0.5
@@ -217,3 +261,18 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
         panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
     return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption
+
+
+def _titled(inputs: ReportInputs, name: str) -> str:
+    """An arch or a class by its name, if the study has others."""
+    if name in inputs.classes:
+        return f"class {name}"
+    alone = len(quoted(inputs.cube, inputs.answers, inputs.classes)) == 1
+    return _noun(inputs) if alone else name
+
+
+def _noun(inputs: ReportInputs) -> str:
+    """What the only arch of a study is."""
+    _, arch, _ = inputs.arches[0]
+    column = "the column" if arch.free_end else "the arch"
+    return "the block" if arch.parameters["profile"] == "block" else column

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TEMPLATES = files("archfrag.report") / "templates"
 STYLE = (_TEMPLATES / "figures.css").read_text("utf-8")
 SCRIPT = (_TEMPLATES / "film.js").read_text("utf-8")
@@ -44,6 +45,11 @@ class Picture:
         )
         svg = self.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         return svg.replace(">", f">{inside}", 1) + "\n"
+
+
+def raised(power: str) -> str:
+    """Write an exponent of ten: -5 as 10⁻⁵."""
+    return f"10{str(int(power)).translate(_RAISED)}"
 
 
 def number(value: float) -> str:
@@ -111,6 +117,19 @@ def digits(value: float) -> str:
     return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
 
 
+def rounded(value: float, count: int = 2) -> str:
+    """A number with so many significant digits, zeros at the end kept: 0.00020, 5.9·10⁻⁵, 1,400.
+
+    A dash where it is not known.
+    """
+    if not np.isfinite(value):
+        return "–"
+    if abs(value) >= 10.0 ** (count - 1):
+        return f"{float(f'{value:.{count}g}'):,.0f}"
+    mantissa, _, power = f"{value:#.{count}g}".partition("e")
+    return mantissa.removesuffix(".") + (f"·{raised(power)}" if power else "")
+
+
 def onset_text(value: float) -> str:
     return f"{digits(value)} g" if np.isfinite(value) else "no limit"
 
@@ -124,6 +143,11 @@ def measured(value: float | str | None, form: str = "#.3g") -> str:
 def interval(ends: Sequence[float], form: str = ".2f") -> str:
     """Two numbers, or a dash where they are not known."""
     return f"{ends[0]:{form}} to {ends[1]:{form}}" if np.isfinite(ends[0]) else "–"
+
+
+def rounded_interval(low: float, high: float) -> str:
+    """Two numbers as `rounded`, or a dash where they are not known."""
+    return f"{rounded(low)} to {rounded(high)}" if np.isfinite(low) else "–"
 
 
 def percentages(values: Sequence[float]) -> str:

@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError, attempt
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.fragility.quoted import Answer
-from archfrag.hazard import load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
 from archfrag.report.html import digits
 from archfrag.simulate import Onset, onset
+from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
-from archfrag.study.answer.risk import StudyRisk, risk_of
+from archfrag.study.answer.risk import StudyRisk, risk_of_study
 from archfrag.study.checks import logo_url
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
@@ -37,7 +38,9 @@ from archfrag.study.steps import finished, read_timings
 SUMMARY_FORMAT = "archfrag-summary/2"
 COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
+_MODELLED = {"friction", "recess", "strength", "dead_load", "fill", "piers", "springings", "ties"}
 _MOST_GROUPS = 10
+_MOST_RATIOS = 8  # arches or classes whose ratios are told
 _MISSING = {"verdict": Verdict.NOT_SIMULATED, "collapse_joint": -1}  # where no run was made, or 0
 
 
@@ -83,12 +86,30 @@ class ReportInputs:
     risk: StudyRisk | str | None = None  #: or why there are no rates
     #: Of `target_of_index`.
     target: tuple[FloatArray, Mapping[str, float]] | None = None
+    #: Keys of all arches that say what is modelled, by name of arch or class.
+    given: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     #: Project, client and author, and a picture as a data URL, as far as they are given.
     about: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def percent(self) -> str:
         return f"{100 * self.confidence:.0f} %"
+
+    @cached_property
+    def known(self) -> dict[str, Fragility]:
+        """Curves of classes and of arches of none, in the order of the study."""
+        answers = quoted(self.cube, self.answers, self.classes)
+        return {k: each.curve for k, each in answers.items() if isinstance(each.curve, Fragility)}
+
+    @cached_property
+    def ratios(self) -> dict[str, Table] | str:
+        """`compare` of the others with the first of them; or why there are no ratios."""
+        names = list(self.known)
+        if not 1 < len(names) <= _MOST_RATIOS:
+            return {}
+        site = self.risk.hazard.main if isinstance(self.risk, StudyRisk) else None
+        same = [self.cube] * len(names), names, [self.known] * len(names)
+        return attempt(lambda: compare(*same, site, self.confidence))
 
     @property
     def highest(self) -> float:
@@ -148,6 +169,10 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     entries = {member.id: member.entry for member in study.members}
     names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
+    given: dict[str, list[Mapping[str, Any]]] = {}
+    for member in study.members:
+        keys = member.entry.model_dump(include=_MODELLED, exclude_none=True)
+        given.setdefault(member.arch_class, []).append(keys)
     return ReportInputs(
         cube=cube,
         scale=Scale(intensity.measure, intensity.unit, 1.0 / intensity.factor),
@@ -157,15 +182,25 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
         classes=classes,
         cautions=cautions_of_cube(study, cube, answers),
         timings=read_timings(study),
-        title=study.title,
+        title=_title(study),
         confidence=study.report.confidence,
         compared=None if compared is None else _compared(study, compared),
         at=study.report.at,
-        risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
+        risk=attempt(partial(risk_of_study, study, cube, quoted(cube, answers, classes))),
         target=target_of_index(study.motions.index),
+        given=given,
         about=study.report.model_dump(include={"project", "client", "author"}, exclude_none=True)
         | ({} if study.report.logo is None else {"logo": logo_url(study.report.logo)}),
     )
+
+
+def _title(study: Study) -> str:
+    """The heading; one of its own if the study was not given any but its id."""
+    if study.title != study.id:
+        return study.title
+    block = all(member.entry.profile == "block" for member in study.members)
+    noun = "block" if block else "masonry arch"
+    return f"Fragility of {f'a {noun}' if len(study.members) == 1 else counted(2, noun)[2:]}"
 
 
 def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer]]:
@@ -175,15 +210,6 @@ def _compared(study: Study, path: Path) -> tuple[xr.Dataset, Mapping[str, Answer
     answers, _, cube = finished(other)
     with cube:
         return cube.load(), answers
-
-
-def _risk(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> StudyRisk | None:
-    given = study.risk
-    if given is None:
-        return None
-    hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
-    fits = {name: answer.curve for name, answer in answers.items()}
-    return risk_of(cube, fits, hazard, given.years, study.report.confidence)
 
 
 def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
@@ -217,6 +243,23 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         known=count_verdicts(brackets.filled) if runs.design.adaptive else counts,
         capacities=scale.factor * np.where(brackets.bracketed, brackets.middle, brackets.upper),
     )  # fmt: skip
+
+
+def fractions_seen(cube: xr.Dataset, name: str, scale: Scale) -> tuple[FloatArray, FloatArray]:
+    """Levels [unit of the scale], and fractions of the runs of an arch or class that collapse.
+
+    They are of what capacities imply if records were searched, and of groups of neighbouring runs
+    if each has a level of its own; nan where no run has a verdict.
+    """
+    (runs,) = runs_of_cube(cube, [name])
+    verdict = runs.brackets.filled if runs.design.adaptive else runs.verdict
+    levels = runs.level * scale.factor
+    if levels.ndim == 2:
+        levels, group = _grouped(levels[:, 0], verdict[:, 0] != Verdict.NOT_SIMULATED)
+        mine = group[:, None] == np.arange(levels.size)
+        verdict = np.where(mine, verdict, Verdict.NOT_SIMULATED)
+    counts = count_verdicts(verdict)
+    return levels, counts["collapsed"] / np.where(counts["n"] > 0, counts["n"], np.nan)
 
 
 def _grouped(own: FloatArray, made: NDArray[np.bool_]) -> tuple[FloatArray, IntArray]:

@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +18,6 @@ from archfrag.errors import InputError, attempt
 from archfrag.export.papers import write_papers
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.fragility.risk import lognormal_rates
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.report import curves, html
@@ -29,10 +27,11 @@ from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
+from archfrag.report.limits import study_aspects
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
-from archfrag.study.answer.curves import arch_classes, draws_together, quoted
-from archfrag.study.answer.risk import StudyRisk
+from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
@@ -42,7 +41,6 @@ _FEW_PERIODS = np.geomspace(0.03, 4.0, 32)  # of the report's figure
 _BINS = 110  # of a thumbnail
 _NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_THUMBNAILS, _MOST_SPECTRA = 60, 80
-_MOST_RATIOS, _FEWEST_DRAWS = 8, 100  # arches whose ratios are told, and draws of a band
 _MOST_ANIMATED, _MOST_ROWS = 4, 200  # arches: with films, and in the table of answers
 
 
@@ -77,7 +75,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         parts = _parts(risk_parts, inputs.risk, inputs.scale, inputs.percent)
         sections.append(("risk", "Risk", parts))
     if len(listed) > 1:
-        sections.append(("all", "All arches", [every, *_ratios(inputs, listed)]))
+        sections.append(("all", "All arches", [every, *_ratios(inputs)]))
     figures = {}
     for i, name in enumerate(classes):
         own = {each: answer for each, answer in members.items() if of_class[each] == name}
@@ -90,7 +88,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         if name in members:
             appendix.append(html.folded(name, *filter(None, shown)))
         else:
-            sections.append((f"arch{i}", name, list(shown)))
+            # An arch that has the name of its study was not given any.
+            alone = len(answers) == 1 and name == cube.attrs.get("archfrag_study")
+            sections.append((f"arch{i}", "The arch" if alone else name, list(shown)))
         if len(answers) <= SHOWN:
             figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
     if len(answers) > SHOWN:
@@ -114,45 +114,39 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         first=first_page(inputs, examples[leads]),
         answers=_answers(inputs, listed) if len(listed) > 1 else "",
         cautions=html.cautions(_general(inputs, members)),
-        glossary=[(term.format(**known), words.format(**known)) for term, words in terms],
+        glossary=[
+            *((term.format(**known), words.format(**known)) for term, words in terms),
+            ("Limits", " ".join(each.sentence for each in study_aspects(inputs))),
+        ],
     )  # fmt: skip
     return text, figures
 
 
-def _ratios(inputs: ReportInputs, answers: Mapping[str, Answer]) -> Iterable[Any]:
-    """Medians and rates of arches over those of the first one, with bands by common motions."""
-    names = [name for name, each in answers.items() if isinstance(each.curve, Fragility)]
-    if inputs.classes or not 1 < len(names) <= _MOST_RATIOS:
+def _ratios(inputs: ReportInputs) -> Iterable[Any]:
+    """Medians and rates of arches or classes over those of the first one, by common motions."""
+    found, names = inputs.ratios, list(inputs.known)
+    if isinstance(found, str):
+        yield paragraph(f"There are no ratios: {found}.", "note")
         return
-    draws = draws_together(inputs.cube, names)
-    if len(draws) < _FEWEST_DRAWS:
-        return
-    numbers = {"median capacity": draws[..., 0]}
-    if isinstance(inputs.risk, StudyRisk):
-        numbers["annual rate of collapse"] = lognormal_rates(
-            inputs.risk.hazard.main, draws[..., 0], draws[..., 1]
-        )
-    tail = 0.5 - 0.5 * inputs.confidence
-    for what, values in numbers.items():
-        ratios = [np.quantile(own / values[:, 0], (0.5, tail, 1.0 - tail)) for own in values.T[1:]]
-        words = "; ".join(
-            f"{name} {ratio:.2f} ({inputs.percent}: {low:.2f} to {high:.2f})"
-            for name, (ratio, low, high) in zip(names[1:], ratios)
-        )
-        yield paragraph(f"Ratio of the {what} to that of {names[0]}: {words}.")
-    yield paragraph(TEXTS["ratios"]["how"], "note")
+    words = {"theta": f"median capacity θ [{inputs.scale.unit}]", "rate": "collapses a year"}
+    rows = []
+    for name, each in found.items():
+        for what, row in each.items():
+            form = inputs.scale.digits if what == "theta" else html.rounded
+            pair = form(row["before"]), form(row["after"])
+            ends = f"{row['lower']:.2f} to {row['upper']:.2f}"
+            rows.append([name, words[what], *pair, f"{row['ratio']:.2f}", ends])
+    if rows:
+        heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
+        yield table(f"Ratios to {names[0]}", heads, rows, "compact", 2)
+        yield paragraph(TEXTS["ratios"]["how"], "note")
 
 
 def _general(inputs: ReportInputs, members: Mapping[str, Answer]) -> list[str]:
     """Cautions that no section has; of those of arches that differ in numbers only the first."""
     own = [name for name, _, _ in inputs.arches if name not in members]
-    alike: dict[str, list[str]] = {}
-    for each in inputs.cautions:
-        name, _, words = each.partition(": ")
-        if name not in own:
-            kind = re.sub(r"[\d.]+", "", words) if name in inputs.answers else each
-            alike.setdefault(kind, []).append(each)
-    return [f"{len(same)} arches, such as " * (len(same) > 1) + same[0] for same in alike.values()]
+    rest = [each for each in inputs.cautions if each.partition(": ")[0] not in own]
+    return gathered(rest, inputs.cube, own)
 
 
 def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:
@@ -236,11 +230,10 @@ def thumbnails(motions: Sequence[Motion]) -> Picture:
         values = np.asarray(motion.acceleration, dtype=float)
         _, low, high = look.envelope(values / (np.abs(values).max() or 1.0), _BINS)
         place = np.linspace(0.5, 109.5, low.size)
-        ends = np.append(19.75 - 19.5 * high, (20.25 - 19.5 * low)[::-1])
-        outline = look.trace(np.append(place, place[::-1]), ends)
+        outline = look.ribbon(place, 20.0 - 19.0 * low, 20.0 - 19.0 * high)
         pieces.append(
             f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
-            f'<path d="{outline}z" fill="{look.BLUE}"/></svg>'
+            f'<path d="M0 20H110" class="gr"/><path d="{outline}" class="wave"/></svg>'
             f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
             f"<span>{measure(motion, 'PGA') / STANDARD_GRAVITY:.2f} g, {motion.duration:.0f} s"
             "</span></div>"

@@ -11,6 +11,7 @@ from archfrag.hazard import Hazard
 from archfrag.report import drawing as look
 from archfrag.report import html
 from archfrag.report.drawing import Entry, FloatArray, Panel, Sheet, even_ticks, figure, log_ticks
+from archfrag.report.html import TEXTS
 from archfrag.report.inputs import Scale
 from archfrag.report.runs import level_axis, stacked
 from archfrag.study.answer.risk import ASSUMPTIONS, ArchRisk, StudyRisk
@@ -29,9 +30,13 @@ def risk_parts(risk: StudyRisk | str, scale: Scale, percent: str) -> Iterator[An
     words = f"Rates with the hazard curve {first} of {Path(hazard.source).name}"
     yield html.paragraph(". ".join([words, *hazard.messages, ""]), "note")
     yield _rates_table(risk, percent)
+    known = [arch.rate for arch in risk.arches.values() if not isinstance(arch, str)]
+    if any(rate.mean > rate.quoted for rate in known):
+        yield html.paragraph(TEXTS["notes"]["mean_rate"], "note")
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     for name, arch in list(risk.arches.items())[:shown]:
-        yield html.heading(name)
+        if len(risk.arches) > 1:
+            yield html.heading(name)
         if isinstance(arch, str):
             yield html.paragraph(f"No rate: {arch}.", "none")
             continue
@@ -57,11 +62,11 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
         rate, (likely, *ends) = arch.rate, arch.rate.probability_in(risk.years)
         least, most = ("at least ", "at most ") if rate.is_bound else ("", "")
         rows.append([
-            name, f"{least}{rate.quoted:.2g}", html.interval((rate.lower, rate.upper), ".2g"),
-            html.measured(rate.mean, ".2g"),
-            most + html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
-            f"{least}{likely:.2g}", html.interval(ends, ".2g"), f"{100 * rate.outside:.1f} %",
-            *(html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]),
+            name, least + html.rounded(rate.quoted), html.rounded_interval(rate.lower, rate.upper),
+            html.rounded(rate.mean),
+            most + html.rounded(rate.return_period), least + html.rounded(likely),
+            html.rounded_interval(*ends), f"{100 * rate.outside:.1f} %",
+            *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
 
@@ -108,12 +113,12 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
         last = panel is third
         panel.axis_x(ticks, scale.label * last, [] if last else [""] * ticks.size, True)
     sheet.height = third.box[3] + look.BELOW
-    found = f"{'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year"
+    found = f"{'at least ' * arch.rate.is_bound}{html.rounded(arch.rate.quoted)} a year"
     return f"Hazard and fragility curve of {arch.arch} and their product; rate of collapse {found}"
 
 
 @figure
-def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
+def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> tuple[str, str] | None:
     """The rate by level and mechanism; None if no run collapsed."""
     found = arch.by_mechanism
     if not found.counts.any():
@@ -128,7 +133,9 @@ def contributions(sheet: Sheet, arch: ArchRisk, scale: Scale) -> str | None:
     panel.axis_y(even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
     panel.stack(parts)
     level_axis(panel, scale.factor * arch.levels, scale.label)
-    return f"Rate of collapse of {arch.arch} by level and mechanism"
+    texts = TEXTS["contributions"]
+    caption = texts["caption"] + texts["pale"] * bool(found.unassigned.any())
+    return f"Rate of collapse of {arch.arch} by level and mechanism", caption
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:

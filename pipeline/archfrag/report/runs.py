@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -9,10 +10,12 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, IntArray
 from archfrag.fragility.risk import Contributions, deaggregate
 from archfrag.report import drawing as look
-from archfrag.report.arch import Example, draw_ground
+from archfrag.report.arch import Example
 from archfrag.report.drawing import BELOW, LEFT, LINE, Entry, Panel, Sheet, figure
 from archfrag.report.html import TEXTS, digits
 from archfrag.report.inputs import ArchResults
+from archfrag.report.limits import base_of
+from archfrag.report.moving import draw_ground
 from archfrag.simulation.response import MechanismChange
 
 VERDICTS = {
@@ -46,14 +49,26 @@ FRACTILES = {"16 %": 0.16, "median": 0.5, "84 %": 0.84}
 
 
 def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
-    """Label cells that stand for levels, the first always among them."""
-    most = max(2, int((panel.box[2] - panel.box[0]) / 38.0))
-    ticks = np.arange(0, levels.size, max(1, -(-levels.size // most)))
-    panel.axis_x(ticks, title, [f"{float(digits(levels[i])):g}" for i in ticks])
+    """Draw round numbers at their places among cells that stand for levels.
+
+    Between levels these places are interpolated in logarithms.
+    """
+    most = min(10, max(2, int((panel.box[2] - panel.box[0]) / 38.0)))
+    values, logs = np.empty(0), np.log(levels)
+    if levels.size > 1:
+        spread = [float(np.std(np.diff(x)) / np.mean(np.diff(x))) for x in (levels, logs)]
+        make = look.log_ticks if spread[1] < spread[0] else partial(look.even_ticks, most=most)
+        values = make(float(levels[0]), float(levels[-1]))
+    if values.size < 2:
+        values = levels
+    panel.axis_x(
+        np.interp(np.log(values), logs, np.arange(levels.size)), title,
+        [look.tick_label(float(digits(value))) for value in values],
+    )  # fmt: skip
 
 
 @figure
-def verdict_map(sheet: Sheet, results: ArchResults) -> str:
+def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     """Verdict of every run: records down, levels to the right."""
     collapsed = results.verdict == Verdict.COLLAPSED
     lowest = np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), collapsed.shape[1])
@@ -89,7 +104,9 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> str:
         words, middle = f"{n_record} records, most fragile at the bottom", sum(panel.box[1::2]) / 2
         sheet.text(left - 8.0, middle, words, "m", angle=-90)
     level_axis(panel, results.levels, results.scale.label)
-    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels"
+    texts = TEXTS["verdict_map"]
+    caption = texts["caption"] + texts["capacity"] * bool(bounded)
+    return f"Verdicts of {results.arch} for {n_record} records at {n_level} levels", caption
 
 
 @figure
@@ -203,9 +220,12 @@ def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
 
 @figure
 def fractions(
-    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults
+    sheet: Sheet, groups: Sequence[Contributions], results: ArchResults, base: str
 ) -> tuple[str, str]:
-    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria."""
+    """Fraction of collapses at each level, of the runs or the collapses, split by two criteria.
+
+    `base` is what joint 0 is.
+    """
     every = bool(results.simulated.all())
     divisor = np.maximum(results.counts["n" if every else "collapsed"], 1)
     stacks = [stacked(group.categories, group.counts / divisor) for group in groups]
@@ -225,7 +245,7 @@ def fractions(
     texts = TEXTS["fractions"]
     return (
         f"Fraction of collapses of {results.arch} by level, split by mode and by joint",
-        texts["runs" if every else "collapses"] + texts["split"],
+        texts["runs" if every else "collapses"] + texts["split"].format(base=base),
     )
 
 
@@ -273,8 +293,9 @@ def timeline(sheet: Sheet, example: Example) -> tuple[str, str] | None:
         line = f"M{float(middle.at_x(response.collapse_time)):.1f} {top:.1f}V{middle.box[3]:.1f}"
         sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
     sheet.height = middle.box[3] + BELOW
-    texts, motion = TEXTS["timeline"], example.motion.id
-    caption = texts["caption"].format(motion=motion, level=example.level, reason=example.reason)
+    texts, about = TEXTS["timeline"], {"level": example.level, "reason": example.reason}
+    motion, base = example.motion.id, base_of(example.arch.free_end, example.arch.parameters)
+    caption = texts["caption"].format(motion=motion, base=base, **about)
     return (
         f"Mechanism over time under {motion}: hinges, sliding and open joints",
         caption + texts["differs"] * (not example.same),

@@ -6,15 +6,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from archfrag.arch.facts import facts_text
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
+from archfrag.motions.measures import LEVEL_UNITS
 from archfrag.report import arch as arch_figures
 from archfrag.report import curves, html, runs
 from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
+from archfrag.report.limits import base_of
+from archfrag.report.moving import film
 from archfrag.simulate import Onset
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
@@ -45,7 +49,8 @@ def arch_parts(
     yield heading("How it falls")
     yield arch_figures.lost_joints(arch, results)
     collapsed = results.counts["collapsed"].any()
-    yield runs.fractions(groups, results) if collapsed else paragraph("No run collapsed.")
+    base = base_of(arch.free_end, arch.parameters)
+    yield runs.fractions(groups, results, base) if collapsed else paragraph("No run collapsed.")
     if animated and onset.stands:
         yield from _films(inputs, results, place, None if leads else example)
     if picture := runs.ida_curves(results):
@@ -56,9 +61,11 @@ def arch_parts(
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
-        yield from _measures(more["measures"], name, inputs.scale.measure)
+        yield from _measures(more["measures"], name, inputs.scale)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
+    facts = facts_text(arch)
+    yield paragraph(f"{facts[0].upper()}{facts[1:]}.")
     yield heading("Checks")
     yield curves.curve(results, answer)
     free = more.get("free", {})
@@ -193,7 +200,7 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 
-def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
+def _measures(found: Mapping[str, Any], name: str, scale: Scale) -> Parts:
     yield heading("Intensity measures compared")
     if "none" in found:
         yield paragraph(f"No comparison: {found['none']}")
@@ -204,10 +211,13 @@ def _measures(found: Mapping[str, Any], name: str, measure: str) -> Parts:
     for i in np.argsort(efficiency):  # nan is last
         row = found["rows"][i]
         label = row["measure"] + " (best)" * (row["measure"] == found["best"])
-        label += " (of the study)" * (row["measure"] == measure)
+        label += " (of the study)" * (row["measure"] == scale.measure)
         shown = bar.format(measured(efficiency[i]), percent[i])
-        numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance", "theta")]
-        cells.append([label, shown, *numbers, row["unit"].replace("2", "²")])
+        numbers = [measured(row[key]) for key in ("p_magnitude", "p_distance")]
+        units = LEVEL_UNITS.get(row["unit"], {})
+        unit = scale.unit if scale.unit in units else row["unit"]
+        theta = measured(float(row["theta"] or np.nan) / units.get(unit, 1.0))
+        cells.append([label, shown, *numbers, theta, unit.replace("2", "²")])
     yield paragraph(found["message"])
     heads = ["measure", "efficiency: dispersion", "p of magnitude", "p of distance", "θ", "unit"]
     yield table(f"Intensity measures for {name}", heads, cells, "dense narrow")
@@ -226,7 +236,7 @@ def _geometry(parameters: Mapping[str, Any]) -> Rows:
             shown = f"{np.size(value)} values" if np.size(value) > 6 else shown
             yield f"{key.replace('_', ' ')}{_UNITS.get(key, '')}", shown
     if parameters.get("dead_load", 0) is None and "fill" not in parameters:
-        yield "dead load", "none: the ring alone, without fill and spandrels"
+        yield "dead load", "none"
 
 
 def _mechanism_table(
@@ -281,10 +291,10 @@ def _films(inputs: ReportInputs, results: ArchResults, place: int, fall: Example
     """Runs simulated again: a collapse, if it is not shown elsewhere, and a near miss."""
     films, arch = [], inputs.arches[place][1]
     if fall is not None and fall.response.collapsed:
-        films.append(arch_figures.film(fall, f"fall{place}", "A collapse"))
+        films.append(film(fall, f"fall{place}", "A collapse"))
     miss = arch_figures.repeat(inputs, results, arch, arch_figures.farthest(results))
     if miss is not None and not miss.response.collapsed:
-        films.append(arch_figures.film(miss, f"miss{place}", "A near miss", enlarged=True))
+        films.append(film(miss, f"miss{place}", "A near miss", enlarged=True))
     if any(films):
         shown = Markup("\n").join(film[0] for film in films if film is not None)
         yield Markup('<div class="motions">{}</div>').format(shown)

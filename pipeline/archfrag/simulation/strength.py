@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from archfrag.arch import Arch
+from archfrag.arch.facts import USUAL, warn_of_units
 from archfrag.errors import InputError, StabilityError
 from archfrag.simulation.checks import check_number
 from archfrag.simulation.rest import onset
@@ -68,5 +69,10 @@ def crushed(arch: Arch, strength: float) -> Arch:
         if (np.abs(lost - before) < AGREE * length).all():
             if not onset(now).stands:
                 break
-            return replace(now, parameters={**given, "strength": strength})
-    raise StabilityError(f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2")
+            weak = replace(now, parameters={**given, "strength": strength})
+            warn_of_units(weak, "strength")
+            return weak
+    message = f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
+    if strength < USUAL["strength"][1]:
+        message += f"; masonry has {USUAL['strength'][1]:g} or more: is it in N/m2?"
+    raise StabilityError(message)

@@ -14,7 +14,7 @@ import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import ArchfragError, InputError, OutputError
-from archfrag.files import cannot_write, counted, make_folder
+from archfrag.files import cannot_write, counted, make_folder, read_bytes
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import (
@@ -29,8 +29,8 @@ from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
-SPANS = (0.3, 200.0)  # of a drawn arch [m]; beyond them its unit may have been mistaken
 LARGEST_LOGO = 500_000  # [bytes]
+PICTURES = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}  # kinds, and how they begin
 MOST_ASKED = 12  # arches, records
 CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
@@ -73,32 +73,45 @@ def uncorrected(study: Study, records: Sequence[PreparedRecord]) -> tuple[str, .
 
 
 def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
-    """Warn of values so unusual that a unit may be wrong; of the first arches."""
+    """Warn of values so unusual that a unit may be wrong, and of what a drawing has more.
+
+    Only the first arches are looked at.
+    """
+    from archfrag.arch.facts import unit_cautions
     from archfrag.simulate import onset
     from archfrag.simulation.rest import stays_at_rest
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     known = study.intensity.measure == "PGA" and not study.motions.vertical
-    messages = []
+    found_of: dict[str, list[str]] = {}  # ids of the arches of which a text is true
+    for entry in study.arches[:MOST_ASKED]:
+        for text in read_from_drawing(entry)[1:] if entry.drawing else ():
+            found_of.setdefault(text, []).append(entry.id)
     for member in found[:MOST_ASKED]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
         size, start = float(np.ptp(arch.centroids, axis=0).max()), onset(arch)
         least = min(start.plus, start.minus)
         where = f"the onset of motion ({least:.3g} g); is their unit right?"
-        messages += [f"{member.id}: {text}" for wrong, text in (
+        for wrong, text in (
+            *((True, text) for text in unit_cautions(arch)),
             (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
              "than that of any masonry; was an angle meant?"),
             (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
             (known and stays_at_rest(levels.max(), start), f"no level is above {where}"),
             (known and levels.min() > FAR_BEYOND * least,
              f"all levels are more than {FAR_BEYOND:.0f} times {where}"),
-        ) if wrong]  # fmt: skip
-    return tuple(messages)
+        ):  # fmt: skip
+            if wrong:
+                found_of.setdefault(text, []).append(member.id)
+    return tuple(
+        f"{first}{f' and {len(more)} more' * bool(more)}: {text}"
+        for text, (first, *more) in found_of.items()
+    )
 
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
-    """Text on the blocks of a drawing, the span first, and a warning if the unit seems wrong."""
+    """Text on the blocks of a drawing, the span first, and a caution if it shows more."""
     from archfrag.arch.drawing import read_drawing
 
     path = Path(str(entry.drawing))
@@ -113,21 +126,47 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
     whole = repr(arch)[1:-1].partition(": ")[2]
     text = f"{kind} {size:.3g} m{rise}, mean thickness {thick:.3g} m; {whole}"
     text += f"; from {path.name}, {layer}, in {unit}"
-    doubtful = f"{path.name}, read in {unit}, has a {kind} of {size:.3g} m; is that its unit?"
-    return [text] if SPANS[0] <= size <= SPANS[1] else [text, doubtful]
+    return [text, *filter(None, [drawn.caution])]
+
+
+def arch_texts(study: Study) -> tuple[str, ...]:
+    """Weights, forces and places of the first arches of a study, of a class those of its first."""
+    from archfrag.arch.facts import facts_text
+
+    first = {member.arch_class: member for member in reversed(study.members)}
+    some = list(reversed(first.values()))[:MOST_ASKED]
+    return tuple(f"{member.id}: {facts_text(member.entry.build())}" for member in some)
 
 
 def logo_url(logo: str) -> str:
-    """A picture as a data URL; InputError if it is missing, too large or of another kind."""
-    path = Path(logo)
-    kind = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".svg": "svg+xml"}.get(path.suffix)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"report.logo: {path}: {error.strerror}") from None
-    if kind is None or len(content) > LARGEST_LOGO:
-        raise InputError(f"report.logo: {path}: must be PNG, JPEG or SVG of at most 500 kB")
+    """A picture as a data URL; InputError if it is missing, too large or of another kind.
+
+    Its kind follows from its content: the first bytes of PNG and JPEG, the root element of SVG.
+    """
+    content = read_bytes(Path(logo), LARGEST_LOGO, InputError, "report.logo: the picture")
+    kind = next((kind for kind, start in PICTURES.items() if content.startswith(start)), None)
+    if kind is None and _is_svg(content):
+        kind = "svg+xml"
+    if kind is None:
+        raise InputError(
+            f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
+            f"{LARGEST_LOGO / 1000:g} kB"
+        )
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _is_svg(content: bytes) -> bool:
+    """Whether bytes are XML whose root is an svg element."""
+    from xml.parsers import expat
+
+    roots = list[str]()
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.StartElementHandler = lambda name, attributes: roots.append(name)
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError:
+        return False
+    return roots[0] == "http://www.w3.org/2000/svg svg"
 
 
 def check_start(study: Study) -> None:
@@ -181,16 +220,14 @@ def check_study(study: Study) -> dict[str, Any]:
         cautions += (f"{left}; the run checks all of them before it simulates",)
     drawn = [entry for entry in (*study.arches, *(member.entry for member in some))
              if entry.drawing and not entry.table][:MOST_ASKED]  # fmt: skip
-    drawings = [[f"{entry.id}: {text}" for text in read_from_drawing(entry)]
-                for entry in drawn]  # fmt: skip
-    cautions += tuple(text for _, *doubtful in drawings for text in doubtful)
+    drawings = [f"{entry.id}: {read_from_drawing(entry)[0]}" for entry in drawn]
     return {
         "study": study.id, "arches": len(found), "records": len(records), "levels": levels,
         "design": design.kind, "runs": size * len(found), "extent": extent,
         "classes": tuple(f"{name}: {counted(n, 'arch')}" for name, n in sizes_of.items()
                          if name not in ids),
         "cautions": cautions, "partners": tuple(partners),
-        "drawings": tuple(text for text, *_ in drawings),
+        "drawings": tuple(drawings), "facts": arch_texts(study),
     }  # fmt: skip
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
-from archfrag.fragility.fit import common_draws, fit_cloud
+from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.limit_states import fit_limit_states
 from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
@@ -76,16 +76,6 @@ def runs_of_cube(
         rows = verdict.reshape(-1, n_level)
         found.append(Runs(name, design, rows, level, group, unit, part, worded))
     return found
-
-
-def draws_together(cube: "xr.Dataset", names: Sequence[str]) -> FloatArray:
-    """theta [SI] and beta of some arches, (n_draw, n_arch, 2), in a bootstrap of their common
-    records; InputError if there is no such arch."""
-    runs = {each.name: each for each in runs_of_cube(cube)}
-    if missing := [name for name in names if name not in runs]:
-        raise InputError(f"there is no arch {missing[0]!r}; the study has {', '.join(runs)}")
-    known = [(runs[name].brackets.lower, runs[name].brackets.upper) for name in names]
-    return common_draws(known, runs[names[0]].group)
 
 
 def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
@@ -265,15 +255,31 @@ def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
     return {"message": message, "states": states}
 
 
+def onsets(cube: "xr.Dataset") -> FloatArray:
+    """Least PGA at which each arch can move, (n_arch,), 0 where that is not known [m/s2].
+
+    It is known where all points of the ground have one horizontal motion and no vertical one.
+    """
+    least = np.minimum(cube["onset_plus"].values, cube["onset_minus"].values)
+    least = STANDARD_GRAVITY * np.where(np.isfinite(least), least, 0.0)
+    method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method", {})
+    unknown = bool(cube["record_vertical"].any()) or method.get("delay") is not None
+    return 0.0 * least if unknown else least
+
+
+def onsets_in_measure(cube: "xr.Dataset") -> FloatArray:
+    """Least levels at which arches can move, (n_arch,), 0 unless the measure is PGA [SI]."""
+    return onsets(cube) * (str(cube["intensity"].attrs["measure"]) == "PGA")
+
+
 def _onset(cube: "xr.Dataset") -> float:
     """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
-    if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
+    if not {own, "PGA"} <= set(names):
         return 0.0
     value = dict(zip(names, cube["record_measure"].transpose("measure", "record").values))
-    least = STANDARD_GRAVITY * float(min(cube["onset_plus"].min(), cube["onset_minus"].min()))
     power = float(cube["measure_exponent"].values[names.index(own)])
-    return float(np.min(value[own] * (least / value["PGA"]) ** power))
+    return float(np.min(value[own] * (onsets(cube).min() / value["PGA"]) ** power))
 
 
 def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:

@@ -1,8 +1,9 @@
 """From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
 
 import json
+import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FITS, CURVE = "fits.json", "curve.csv"
+DECIMALS = 9  # of a probability
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
 MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
@@ -105,9 +107,10 @@ def _store(
     for name, found in curves.quoted(cube, arches, classes).items():
         if not isinstance(found.curve, str):
             im = np.array(found.im)
-            values = name, im / factor, found.curve.probability(im), found.lower, found.upper
+            chances = (found.curve.probability(im), found.lower, found.upper)
+            values = name, im / factor, *(np.round(each, DECIMALS) for each in chances)
             rows.append(pd.DataFrame(dict(zip(rows[0].columns, values))))
-    write_csv(study.folder / CURVE, rows)
+    write_csv(study.folder / CURVE, rows, float_format="%.7g")
 
 
 def load_fits(study: Study) -> Fitted:
@@ -139,7 +142,27 @@ def fit_lines(study: Study, fitted: Fitted) -> tuple[list[str], list[str]]:
     lost = {name: lost_text(each, lambda theta: f"{theta / factor:.4g} {unit}")
             for name, each in found.items()}  # fmt: skip
     cautions = [f"{name}: {text}" for name, text in lost.items() if text]
-    return lines, cautions + cautions_of_cube(study, cube, arches)
+    cautions += cautions_of_cube(study, cube, arches)
+    return lines, gathered(cautions, cube, list(found)[:SHOWN])
+
+
+def gathered(cautions: Iterable[str], cube: "xr.Dataset", shown: Collection[str]) -> list[str]:
+    """List cautions; of those on arches that are not `shown` alone only the first of each kind.
+
+    Cautions are of one kind if they differ in numbers, and their arches are of one class.
+    """
+    of_class, kinds = curves.arch_classes(cube), dict[tuple[str, str], list[str]]()
+    for each in cautions:
+        name, _, words = each.partition(": ")
+        key = "", each
+        if name in of_class and name not in shown:
+            key = of_class[name] * (of_class[name] != name), re.sub(r"[\d.]+", "", words)
+        kinds.setdefault(key, []).append(each)
+    found = []
+    for (name, _), alike in kinds.items():
+        whose = f"{len(alike)} arches{f' of {name}' if name else ''}, such as "
+        found.append(whose * (len(alike) > 1) + alike[0])
+    return found
 
 
 def fit_text(intensity: Intensity, name: str, found: Answer) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import (
     CollapseRate,
     Contributions,
@@ -20,9 +22,10 @@ from archfrag.fragility.risk import (
     parameter_draws,
     rate_by_level,
 )
-from archfrag.hazard import Hazard
+from archfrag.hazard import Hazard, load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import Runs, runs_of_cube
+from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
 from archfrag.study.files import finite
 
@@ -107,6 +110,37 @@ def risk_of(
     }
     sizes = {name: each.cube.sizes["arch"] for name, each in runs.items()}
     return StudyRisk(hazard, years, arches, {name: n for name, n in sizes.items() if n > 1})
+
+
+def risk_of_study(
+    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
+) -> StudyRisk | None:
+    """Rates at the site of a study, of arches and classes by their answers; None without one."""
+    given = study.risk
+    if given is None:
+        return None
+    hazard = load_hazard([Path(given.hazard)], study.intensity.measure, given.unit, given.site)
+    fits = {name: answer.curve for name, answer in answers.items()}
+    return risk_of(cube, fits, hazard, given.years, study.report.confidence)
+
+
+def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
+    """Write aligned lines on the rates of collapse, and the cautions on them."""
+    lines, cautions = [], list[str]()
+    for name, arch in list(risk.arches.items())[:SHOWN]:
+        if isinstance(arch, str):
+            lines.append((name, f"no rate of collapse: {arch}"))
+            continue
+        rate, least = arch.rate, "at least " * arch.rate.is_bound
+        words = f"rate {least}{rate.quoted:#.2g} a year"
+        if not rate.is_bound:
+            words += f" ({100 * rate.confidence:g} %: {rate.lower:#.2g}–{rate.upper:#.2g})"
+        if rate.quoted > 0.0:
+            words += f"  return period {float(f'{rate.return_period:.2g}'):,.0f} years"
+        lines.append((name, words))
+        cautions += [f"{name}: {each}" for each in arch.cautions]
+    first = max(len("report"), *(len(name) for name, _ in lines))
+    return [f"{name:{first}}  {words}" for name, words in lines], cautions
 
 
 def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) -> ArchRisk:

@@ -286,9 +286,10 @@ class ArchEntry(Section):
     """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and
     attributes, which are text. Keys of this entry hold where a cell is empty."""
     drawing: PathText | None = None
-    """DXF file: blocks as closed polylines on one layer, and lines where they stand on ground."""
-    layer: str | None = None
-    """Layer of the blocks of a drawing; the only one with polylines if not given."""
+    """DXF file: blocks as closed polylines, and lines where they stand on ground."""
+    layer: OneOrList[str] | None = None
+    """Layer of the blocks of a drawing, or a list of layers; the only one with polylines if not
+    given."""
     unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
     """Unit of a drawing; overrides what it states."""
     radius: Length | None = None
@@ -384,12 +385,15 @@ class ArchEntry(Section):
 
     def build(self) -> "Arch":
         """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
+        from archfrag.arch.facts import no_unit_warnings
+
         entry = self.read()
         key = repr(entry.model_dump(exclude={"id", "vary"}))
         if key not in _BUILT:
             if len(_BUILT) >= _MOST_KEPT:
                 _BUILT.clear()
-            _BUILT[key] = _built(entry)
+            with no_unit_warnings():
+                _BUILT[key] = _built(entry)
         return _BUILT[key]
 
 

@@ -21,6 +21,7 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.study.file import Section
 
 if TYPE_CHECKING:
+    from archfrag.fragility.posterior import Posterior
     from archfrag.fragility.quoted import Answer
 
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
@@ -86,6 +87,12 @@ class Design(Section, ABC):
 
         return quoted_band(found, im, **options)
 
+    def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
+        """Posterior of the curve, and the number of records or runs."""
+        from archfrag.fragility.quoted import capacity_posterior
+
+        return capacity_posterior(found)
+
     def likelihood(self, found: Brackets) -> Fragility:
         """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
         from archfrag.fragility.fit import fit_stripes
@@ -140,9 +147,20 @@ class Cloud(Design):
         """Curve and band from single runs, each with a motion of its own."""
         from archfrag.fragility.quoted import quoted_runs
 
-        decided = found.collapsed | found.survived
-        level, collapsed = found.levels[decided], found.collapsed[decided]
-        return quoted_runs(level, collapsed, im, confidence=options["confidence"])
+        return quoted_runs(*_single(found), im, confidence=options["confidence"])
+
+    def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
+        """Posterior of the curve of single runs, and their number."""
+        from archfrag.fragility.posterior import fit_posterior
+
+        level, collapsed = _single(found)
+        return fit_posterior(level, collapsed, 1), float(level.size)
+
+
+def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Levels of the decided runs, (n_run,), and whether they collapsed."""
+    decided = found.collapsed | found.survived
+    return found.levels[decided], found.collapsed[decided]
 
 
 def ask(

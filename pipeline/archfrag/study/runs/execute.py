@@ -95,7 +95,7 @@ def run_batch(
     estimate = len(requests) * study.design.size(len(known.records), len(known.levels))[0]
     seen = sys.stderr.isatty() or "ipykernel" in sys.modules
     pause = 0.2 if seen else 10.0  # a file gets few lines
-    bar = tqdm(
+    bar = _Bar(
         unit="run", desc="simulations", total=0, disable=quiet, file=sys.stderr,
         dynamic_ncols=True, mininterval=pause, delay=pause,
     )  # fmt: skip
@@ -110,7 +110,8 @@ def run_batch(
         log["runs"] += len(keys)
         log["kept"] += len(keys) - missing.size
         if not bar.disable:  # runs that are not missing are shown as done, at no time
-            bar.total = max(estimate if study.design.adaptive else 0, log["runs"])
+            bar.estimated = study.design.adaptive
+            bar.total = estimate if bar.estimated else log["runs"]
             bar.initial += len(keys) - missing.size
             bar.update(len(keys) - missing.size)
         while missing.size:
@@ -121,6 +122,7 @@ def run_batch(
 
     with bar, contextlib.closing(_Makers(known, count, bar)) as makers:
         cases, _ = ask(requests, verdicts_of)
+        bar.finish(log["runs"])
         bar.leave = False  # the caller tells what was done
     log |= {"workers": makers.used, "kernel_time": makers.kernel_time}
     log["compile_time"] = makers.compile_time
@@ -152,6 +154,25 @@ def chunks(cases: Cases, size: Callable[[], int]) -> Iterator[Cases]:
             end = start + size()
             yield own[start:end]
             start = end
+
+
+class _Bar(tqdm):
+    """A bar that keeps its total; one that is only estimated is reached when all is done."""
+
+    estimated = False
+
+    def update(self, n: float | None = 1) -> bool | None:
+        """Advance by some runs."""
+        if self.estimated:
+            n = max(0, min(n or 0, (self.total or 0) - 1 - self.n))
+        shown: bool | None = super().update(n)
+        return shown
+
+    def finish(self, count: int) -> None:
+        """Show the runs as all that there are, if anything was shown before."""
+        if self.estimated and self.last_print_t > self.start_t + (self.delay or 0.0):
+            self.n = self.total = count
+            self.refresh()
 
 
 class _Makers:

@@ -75,7 +75,7 @@ class Ida(Design):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch: a search distinguishes levels + 1 places of the border."""
         search_runs = int(np.ceil(n_record * np.log2(n_level + 1)))
-        checks = n_record // 3 if self.checks is None else self.checks
+        checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
 
     def likelihood(self, found: Brackets) -> Fragility:

@@ -1,0 +1,178 @@
+"""What a user can check an arch by: weights, forces, places; and values in an unlikely unit."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from archfrag.errors import UnitWarning
+
+if TYPE_CHECKING:
+    from archfrag.arch.model import Arch
+
+# Values of keys beyond which the unit was probably mistaken: unit, least and largest.
+USUAL = {
+    "span": ("m", 0.3, 200.0),
+    "height": ("m", 0.3, 200.0),  # of a column, a wall or a block
+    "thickness": ("m", 0.01, 10.0),
+    "density": ("kg/m3", 1000.0, 3500.0),
+    "depth": ("m", 0.05, 100.0),
+    "piers.height": ("m", 0.1, 200.0),
+    "piers.width": ("m", 0.05, 50.0),
+    "piers.base_width": ("m", 0.05, 50.0),
+    "piers.density": ("kg/m3", 1000.0, 3500.0),
+    "piers.depth": ("m", 0.05, 100.0),
+    "fill.height_over_crown": ("m", 0.0, 20.0),
+    "fill.unit_weight": ("N/m3", 5e3, 4e4),
+    "fill.backing_unit_weight": ("N/m3", 5e3, 4e4),
+    "strength": ("N/m2", 2e5, 3e8),  # from adobe to granite
+    "ties.area": ("m2", 1e-6, 0.1),
+    "ties.modulus": ("N/m2", 1e9, 1e12),  # from timber to carbon fibre
+}
+# The same of forces and elongations of ties, by their stress [N/m2] and strain.
+STRESSES = {"prestress": (5e5, 3e9), "strength": (5e6, 5e9)}
+LARGEST_STRAIN = 0.3  # at which a tie breaks
+LOADS = 1e-3, 100.0  # dead load over the weight of the ring
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+def facts_of(arch: Arch) -> dict[str, Any]:
+    """Return what can be checked by hand: dimensions, places [m], weights and forces [N].
+
+    Keys are span, rise and thickness; springings, the ends of their joints at intrados and
+    extrados (only one with a free end); weights of ring, piers, fill (with backing) and dead_load;
+    and ties, with ends, prestress and strength of each.
+    """
+    span, rise, thickness = arch.dimensions
+    first, last = arch.springings
+    joints = np.stack([arch.intrados, arch.extrados], axis=1)
+    gravity, given = arch.chain.gravity, arch.parameters
+    fill, masonry = 0.0, arch.chain.mass * gravity
+    if "fill" in given:
+        without = arch.again(fill=None)["chain"].mass * gravity
+        fill, masonry = float((masonry - without).sum()), without
+    load = given.get("dead_load") or 0.0
+    dead = float(np.broadcast_to(load, last - first).sum())
+    ring = float(masonry[first:last].sum()) - dead
+    piers = float(masonry[:first].sum() + masonry[last:].sum())
+    weights = {"ring": ring, "piers": piers, "fill": fill, "dead_load": dead}
+    told = given.get("ties", ())
+    ties = [
+        {"ends": ends.tolist(), "strength": None, "prestress": 0.0}
+        | {key: tie[key] for key in ("prestress", "strength") if key in tie}
+        for tie, ends in zip(told, arch.tie_lines)
+    ]
+    return {
+        "span": span, "rise": rise, "thickness": thickness,
+        "springings": joints[[first] if arch.free_end else [first, last]].tolist(),
+        "weights": weights, "ties": ties,
+    }  # fmt: skip
+
+
+def facts_text(arch: Arch) -> str:
+    """Write weights, forces of ties and places of springings in one line."""
+    facts, free = facts_of(arch), arch.free_end
+    names = {"ring": "the blocks weigh" if free else "the ring weighs", "dead_load": "dead load"}
+    texts = [", ".join(f"{names.get(name, name)} {force_text(weight)}"
+                       for name, weight in facts["weights"].items() if weight > 0.0)]  # fmt: skip
+    for number, tie in enumerate(facts["ties"], 1):
+        name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
+        limit = "" if (most := tie["strength"]) is None else f" and yields at {force_text(most)}"
+        texts.append(f"{name} pulls with {force_text(tie['prestress'])}{limit}")
+    ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
+    if free:
+        return "; ".join([*texts, f"it stands from {ends[1]} to {ends[0]} m"])
+    return "; ".join([*texts, f"springings at {ends[0]} and {ends[2]} m (intrados)"])
+
+
+def force_text(force: float) -> str:
+    """A force in N below 1 kN, in kN up to 10 MN, else in MN."""
+    scale, unit = (1.0, "N") if force < 1e3 else (1e3, "kN") if force < 1e7 else (1e6, "MN")
+    return f"{force / scale:.3g} {unit}"
+
+
+def unit_cautions(arch: Arch, *keys: str) -> list[str]:
+    """Name values that are probably in another unit; of some keys, or of all."""
+    return [text for key, text in _doubtful(arch) if not keys or key.startswith(keys)]
+
+
+def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
+    """Keys with values beyond what is usual, and what is to be said of them."""
+    given = arch.parameters
+    span, _, thickness = arch.dimensions
+    first, last = arch.springings
+    # Springings of a horseshoe are nearer to each other than its haunches.
+    span = max(span, float(np.ptp(arch.intrados[first : last + 1, 0])))
+    values: dict[str, Any] = {"thickness": thickness, "span": span}
+    if arch.free_end:
+        values = {"height": float(np.ptp(np.concatenate(arch.outlines)[:, 1]))}
+    values |= {key: given[key] for key in ("density", "depth", "strength") if key in given}
+    for part in ("piers", "fill"):
+        values |= {f"{part}.{key}": value for key, value in given.get(part, {}).items()}
+    if not values.get("fill.backing_height"):
+        values.pop("fill.backing_unit_weight", None)
+    for key, value in values.items():
+        unit, least, most = USUAL.get(key, ("", -np.inf, np.inf))
+        yield from _beyond(key, value, least, most, unit)
+    if load := np.sum(given.get("dead_load") or 0.0):
+        load *= 1 if np.ndim(given["dead_load"]) else last - first
+        weight = facts_of(arch)["weights"]["ring"]
+        if not LOADS[0] <= load / weight <= LOADS[1]:
+            text = (
+                f"dead_load is {force_text(load)} on a ring of {force_text(weight)}; is it in N?"
+            )
+            yield "dead_load", text
+    for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
+        place = f"ties[{number}]"
+        for key in ("area", "modulus"):
+            unit, least, most = USUAL[f"ties.{key}"]
+            yield from _beyond(f"{place}.{key}", tie.get(key, least), least, most, unit)
+        for key, (least, most) in STRESSES.items():
+            if (force := tie.get(key)) and not least <= (stress := force / tie["area"]) <= most:
+                text = (
+                    f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of "
+                    f"{stress:.3g} N/m2; usual are {least:g} to {most:g}: are they in N and m2?"
+                )
+                yield f"{place}.{key}", text
+        length = float(np.hypot(*(ends[1] - ends[0])))
+        if tie.get("rupture", 0.0) > LARGEST_STRAIN * length:
+            text = f"{place}.rupture = {tie['rupture']:g} m is that of a tie of {length:.3g} m"
+            yield f"{place}.rupture", f"{text}; is it in m?"
+
+
+def _beyond(
+    key: str, value: Any, least: float, most: float, unit: str
+) -> Iterator[tuple[str, str]]:
+    """The first of the values of a key that is beyond the usual ones, if there is one."""
+    for one in np.ravel([] if value is None else value).tolist():
+        if not least <= one <= most:
+            rule = f"usual are {least:g} to {most:g} {unit}; is that its unit?"
+            yield key, f"{key} = {one:.4g} {unit}: {rule}"
+            return
+
+
+@contextmanager
+def no_unit_warnings() -> Iterator[None]:
+    """Keep arches that are built inside from warning: a study has cautions of its own."""
+    token = _quiet.set(True)
+    try:
+        yield
+    finally:
+        _quiet.reset(token)
+
+
+def warn_of_units(arch: Arch, *keys: str) -> None:
+    """Warn of values that are probably in another unit; of some keys, or of all."""
+    if _quiet.get():
+        return
+    level, frame = 1, sys._getframe()  # the line to blame is the first one outside archfrag
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("archfrag."):
+        level, frame = level + 1, frame.f_back
+    for text in unit_cautions(arch, *keys):
+        warnings.warn(text, UnitWarning, stacklevel=level)

@@ -1,0 +1,65 @@
+"""What drawings need of an arch: where its fill lies, and a frame in which it moves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from archfrag.arch.checks import FloatArray
+
+if TYPE_CHECKING:
+    from archfrag.arch.model import Arch
+
+
+def fill_outlines(arch: Arch) -> list[FloatArray]:
+    """Return the outlines of fill and of backing, (m, 2) each [m]; empty without fill.
+
+    They run along chords of the extrados, on which the voussoirs are drawn.
+    """
+    fill, (first, last) = arch.parameters.get("fill"), arch.springings
+    if not fill:
+        return []
+    back = arch.extrados[first : last + 1]
+    below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
+    if first:  # on piers, whose tops carry fill too
+        left, right = (_top(arch.outlines[body]) for body in (first - 1, last))
+        below = np.concatenate([left[left[:, 0] < below[0, 0]], below])
+        below = np.concatenate([below, right[right[:, 0] > below[-1, 0]]])
+    level = np.concatenate(arch.outlines[first:last])[:, 1].max() + fill["height_over_crown"]
+    middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
+    levels = [level] + [middle + fill["backing_height"]] * (fill.get("backing_height", 0.0) > 0.0)
+    return [_between(below, min(each, level)) for each in levels]
+
+
+def _top(outline: FloatArray) -> FloatArray:
+    """Corners of the top of a pier, from left to right."""
+    high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
+    return high[high[:, 0].argsort()]
+
+
+def _between(line: FloatArray, level: float) -> FloatArray:
+    """Outline of what lies over a line, from left to right, up to a level."""
+    line = np.column_stack([line[:, 0], np.minimum(line[:, 1], level)])
+    return np.concatenate([line, [[line[-1, 0], level], [line[0, 0], level]]])
+
+
+def frame(
+    arch: Arch, place: FloatArray, rotation: FloatArray, margin: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the lower left and the upper right corner of a frame about all bodies [m].
+
+    They are seen at rest and in motion, their centroids at `place` (n_time, n_voussoir, 2), turned
+    by `rotation`. What flies off by more than the size of the arch is out of the frame; `margin`
+    is a part of this size.
+    """
+    rest, seen = np.concatenate(arch.outlines), list[FloatArray]()
+    for body, outline in enumerate(arch.outlines):
+        x, y = np.transpose(outline - arch.centroids[body])[:, :, None]
+        sine, cosine = np.sin(rotation[:, body]), np.cos(rotation[:, body])
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+        seen.append((turned + place[:, body]).reshape(-1, 2))
+    moved, low, high = np.concatenate(seen), rest.min(axis=0), rest.max(axis=0)
+    size = float((high - low).max())
+    first = np.maximum(np.minimum(low, moved.min(axis=0)), low - size) - margin * size
+    return first, np.minimum(np.maximum(high, moved.max(axis=0)), high + size) + margin * size
