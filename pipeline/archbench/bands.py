@@ -138,7 +138,7 @@ def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
     for size in sizes:
         found = []
         for im, failed in zip(data["intensity"][:size].T[:sets], data["failed"][:size].T):
-            known = fit_posterior(im, failed.astype(int), 1)
+            known = fit_posterior(im, failed.astype(int), 1, one_sided=True)
             curve = norm.cdf((x - np.log(known.fragility.theta)) / known.fragility.beta)
             (low, high), (least, most) = known.theta_interval(), known.beta_interval()
             rms = np.sqrt(np.mean((curve - true) ** 2))
