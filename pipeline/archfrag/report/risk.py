@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from scipy.special import ndtr
 
 from archfrag.hazard import Hazard
 from archfrag.report import drawing as look
@@ -46,6 +47,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
     heads = [
         "arch", "collapses a year", percent, "mean rate", "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
+        "left out below the onset",
         *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
     ]  # fmt: skip
     rows = []
@@ -61,6 +63,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             html.measured(rate.mean, ".2g"),
             most + html.measured(float(f"{rate.return_period:.3g}"), ",.12g"),
             f"{least}{likely:.2g}", html.interval(ends, ".2g"), f"{100 * rate.outside:.1f} %",
+            f"{rate.below_onset:.2g}" if np.any(arch.onset) else "–",
             *(html.measured(each, ".2g") for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
@@ -135,4 +138,7 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
     """Rate of collapse per unit of ln im [1/year]; jumps where the slope of the hazard does."""
     curve = hazard.main
     slope = curve.pieces(np.log(im))[2]
-    return arch.fit.probability(im) * slope * curve.rate_at(im)
+    theta, beta = arch.fit.parts.T
+    z = np.log(im[:, None] / theta) / beta
+    chance = np.where(im[:, None] < arch.onset, 0.0, ndtr(z)).mean(axis=1)
+    return chance * slope * curve.rate_at(im)
