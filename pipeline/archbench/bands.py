@@ -1,13 +1,16 @@
 """How often the band that a report quotes holds the truth, over simulated studies.
 
+Other tables are of limit states, designs and records that stand again (`COVERED`), and of ratios.
+
 ``python -m archbench.bands FOLDER FILE`` measures the posterior of few runs on the public data
 sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the evidence page.
 """
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,9 +19,13 @@ from scipy.stats import norm, skewnorm, weibull_min
 
 from archbench.runner import Bench
 from archfrag.errors import FitError
-from archfrag.fragility.counts import find_brackets
-from archfrag.fragility.posterior import fit_posterior
-from archfrag.fragility.quoted import quoted_band, quoted_runs
+from archfrag.fragility.counts import Brackets, find_brackets
+from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
+from archfrag.fragility.ratio import left_out, parts_of, ratios
+from archfrag.fragility.risk import HazardCurve, lognormal_rates
+from archfrag.study.runs.design import Grid, ask
+from archfrag.study.runs.ida import Ida
 
 Array = NDArray[np.float64]
 
@@ -27,6 +34,7 @@ LEVELS = np.exp(BETA * np.linspace(-2.2, 2.2, 15))
 P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
 COLUMNS = [*(f"p_{p:g}" for p in P), "theta", "beta"]
 STUDIES = {True: 200, False: 2000}
+FEWER = {True: (5, 10), False: (400, 1000)}  # studies of `COMPARED` and of `COVERED`
 SEED = 20261122
 CORRELATION, RECORDS_PER_EVENT = 0.5, 3
 TWO_PEAKS = ((0.7, 0.0), (0.3, 2.5))  # weight and place of each, deviation 0.6
@@ -61,6 +69,108 @@ FAMILIES: dict[str, Callable[[Array], Array]] = {
 }  # fmt: skip
 RECORDS, EVENTS, SINGLE = "same records", "3 records an event", "single runs"
 SIZES = {RECORDS: (12, 24, 44), EVENTS: (12, 24, 45), SINGLE: (12, 24, 44, 150)}
+
+
+class World(NamedTuple):
+    """Simulated records: how they are grouped and run, and how far single runs scatter."""
+
+    size: int
+    scatter: float = 0.0  # standard deviation of ln capacity of single runs of a record
+    per_event: int = 1
+    design: str = "stripes"
+    state: float = np.inf  # median of a lighter limit state over that of collapse
+
+
+# Of a limit state, correlated with collapse by `TOGETHER`; of `ida`; of records that stand again.
+COVERED = {
+    **{f"limit state of {n} records": World(n, state=0.6) for n in (12, 24, 44)},
+    "limit state, 2 records an event": World(30, per_event=2, state=0.6),
+    **{f"ida, single runs scatter by {s:g}": World(30, s, design="ida") for s in (0.0, 0.2, 0.3)},
+    **{f"same records, single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
+}
+TOGETHER = 0.8  # correlation of ln capacities of two states, or of two arches
+# Two arches, the second with 1.3 times the median capacity, under the same motions.
+COMPARED = {
+    "3 events of 2": World(6, per_event=2), "8 records": World(8), "12 records": World(12),
+    "24 records": World(24), "15 events of 2": World(30, per_event=2),
+    "24 records, single runs scatter by 0.2": World(24, 0.2),
+}  # fmt: skip
+RATIO = 1.3
+DISPERSION = 0.4
+FINE = np.geomspace(0.25, 4.0, 15)
+HAZARD = HazardCurve(np.geomspace(0.02, 20.0, 2), 1e-3 * np.geomspace(0.02, 20.0, 2) ** -2.5)
+
+
+def _logs(world: World, generator: np.random.Generator, count: int) -> Array:
+    """Standardised ln capacities of states or arches, (count, n_record), alike within events."""
+    event = np.arange(world.size) // world.per_event
+    shared = CORRELATION if world.per_event > 1 else 0.0
+    drawn = generator.standard_normal((2, count, world.size))
+    z = np.sqrt(shared) * drawn[0][:, event] + np.sqrt(1.0 - shared) * drawn[1]
+    z[1:] = TOGETHER * z[0] + np.sqrt(1.0 - TOGETHER**2) * z[1:]
+    return z
+
+
+def _collapsed(world: World, capacity: Array, generator: np.random.Generator) -> NDArray[np.int64]:
+    """Whether runs at all levels collapse, (n_record, n_level), by capacities (n_record,)."""
+    error = world.scatter * generator.standard_normal((world.size, FINE.size))
+    return (capacity[:, None] * np.exp(error) <= FINE).astype(np.int64)
+
+
+def _requested(verdict: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    """Verdicts of the runs that `ida` asks for."""
+    grid = Grid(0, np.arange(len(verdict)), FINE, np.ones(len(verdict)), 1.0)
+    design = {0: Ida(kind="ida", seed=seed).requests(grid)}
+    ask(design, lambda cases: verdict[cases["record"], cases["place"]].astype(np.int8))
+    return grid.seen.astype(np.int64)
+
+
+def coverage_in(name: str, studies: int) -> dict[str, float]:
+    """As `coverage_of`, in one of the worlds `COVERED`; true values of a state by many records."""
+    world = COVERED[name]
+    generator = np.random.default_rng([SEED, len(name), world.size])
+    many = _logs(World(200_000), np.random.default_rng(SEED), 2)
+    logs = DISPERSION * np.minimum(many[0], many[1] + np.log(world.state) / DISPERSION)
+    logs += world.scatter * np.random.default_rng(SEED + 1).standard_normal(logs.size)
+    im, beta = np.exp(np.quantile(logs, P)), float(logs.std())
+    groups = np.arange(world.size) // world.per_event if world.per_event > 1 else None
+    held = np.zeros(P.size + 2)
+    for seed in range(studies):
+        collapse, own = np.exp(DISPERSION * _logs(world, generator, 2))
+        verdict = _collapsed(world, np.minimum(collapse, world.state * own), generator)
+        if world.design == "ida":
+            verdict = _requested(verdict, seed)
+        known = quoted_band(find_brackets(verdict, FINE), im, groups=groups)
+        held[:-2] += (known.lower <= P) & (known.upper >= P)
+        held[-2] += known.theta[0] <= im[2] <= known.theta[1]
+        held[-1] += known.beta[0] <= beta <= known.beta[1]
+    return dict(zip(COLUMNS, (held / studies).tolist(), strict=True))
+
+
+def coverage_of_ratios(name: str, studies: int) -> dict[str, float]:
+    """Fraction of studies whose 90 % interval holds the ratio of medians, and of rates."""
+    world = COMPARED[name]
+    generator = np.random.default_rng([SEED, len(name), world.size])
+    true = lognormal_rates(HAZARD, [1.0, RATIO], [np.hypot(DISPERSION, world.scatter)] * 2)
+    truth = {"theta": RATIO, "rate": true[1] / true[0]}
+    groups = np.arange(world.size) // world.per_event
+    held = dict.fromkeys(truth, 0.0)
+    for _ in range(studies):
+        capacity = np.exp(DISPERSION * _logs(world, generator, 2)) * np.array([[1.0], [RATIO]])
+        found = [find_brackets(_collapsed(world, own, generator), FINE) for own in capacity]
+        shared = groups if world.per_event > 1 else None
+        first, second = (capacity_posterior(own, shared)[0].fragility for own in found)
+        parts = parts_of(groups)
+        one, two = (left_out(own, parts, _plain) for own in found)
+        rows = ratios((first, second), (one, two), HAZARD)
+        for key, value in truth.items():
+            held[key] += rows[key]["lower"] <= value <= rows[key]["upper"]
+    return {key: value / studies for key, value in held.items()}
+
+
+def _plain(found: Brackets) -> Any:
+    monotone = replace(found, contradictions=0 * found.contradictions)
+    return fit_capacity_posterior(monotone).fragility
 
 
 def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str, float]:
@@ -121,7 +231,18 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     for key, found in bench.run("bands", coverage_of, tasks, LIMIT).items():
         head = dict(zip(("sampling", "capacities", "size", "studies"), key, strict=True))
         rows.append(head | ({"failed": found} if isinstance(found, str) else found))
-    return {"coverage": pd.DataFrame(rows)}
+    few, many = FEWER[bench.quick]
+    own: dict[tuple, tuple] = {(name, many): (name, many) for name in COVERED}
+    for (name, _), found in bench.run("bands_designs", coverage_in, own, LIMIT).items():
+        head = {"sampling": name, "capacities": "lognormal", "size": COVERED[name].size,
+                "studies": many}  # fmt: skip
+        rows.append(head | ({"failed": found} if isinstance(found, str) else found))
+    own = {(name, few): (name, few) for name in COMPARED}
+    shown: list[dict[str, Any]] = []
+    for (name, _), found in bench.run("bands_ratio", coverage_of_ratios, own, LIMIT).items():
+        head = {"records": name, "studies": few}
+        shown.append(head | ({"failed": found} if isinstance(found, str) else found))
+    return {"coverage": pd.DataFrame(rows), "ratio": pd.DataFrame(shown)}
 
 
 def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
@@ -138,7 +259,7 @@ def few_runs(folder: Path, sizes: Sequence[int], sets: int) -> pd.DataFrame:
     for size in sizes:
         found = []
         for im, failed in zip(data["intensity"][:size].T[:sets], data["failed"][:size].T):
-            known = fit_posterior(im, failed.astype(int), 1)
+            known = fit_posterior(im, failed.astype(int), 1, one_sided=True)
             curve = norm.cdf((x - np.log(known.fragility.theta)) / known.fragility.beta)
             (low, high), (least, most) = known.theta_interval(), known.beta_interval()
             rms = np.sqrt(np.mean((curve - true) ** 2))

@@ -18,7 +18,8 @@ from archfrag.errors import FitError, InputError
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.fragility.limit_states import answers_of_states
+from archfrag.fragility.quoted import Answer
 from archfrag.report import make_report
 from archfrag.study.answer.cube import in_unit
 from archfrag.study.answer.curves import capacities, quoted
@@ -106,13 +107,11 @@ class Curve:
     @property
     def limit_states(self) -> dict[str, Curve]:
         """Curves of all limit states that the runs show, the lightest first and collapse last."""
-        found, confidence = {}, self.confidence
-        for state in self._answer.more.get("limit_states", {}).get("states", ()):
-            fit, name = curve_of_dict(state["curve"]), str(state["name"])
-            if isinstance(fit, Fragility) and name != self.state:
-                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-                own = Answer(fit, fit, *ends, confidence=confidence)
-                found[name] = _curve(self.name, fit, own, self.intensity, name)
+        found = {
+            name: _curve(self.name, own.curve, own, self.intensity, name)
+            for name, own in answers_of_states(self._answer).items()
+            if isinstance(own.curve, Fragility) and name != self.state
+        }
         return {**found, self.state: self}
 
     @overload
@@ -126,7 +125,7 @@ class Curve:
     def band(self, im: ArrayLike) -> Band:
         """Lower and upper end of the band at intensities, each of the same shape.
 
-        That of collapse is known up to 1.05 times the highest level, and nan beyond.
+        It is known up to 1.05 times the highest level, and nan beyond.
         """
         at, known = np.multiply(im, self.intensity.factor), self._answer
         if not known.im:

@@ -24,17 +24,18 @@ FILES = {
     *(f"{table}.{ending}" for ending in ("csv", "parquet")
       for table in ("arches", "curves", "parameters", "records", "runs")),
 }  # fmt: skip
-# As a study stores them, [m/s2]: of motion there is no curve, impact lies above residual.
+# As a study stores them, [m/s2]: of motion there is no curve; impact is the rarest of the others,
+# and its curve crosses that of contact lost.
 STATES = [
     {"name": "motion", "curve": {"none": "all runs collapse"}},
     {"name": "impact", "curve": fragility(1.1, 0.3).to_dict()},
-    {"name": "residual", "curve": fragility(1.0, 0.4).to_dict()},
+    {"name": "residual", "curve": fragility(0.5, 0.4).to_dict()},
     {"name": "contact lost", "curve": fragility(1.0, 0.4).to_dict()},
 ]
 MOVED = (
-    "limit state 'impact': 1 curve lay below that of a severer state by more than 0.01 and took "
-    "up its dispersion as far as needed (such as ring: dispersion 0.3 to 0.384, median times "
-    "0.909)"
+    "limit state 'contact_lost': 1 curve lay below that of a severer state by more than 0.01 and "
+    "took up its dispersion as far as needed (such as ring: dispersion 0.4 to 0.376, median times "
+    "1)"
 )
 LEFT_OUT = "limit state 'motion' is left out: ring has no curve of it: all runs collapse"
 SLIDES = (
@@ -66,14 +67,14 @@ def test_all_formats(study, tmp_path):
     assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
     assert sorted(each["file"] for each in made["files"]) == sorted(map(str, folder.iterdir()))
     assert made["left_out"] == {"slab": "it fell"}
-    assert made["notes"] == [SLIDES, MOVED, LEFT_OUT]
+    assert made["notes"] == [MOVED, SLIDES, LEFT_OUT]
     for name in ("fragility-continuous.xml", "pelicun.json", "in-core-ring.json", "tables.json"):
         text = (folder / f"small-{name}").read_text()
         assert [note in text for note in made["notes"]] == [True, True, True], name
     stated = pd.read_csv(folder / "small-parameters.csv")
-    assert stated["limit_state"].tolist() == ["impact", "residual", "contact_lost", "collapse"]
-    assert stated["kind"].tolist()[:2] == ["adjusted", "stripes"]
-    assert np.isnan(stated["theta_maximum_likelihood"][0])  # it is no longer the likeliest curve
+    assert stated["limit_state"].tolist() == ["residual", "contact_lost", "impact", "collapse"]
+    assert stated["kind"].tolist()[:3] == ["stripes", "adjusted", "stripes"]
+    assert np.isnan(stated["theta_maximum_likelihood"][1])  # it is no longer the likeliest curve
     assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
     answer = load_fits(study)[0]["ring"]
     curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
@@ -93,8 +94,8 @@ def test_limit_states_that_are_asked_for(study, tmp_path):
     ]  # fmt: skip
     about = json.loads((tmp_path / "small-pelicun.json").read_text())["ring"]["LimitStates"]
     names = [one["Description"] for each in about.values() for one in each.values()]
-    assert names == ["impact", "contact_lost", "collapse"]
-    assert [note.split(":")[0] for note in made["notes"]] == ["limit state 'impact'"]
+    assert names == ["contact_lost", "impact", "collapse"]
+    assert [note.split(":")[0] for note in made["notes"]] == ["limit state 'contact_lost'"]
     for state, error, message in (
         ("motion", FitError, LEFT_OUT),
         ("Rotation", FitError, SLIDES),
@@ -177,7 +178,7 @@ def test_messages_and_json(study, tmp_path):
     names = "small-pelicun.csv", "small-pelicun.json"
     assert result.stdout.splitlines() == [
         *(f"pelicun: {tmp_path / 'x' / name}" for name in names),
-        "limit states written: 4 (impact, residual, contact_lost, collapse)",
+        "limit states written: 4 (residual, contact_lost, impact, collapse)",
     ]
     facts = json.loads(command(*call, "in-core", "--json").stdout)
     assert [each["format"] for each in facts["files"]] == ["in-core"]

@@ -1,115 +1,44 @@
-"""Ordered limit states: nesting, crossing, and the joint fit against an independent likelihood."""
+"""Limit states: answers that a study stores, and curves of two states that must not cross."""
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
-from scipy.stats import norm
 
+from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.curve import mixture
-from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.limit_states import (
     MOST_CROSSING,
     above,
+    answers_of_states,
     crossing,
-    fit_limit_states,
-    nest_exceedance,
+    state_to_dict,
+    told_order,
 )
+from archfrag.fragility.quoted import Answer, quoted_band
 from tests.export.made import fragility
 
-LEVELS = np.geomspace(0.05, 2.0, 10)
-NAMES = ("motion", "contact lost", "collapse")
+
+def test_answers_of_states_are_those_that_were_stored():
+    levels = np.geomspace(0.1, 1.0, 6)
+    found = quoted_band(find_brackets(np.arange(6) > np.arange(1, 5)[:, None], levels), levels)
+    states = [
+        {"name": "rotation", "meaning": "it turns", **state_to_dict(found)},
+        {"name": "residual", "meaning": "", **state_to_dict(Answer("none does"))},
+    ]
+    answer = Answer(found.curve, more={"limit_states": {"message": "", "states": states}})
+    again = answers_of_states(answer)
+    assert list(again) == ["rotation", "residual"]
+    own = again["rotation"]
+    assert (own.curve, own.theta, own.beta, own.lower) == (
+        found.curve, found.theta, found.beta, found.lower,
+    )  # fmt: skip
+    assert again["residual"].curve == "none does"
+    assert answers_of_states(Answer("")) == {}
 
 
-def runs(seed, beta, n=40):
-    """Thresholds 0.2, 0.3, 0.5 of demand with one error per run; beta of each state given."""
-    error = np.random.default_rng(seed).normal(size=(n, LEVELS.size, 1))
-    z = np.log(LEVELS[:, None] / np.array([0.2, 0.3, 0.5])) / np.asarray(beta)
-    return (z >= error).astype(int)
-
-
-CROSSING = runs(2, [0.2, 0.4, 1.2])
-
-
-def test_more_severe_implies_less_severe():
-    codes = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0], [4, 1, 2], [0, 4, 4], [1, 4, 0], [4, 4, 4]])
-    assert nest_exceedance(codes).tolist() == [
-        [1, 1, 0], [1, 1, 1], [1, 0, 0], [1, 1, -1], [0, 0, 0], [1, -1, 0], [-1, -1, -1],
-    ]  # fmt: skip
-
-
-class TestCurves:
-    def test_curves_that_do_not_cross_are_those_of_fit_stripes(self):
-        exceeded = runs(1, [0.4, 0.4, 0.4])
-        found, _ = fit_limit_states(exceeded, LEVELS, NAMES)
-        assert {fit.kind for fit, _ in found} == {"stripes"}
-        for i, (fit, _) in enumerate(found):
-            assert fit == fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
-
-    def test_crossing_curves_are_replaced_by_the_likeliest_ordered_ones(self):
-        exceeded = runs(3, [0.2, 0.4, 1.2])
-        exceeded[:5, :, 1] = 4
-        found, message = fit_limit_states(exceeded, LEVELS, NAMES)
-        assert "one beta" in message
-        fits = [fit for fit, _ in found]
-        assert np.all(np.diff([fit.probability(LEVELS) for fit in fits], axis=0) < 0)
-        nested = nest_exceedance(exceeded).reshape(-1, 3)
-        x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
-        high, low = (nested == 1).sum(axis=1), 3 - (nested == 0).sum(axis=1)
-
-        def loss(p):
-            cumulative = norm.cdf((x[:, None] - p[:3]) / np.exp(p[3]))
-            cumulative = np.column_stack([np.ones(x.size), cumulative, np.zeros(x.size)])
-            rows = np.arange(x.size)
-            p_run = cumulative[rows, high] - cumulative[rows, low + 1]
-            return -np.log(np.maximum(p_run, 1e-300)).sum()
-
-        options = {"xatol": 1e-9, "fatol": 1e-11, "maxiter": 8000, "maxfev": 8000}
-        start = [*np.log([0.2, 0.3, 0.5]), -0.7]
-        best = minimize(loss, start, method="Nelder-Mead", options=options)
-        assert [np.log(fit.theta) for fit in fits] == pytest.approx(best.x[:3], abs=1e-6)
-        assert [fit.beta for fit in fits] == pytest.approx([np.exp(best.x[3])] * 3, rel=1e-6)
-        assert fits[0].log_likelihood == pytest.approx(-best.fun, rel=1e-9)
-
-    def test_errors_of_the_curves(self):
-        """100 simulated studies with one beta, of which some cross."""
-        studies = [fit_limit_states(runs(i, [0.4] * 3), LEVELS, NAMES)[0] for i in range(100)]
-        values, errors = [
-            np.array([[value(fit) for fit, _ in fits] for fits in studies])
-            for value in (lambda f: (np.log(f.theta), f.beta), lambda f: f.standard_errors)
-        ]
-        assert values[:, :, 0].mean(axis=0) == pytest.approx(np.log([0.2, 0.3, 0.5]), abs=0.01)
-        assert values[:, :, 1].mean() == pytest.approx(0.4, abs=0.01)
-        assert errors.mean(axis=0) == pytest.approx(values.std(axis=0), rel=0.25)
-
-
-class TestTies:
-    """States that no run separates; the others are fitted jointly all the same."""
-
-    def test_two_states_with_the_same_exceedances(self):
-        three, _ = fit_limit_states(CROSSING, LEVELS, NAMES)
-        for twice in (0, 1, 2):
-            columns = np.sort([0, 1, 2, twice])
-            found, _ = fit_limit_states(CROSSING[:, :, columns], LEVELS, "abcd")
-            theta = [fit.theta for fit, _ in found]
-            assert theta[twice] == theta[twice + 1]
-            expected = [three[i][0].theta for i in columns]
-            assert theta == pytest.approx(expected, rel=1e-9)
-
-    def test_states_that_all_runs_exceed_or_none(self):
-        every = np.ones((40, 10, 1), int)
-        exceeded = np.concatenate([every, CROSSING, 0 * every], axis=-1)
-        first, *_, last = fit_limit_states(exceeded, LEVELS, "abcde")[0]
-        assert first[0] is last[0] is None
-        assert "every run" in str(first[1])
-        assert "no run" in str(last[1])
-
-    def test_separated_states_have_a_posterior_curve(self):
-        exceeded = runs(4, [0.4, 0.4, 0.4])
-        exceeded[:, :, 0] = LEVELS > 0.1
-        fit, none = fit_limit_states(exceeded, LEVELS, NAMES)[0][0]
-        step = LEVELS[LEVELS <= 0.1][-1], LEVELS[LEVELS > 0.1][0]
-        assert step[0] < fit.theta < step[1]
-        assert (fit.kind == "posterior") == ("no likeliest curve" in str(none))
+def test_curves_that_cross_are_told():
+    mild, severe = ("rotation", fragility(1.0, 0.6)), ("collapse", fragility(1.1, 0.2))
+    assert "those of rotation and collapse by up to 0.19" in told_order([mild, severe])
+    assert told_order([severe]) == "The curves of the limit states do not cross."
 
 
 class TestOrderOfTwo:

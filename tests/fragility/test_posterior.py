@@ -73,7 +73,7 @@ class TestRuns:
 
     @pytest.mark.parametrize("k", [[0] * 5, [1] * 5, [0, 0, 1, 1, 1], [1, 0, 1, 0, 1]])
     def test_always_a_band(self, k):
-        known = fit_posterior(self.IM, k, 1)
+        known = fit_posterior(self.IM, k, 1, one_sided=True)
         im = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 60), [INF]])
         lower, upper = known.band(im)
         assert np.all((lower >= 0.0) & (upper <= 1.0))

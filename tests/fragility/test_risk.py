@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from archfrag.fragility.counts import Verdict, find_brackets
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.curve import Fragility, mixture
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.fragility.risk import (
     HazardCurve,
@@ -128,3 +128,35 @@ class TestDeaggregation:
             found = deaggregate(verdict, kind, ("a", "b"))
             held.append(found.lower[1] <= 0.4 <= found.upper[1])
         assert 0.86 < np.mean(held) < 0.95
+
+
+class TestOnset:
+    """Below the onset of motion nothing collapses: the rate is an integral from there on."""
+
+    @pytest.mark.parametrize("onset", [1e-4, 0.02, 0.3, 1.1, 5.0])
+    def test_against_quadrature(self, onset):
+        found, whole = (collapse_rate(BENT, lognormal(0.8, 0.5), onset=o) for o in (onset, 0.0))
+        assert found.rate == pytest.approx(
+            by_quadrature(BENT, lognormal(0.8, 0.5), onset, 1e6), rel=1e-6
+        )
+        assert found.below_onset == pytest.approx(whole.rate - found.rate, rel=1e-9, abs=1e-15)
+        assert whole.below_onset == 0.0
+
+    def test_each_arch_of_a_class_has_its_own(self):
+        parts = [lognormal(0.6, 0.4), lognormal(1.2, 0.5)]
+        both = mixture(parts[0], parts)
+        onsets = np.array([0.4, 0.7])
+        found = collapse_rate(BENT, both, onset=onsets)
+        alone = [collapse_rate(BENT, p, onset=o).rate for p, o in zip(parts, onsets)]
+        assert found.rate == pytest.approx(np.mean(alone), rel=1e-12)
+        by_level = rate_by_level(BENT, both, [0.5, 1.0], onsets)
+        assert by_level.sum() == pytest.approx(found.rate, rel=1e-12)
+        assert by_level[0] < rate_by_level(BENT, both, [0.5, 1.0])[0]
+
+    def test_band_and_mean_leave_the_same_part_out(self):
+        fit = lognormal(0.8, 0.5)
+        none, some = (
+            collapse_rate(BENT, fit, parameter_draws(fit, 1), onset=onset) for onset in (0.0, 0.5)
+        )
+        assert some.lower < some.rate < some.upper < none.upper
+        assert some.mean < none.mean

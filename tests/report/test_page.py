@@ -143,8 +143,8 @@ class TestAnswer:
         assert ending in text(section(page, "members"))
         assert f"pointwise band, {answer.method}. {answer.assumptions}" in text(page)
         assert table(page, "Limit states of thin")[1] == [
-            ["motion", "a joint opens", "0.102", "0.400"],
-            ["impact", "a joint closes (no curve: all collapse)", "–", "–"],
+            ["motion", "a joint opens", "0.102", "–", "0.400", "–"],
+            ["impact", "a joint closes (no curve: all collapse)", "–", "–", "–", "–"],
         ]
         rows = table(page, "Intensity measures for thick")[1]
         assert rows[0] == ["PGV (best)", "0.300", "–", "0.500", "0.300", "m/s"]

@@ -13,6 +13,7 @@ from archfrag.errors import FitError, InputError, OutputError
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
+from archfrag.hazard import load_hazard
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
 from archfrag.study.answer.cube import build_cube, write_cube
@@ -26,6 +27,7 @@ from archfrag.study.answer.fits import (
     open_cube,
     record_cautions,
 )
+from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import finite
 from archfrag.study.runs import Stripes
@@ -137,7 +139,7 @@ def test_no_unit_of_the_levels_changes_an_answer(tmp_path):
         assert found["arches"]["ring"]["curve"] == in_g["arches"]["ring"]["curve"]
     in_pgv = made(written("PGV", "cm/s", 32.0, 85.0, 138.0, 190.0, 243.0)).fits
     for fits in (in_g, in_pgv):
-        assert set(states(fits)) == {"residual", "rotation", "contact lost", "collapse"}
+        assert set(states(fits)) == {"residual", "rotation", "collapse"}
 
 
 def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_survivals(copied):
@@ -176,6 +178,26 @@ def test_a_cloud_without_a_curve_has_a_report_that_states_why(tmp_path, factor, 
     shown = page_of(made(path).study, "arch1")
     assert reason in shown
     assert "error in archfrag" not in shown
+
+
+@pytest.mark.parametrize(("factor", "side"), [(0.01, "above"), (50.0, "below")])
+@pytest.mark.parametrize("kind", ["cloud, factor: {}", "stripes", "ida"])
+def test_one_outcome_in_all_runs_gives_no_curve_but_a_reason(tmp_path, kind, factor, side):
+    text = TEXT.replace("[0.1, 0.6, 1.2]", f"[{0.9 * factor:g}, {1.1 * factor:g}]")
+    path = small_study(tmp_path, f"{text}design: {{kind: {kind.format(factor)}}}\n")
+    study = made(path).study
+    answers = load_fits(study)[0]
+    for answer in answers.values():
+        assert f"nothing bounds theta from {side}: add levels {side}" in str(answer.curve)
+        assert isinstance(answer.likelihood, str)
+        for state in answer.more["limit_states"].get("states", ()):
+            assert "theta" not in state["curve"]
+    fits = {name: answer.curve for name, answer in answers.items()}
+    hazard = load_hazard([ROOT / "configs" / "hazard.csv"], "PGA")
+    with open_cube(study) as cube:
+        found = risk_facts(risk_of(cube, fits, hazard), study)
+    assert all("nothing bounds" in each["none"] for each in found["arches"].values())
+    assert "no rate, since there is no curve" in risk_text(found)
 
 
 def test_a_part_that_cannot_be_made_is_left_out(copied, monkeypatch):

@@ -1,6 +1,7 @@
 """Hazard curves of files, and rates of collapse of a study: of all designs, by the command."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -186,6 +187,33 @@ class TestGridOfRuns:
         parts = found.by_mechanism
         assert parts.rate.sum() + parts.unassigned.sum() == pytest.approx(rate, rel=1e-12)
         assert parts.counts.sum() == (data["verdict"].values == 1).sum()
+
+    def test_the_rate_leaves_out_what_is_below_the_onset_of_motion(self, data):
+        moving = data.assign(onset_plus=("arch", [0.3]), onset_minus=("arch", [0.2]))
+        whole, found = (
+            risk_of(each, {"ring": FIT}, HAZARD).arches["ring"] for each in (data, moving)
+        )
+        assert float(found.onset) == pytest.approx(0.2 * G)
+        assert found.rate.below_onset > 0.0 == whole.rate.below_onset
+        assert found.rate.rate + found.rate.below_onset == pytest.approx(whole.rate.rate)
+        assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
+        assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
+        vertical = moving.assign(record_vertical=0 * moving["record_vertical"] + 1)
+        delayed = moving.assign_attrs(archfrag_config='{"method": {"delay": 0.05}}')
+        other = moving.assign(intensity=moving["intensity"].assign_attrs(measure="PGV"))
+        for each in (vertical, delayed, other):
+            assert risk_of(each, {"ring": FIT}, HAZARD).arches["ring"].rate == whole.rate
+
+    def test_a_rate_from_below_the_lowest_collapse_is_cautioned(self, data):
+        def cautions(first):
+            verdict = np.zeros((30, 9), np.int8)
+            verdict[:, first:] = 1
+            found = risk_of(with_verdicts(data, verdict, 3), {"ring": FIT}, HAZARD).arches["ring"]
+            return [each for each in found.cautions if "lowest level at which a run" in each]
+
+        assert cautions(0) == []
+        (found,) = cautions(8)
+        assert re.match(r"\d+ % of the rate is from intensities below the lowest level", found)
 
     def test_short_hazard_curve_is_cautioned(self, data):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})

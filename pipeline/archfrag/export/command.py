@@ -19,8 +19,8 @@ from archfrag.export.formats import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.limit_states import MOST_CROSSING, above
-from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.fragility.limit_states import MOST_CROSSING, above, answers_of_states
+from archfrag.fragility.quoted import Answer
 from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
@@ -29,7 +29,7 @@ from archfrag.study.steps import finished
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211
-# Limit states from the mildest to collapse.
+# Limit states; their order in files follows from their curves, and collapse is the last.
 LIMIT_STATES = ("motion", "impact", "residual", "rotation", "contact_lost", "collapse")
 _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
@@ -106,8 +106,9 @@ def _limit_states(
 ) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
     """Curves of the limit states from mild to collapse, and what was left out or moved, and why.
 
-    Receivers take differences of states and want the same ones of all arches. So a state is left
-    out if an arch with a curve of collapse has none of it, and curves must not cross (`above`).
+    Receivers take differences of states and want the same ones of all arches, in one order: that
+    of their medians, on average. So a state is left out if an arch with a curve of collapse has
+    none of it, and curves must not cross (`above`).
     """
     requested = [name.strip().casefold().replace(" ", "_") for name in requested]
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
@@ -115,15 +116,17 @@ def _limit_states(
         raise InputError(f"there is no limit state {name!r}; they are {', '.join(LIMIT_STATES)}")
     own = {
         arch: {
-            state["name"].replace(" ", "_"): curve_of_dict(state["curve"])
-            for state in answer.more.get("limit_states", {}).get("states", ())
+            state.replace(" ", "_"): found.curve
+            for state, found in answers_of_states(answer).items()
         } | {"collapse": answer.curve}
         for arch, answer in answers.items()
     }  # fmt: skip
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept, messages = ["collapse"], list[str]()
-    for name in (name for name in reversed(LIMIT_STATES) if name in (requested or LIMIT_STATES)):
+    place = {name: _mean_log(own[arch].get(name) for arch in severe) for name in LIMIT_STATES[:-1]}
+    ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
+    for name in (name for name in reversed(ordered) if name in (requested or LIMIT_STATES)):
         found = {arch: own[arch].get(name) for arch in severe}
         curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
         if lacking := [arch for arch in found if arch not in curves]:
@@ -150,6 +153,12 @@ def _limit_states(
             for arch, fit in severe.items():
                 own[arch][name] = fit
     return {arch: {k: each.get(k, "none") for k in kept} for arch, each in own.items()}, messages
+
+
+def _mean_log(curves: Iterable[Fragility | str | None]) -> float:
+    """Mean of ln theta of those that are curves; -inf of none."""
+    logs = [np.log(fit.theta) for fit in curves if isinstance(fit, Fragility)]
+    return float(np.mean(logs)) if logs else -np.inf
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
@@ -206,8 +215,7 @@ def curve_tables(
 ) -> dict[str, Table]:
     """Points and parameters of all curves; an intensity in `unit` times `factor` is in `si`.
 
-    Bands of collapse are those that the report quotes; those of other limit states are from the
-    covariance of the fit.
+    Bands are those of the fitted curves, also where a curve was moved.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     confidence = next(iter(answers.values())).confidence
@@ -218,12 +226,10 @@ def curve_tables(
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure, "unit": unit}
             found = answers[arch]
-            lower, upper = (np.interp(levels, found.im, end) for end in (found.lower, found.upper))
             if state != "collapse":
-                ends = fit.theta_interval(confidence), fit.beta_interval(confidence)
-                likely = fit if fit.kind in ("stripes", "ordered") else ""
-                found = Answer(fit, likely, *ends, method="covariance of the fit")
-                lower, upper = fit.band(levels, confidence)
+                found = answers_of_states(found)[state.replace("_", " ")]
+            ends = (found.lower, found.upper)
+            lower, upper = (np.interp(levels, found.im or [0.0], end or [np.nan]) for end in ends)
             points.append(pd.DataFrame(labels | {
                 "im": levels / factor, "intensity": levels, "lower": lower, "upper": upper,
                 "probability": fit.probability(levels),

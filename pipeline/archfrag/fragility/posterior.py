@@ -106,7 +106,9 @@ class Posterior:
         return (self._cumulative[row, node] + t * (low + 0.5 * t * (high - low))).sum(axis=-1)
 
 
-def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
+def fit_posterior(
+    im: ArrayLike, collapses: ArrayLike, n: ArrayLike, *, one_sided: bool = False
+) -> Posterior:
     """Posterior of the curve of runs that are independent, each with a motion of its own.
 
     Prior: Jeffreys' for the runs that were made, proper at two levels or more (Ibrahim and Laud
@@ -115,9 +117,12 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
     highest over the lowest level. Jeffreys' alone makes beta too small: at 10 runs 90 % bands
     hold the truth in 78 to 86 %. The second term keeps ten runs with one collapse from making
     beta and theta too large; docs/evidence.md compares them.
-    Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more.
+    Arguments as for `fit_stripes`. FitError unless the runs are at two levels or more, and some
+    collapsed and some did not: `one_sided` ones have a posterior too, but it shows the prior.
     """
     im, collapses, n = checked_stripes(im, collapses, n)
+    if not one_sided:
+        _require_both_sides(im[collapses < n], im[collapses > 0])
     x, place = np.unique(np.log(im[n > 0]), return_inverse=True)
     if x.size > _MOST_LEVELS:  # neighbours together, at their mean
         group = np.arange(x.size) * _MOST_LEVELS // x.size
@@ -157,11 +162,7 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
     beta^2 is the sum of both variances, and s / beta is uniform from 0 to 1.
     """
-    why = "nothing bounds theta from"
-    if not found.lower.any():
-        raise FitError(f"{why} below: add levels below {{}}, the lowest tried", found.upper.min())
-    if np.isposinf(found.upper).all():
-        raise FitError(f"{why} above: add levels above {{}}, the highest tried", found.lower.max())
+    _require_both_sides(found.lower[found.lower > 0.0], found.upper[np.isfinite(found.upper)])
     share = float(n_effective or len(found.lower)) / len(found.lower)
     if found.contradictions.any():
         return _with_scatter(found, share)
@@ -183,6 +184,15 @@ def fit_capacity_posterior(found: Brackets, n_effective: float | None = None) ->
         return _of_cells(ends, chance, power, log_theta, beta), prior
 
     return _summed(terms, x, start, max(1, round(power.sum())))
+
+
+def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
+    """Raise FitError unless some levels are below a capacity, and some above one."""
+    why = "nothing bounds theta from {}: add levels {} {{}}, the {} tried ({} factor of a cloud)"
+    if above.size and not below.size:
+        raise FitError(why.format("below", "below", "lowest", "a smaller"), above.min())
+    if below.size and not above.size:
+        raise FitError(why.format("above", "above", "highest", "a larger"), below.max())
 
 
 def _with_scatter(found: Brackets, share: float) -> Posterior:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from scipy.special import ndtr
 
 from archfrag.hazard import Hazard
 from archfrag.report import drawing as look
@@ -51,6 +52,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
     heads = [
         "arch", "collapses a year", percent, "mean rate", "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
+        "left out below the onset",
         *(f"a year, {key}" for key in list(risk.hazard.curves)[1:]),
     ]  # fmt: skip
     rows = []
@@ -66,6 +68,7 @@ def _rates_table(risk: StudyRisk, percent: str) -> Markup:
             html.rounded(rate.mean),
             most + html.rounded(rate.return_period), least + html.rounded(likely),
             html.rounded_interval(*ends), f"{100 * rate.outside:.1f} %",
+            html.rounded(rate.below_onset) if np.any(arch.onset) else "–",
             *(html.rounded(each) for each in list(arch.by_curve.values())[1:]),
         ])  # fmt: skip
     return html.table("Rates of collapse", heads, rows, "compact")
@@ -142,4 +145,7 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
     """Rate of collapse per unit of ln im [1/year]; jumps where the slope of the hazard does."""
     curve = hazard.main
     slope = curve.pieces(np.log(im))[2]
-    return arch.fit.probability(im) * slope * curve.rate_at(im)
+    theta, beta = arch.fit.parts.T
+    z = np.log(im[:, None] / theta) / beta
+    chance = np.where(im[:, None] < arch.onset, 0.0, ndtr(z)).mean(axis=1)
+    return chance * slope * curve.rate_at(im)

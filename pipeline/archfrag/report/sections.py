@@ -9,6 +9,7 @@ from markupsafe import Markup
 from archfrag.arch.facts import facts_text
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
 from archfrag.motions.measures import LEVEL_UNITS
@@ -188,15 +189,16 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
     yield paragraph(TEXTS["notes"]["states"])
     yield curves.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
-    rows = []
-    for state in states["states"]:
-        curve, meaning, numbers = state["curve"], state["meaning"], ("–", "–")
-        if "none" in curve:
-            meaning += f" (no curve: {curve['none']})"
+    rows, scale = [], inputs.scale
+    for state, own in zip(states["states"], answers_of_states(answer).values()):
+        meaning, numbers = state["meaning"], ["–"] * 4
+        if isinstance(fit := own.curve, str):
+            meaning += f" (no curve: {fit})"
         else:
-            numbers = inputs.scale.digits(curve["theta"]), f"{curve['beta']:.3f}"
+            theta = html.interval([scale.factor * end for end in own.theta], "#.3g")
+            numbers = [scale.digits(fit.theta), theta, f"{fit.beta:.3f}", html.interval(own.beta)]
         rows.append((state["name"].replace("_", " "), meaning, *numbers))
-    heads = ["limit state", "meaning", f"θ [{inputs.scale.unit}]", "β"]
+    heads = ["limit state", "meaning", f"θ [{scale.unit}]", inputs.percent, "β", inputs.percent]
     yield table(f"Limit states of {name}", heads, rows, "compact", 2)
 
 

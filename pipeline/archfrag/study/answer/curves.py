@@ -14,7 +14,7 @@ from archfrag.errors import FitError
 from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.fit import fit_cloud
-from archfrag.fragility.limit_states import fit_limit_states
+from archfrag.fragility.limit_states import state_to_dict, told_order
 from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
 from archfrag.study.runs import Design, design_of
@@ -216,12 +216,42 @@ def measures_compared(runs: Runs) -> dict[str, Any]:
     return {**table, "rows": [{**row, "unit": units[row["measure"]]} for row in table["rows"]]}
 
 
-def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
-    """Curves of damage short of collapse, ordered; `keys` are the ``limit_states`` of a study."""
-    limits = runs.cube["static_limit"].values
+def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Answer) -> dict[str, Any]:
+    """Answers of damage short of collapse, from light to severe, and of `collapse`.
+
+    A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
+    """
+    onset, found, collapsed = _onset(runs.cube), [], runs.verdict == Verdict.COLLAPSED
+    for name, (meaning, condition) in _states(runs.cube, keys).items():
+        holds = runs.decided & condition(runs.cube).values.reshape(runs.verdict.shape)
+        if (holds & ~collapsed).any():
+            exceeded = np.where(holds | collapsed, Verdict.COLLAPSED, Verdict.STANDING)
+            codes = np.where(runs.decided, exceeded, runs.verdict)
+            own = answer(replace(runs, verdict=codes), collapse.confidence)
+            if isinstance(own.curve, str):
+                own = replace(own, curve=f"to collapse means to exceed it, and {own.curve}")
+            own = replace(own, curve=_above(own.curve, onset))
+        else:
+            why = "no run exceeds it short of collapse, so it has no curve of its own"
+            own = Answer(why, why, confidence=collapse.confidence)
+        found.append((name, meaning, own))
+    # The lightest first; what has no curve before them.
+    found.sort(key=lambda each: getattr(each[2].curve, "theta", 0.0))
+    curves = [(name, own.curve) for name, _, own in found] + [("collapse", collapse.curve)]
+    known = [(name, fit) for name, fit in curves if isinstance(fit, Fragility)]
+    last = Answer(collapse.curve, collapse.likelihood, collapse.theta, collapse.beta)
+    found.append(("collapse", "a loss of contact that cannot be regained", last))
+    states = [{"name": name, "meaning": words, **state_to_dict(own)} for name, words, own in found]
+    return {"message": told_order(known), "states": states}
+
+
+def _states(
+    cube: "xr.Dataset", keys: Mapping[str, float]
+) -> dict[str, tuple[str, Callable[[Any], Any]]]:
+    """By name of each limit state what it means, and which runs of an arch exceed it."""
+    limits = cube["static_limit"].values
     rad = f", {limits[0]:.3g} rad" if limits.size == 1 else ""
     residual, rotation = keys["residual"], keys["rotation"]
-    # By name what a state means, and which runs of an arch exceed it.
     known: dict[str, tuple[str, Callable[[Any], Any]]] = {
         "motion": ("a joint opens or slides",
                    lambda part: part["openings"] + part["slides"] + part["impacts"] > 0),
@@ -232,27 +262,10 @@ def limit_states(runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
                      lambda part: part["peak_rotation"] >= rotation * part["static_limit"]),
         "contact lost": ("a joint opens at both corners, regained or not",
                          lambda part: np.isfinite(part["lost_contact_time"])),
-        "collapse": ("a loss of contact that cannot be regained",
-                     lambda part: part["verdict"] == Verdict.COLLAPSED),
     }  # fmt: skip
     if not np.isfinite(limits).all():
         del known["rotation"]
-    codes = []  # verdicts on each state, as those on collapse
-    for _, condition in known.values():
-        holds = condition(runs.cube).values.reshape(runs.verdict.shape)
-        code = np.where(holds, Verdict.COLLAPSED, Verdict.STANDING)
-        code = np.where(runs.decided, code, Verdict.NOT_SIMULATED)
-        # The runs of a record in a search imply others.
-        codes.append(find_brackets(code, runs.level).filled if runs.design.adaptive else code)
-    level = np.broadcast_to(runs.level, runs.verdict.shape)
-    found, message = fit_limit_states(np.stack(codes, axis=-1), level, list(known))
-    onset = _onset(runs.cube)
-    states = []
-    for (name, (meaning, _)), (fit, none) in zip(known.items(), found):
-        reason = runs.worded(none) if none else ""
-        curve = curve_to_dict(_above(fit, onset) or reason)
-        states.append({"name": name, "meaning": meaning, "note": reason, "curve": curve})
-    return {"message": message, "states": states}
+    return known
 
 
 def onsets(cube: "xr.Dataset") -> FloatArray:
@@ -282,9 +295,11 @@ def _onset(cube: "xr.Dataset") -> float:
     return float(np.min(value[own] * (onsets(cube).min() / value["PGA"]) ** power))
 
 
-def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
-    """The curve, or why it is none: it gives a probability where nothing can move."""
-    below = float(fit.probability(onset)) if fit is not None and onset > 0.0 else 0.0
+def _above(fit: Fragility | str, onset: float) -> Fragility | str:
+    """The curve, or why there is none: it gives a probability where nothing can move."""
+    if isinstance(fit, str) or not onset > 0.0:
+        return fit
+    below = float(fit.probability(onset))
     if below <= MOST_BELOW:
         return fit
     return (

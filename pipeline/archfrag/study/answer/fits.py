@@ -66,7 +66,7 @@ def fit_cube(study: Study) -> Fitted:
         more = answers[each.name].more
         more["free"] = part(curves.free_shapes, each, confidence)
         more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, each, keys)
+        more["limit_states"] = part(curves.limit_states, each, keys, answers[each.name])
         if not each.design.on_levels:
             more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
     for each in runs:
@@ -80,7 +80,7 @@ def fit_cube(study: Study) -> Fitted:
         split = {}
         if not isinstance(curve := classes[name].curve, str):
             split = part(curves.dispersion_split, each, members, curve.beta)
-        states = part(curves.limit_states, each, keys)
+        states = part(curves.limit_states, each, keys, classes[name])
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
         lost = part(curves.without_verdict, each, confidence)
         classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)

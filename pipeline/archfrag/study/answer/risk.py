@@ -24,13 +24,14 @@ from archfrag.fragility.risk import (
 )
 from archfrag.hazard import Hazard, load_hazard
 from archfrag.mechanics.status import CollapseMode
-from archfrag.study.answer.curves import Runs, runs_of_cube
+from archfrag.study.answer.curves import Runs, onsets_in_measure, runs_of_cube
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
 from archfrag.study.files import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
+MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; of more there is a caution
 MOST_CATEGORIES = 4
 OTHER = "others"
 ASSUMPTIONS = (
@@ -43,6 +44,8 @@ ASSUMPTIONS = (
     "collapses: a Poisson process, the arch being put up again each time",
     "a class: the mean of the rates of its arches, if all of them have a curve",
     "by mechanism: as the collapses of this set of records, level by level",
+    "onset: in PGA and without vertical motion nothing moves below the onset of motion, and the "
+    "rate leaves out what the fitted curve has there",
 )
 _SCATTERED_BINS = 10
 _N_MODE = len(CollapseMode)
@@ -61,7 +64,9 @@ class ArchRisk:
     # Fractions of the rate from intensities below the least and above the greatest level that was
     # simulated, where the fitted curve is extrapolated.
     beyond: tuple[float, float]
+    below_collapse: float  # fraction of the rate from below the lowest level with a collapse
     by_mechanism: Contributions
+    onset: float | FloatArray = 0.0  # at or below it nothing moves, of each arch of a class [SI]
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -74,6 +79,9 @@ class ArchRisk:
                 self.rate.above,
             f"below the least {level}": self.beyond[0],
             f"above the greatest {level}": self.beyond[1],
+            "below the lowest level at which a run collapsed, where it follows from the shape of "
+            "the fitted curve alone; add records":
+                self.below_collapse * (self.below_collapse > MOST_UNSEEN),
         }  # fmt: skip
         bound = (
             "most of the rate is from outside the hazard curve, so the part within it is quoted, "
@@ -150,9 +158,15 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
         for key in ("collapse_joint", "collapse_mode")
     )
     levels, collapsed, code, ends = _on_levels(runs.verdict, joint * _N_MODE + mode, runs.level)
-    rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence)
-    level_rate = rate_by_level(hazard.main, fit, level_edges(levels))
-    outer = rate_by_level(hazard.main, fit, np.unique(ends)) / (rate.rate or 1.0)
+    least = onsets_in_measure(cube)
+    onset = least if fit.members is not None else least.min()
+    rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence, onset)
+    level_rate = rate_by_level(hazard.main, fit, level_edges(levels), onset)
+    at = np.broadcast_to(runs.level, runs.verdict.shape)[runs.verdict == Verdict.COLLAPSED]
+    outer, unseen = (
+        rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
+        for edges in (np.unique(ends), [at.min() if at.size else ends[-1]])
+    )
     # Mechanisms are joint and mode; the rare ones together.
     kinds, counts = np.unique(code[collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
@@ -162,9 +176,13 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
     parts = contributions(level_rate, collapsed, category, (*labels, OTHER))
-    by_curve = {key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()}
+    by_curve = {
+        key: collapse_rate(curve, fit, onset=onset).rate for key, curve in hazard.curves.items()
+    }
     beyond = float(outer[0]), float(outer[-1])
-    return ArchRisk(runs.name, fit, rate, by_curve, levels, level_rate, beyond, parts)
+    return ArchRisk(
+        runs.name, fit, rate, by_curve, levels, level_rate, beyond, float(unseen[0]), parts, onset
+    )
 
 
 def _on_levels(
@@ -214,6 +232,9 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
             "probability": probability, "probability_band": band,
             "below_hazard_curve": rate.below, "above_hazard_curve": rate.above,
             "below_levels": arch.beyond[0], "above_levels": arch.beyond[1],
+            "below_lowest_collapse": arch.below_collapse,
+            "onset": float(np.min(arch.onset)) / factor or None,
+            "rate_below_onset_left_out": rate.below_onset,
             "rate_by_hazard_curve": arch.by_curve,
             "levels": (arch.levels / factor).tolist(),
             "edges": (level_edges(arch.levels) / factor).tolist(),
@@ -269,6 +290,11 @@ def risk_text(facts: dict[str, Any]) -> str:
                 "{:.3g}".format(100 * arch["confidence"], *ends),
                 f"  mean rate over uncertain theta and beta {arch['rate_mean']:.3g} a year",
             ]
+        if arch["onset"] is not None:
+            lines.append(
+                f"  not in it: {arch['rate_below_onset_left_out']:.2g} a year by the fitted curve "
+                f"below the onset of motion ({arch['onset']:.3g} {facts['unit']})"
+            )
         others = list(arch["rate_by_hazard_curve"].items())[1:]
         lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
         lines += [

@@ -40,9 +40,6 @@ class Grid:
     levels: FloatArray  # (n_level,): [SI]
     unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
     power: float  # a level grows with the factor to the power 1 / `power`
-    # (n_record, n_measure): logarithms of other intensity measures of the records where the
-    # study's own is 1.
-    measures: FloatArray
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size

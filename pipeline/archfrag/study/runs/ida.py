@@ -42,8 +42,10 @@ class Ida(Design):
         search finds one of them, not the lowest: which one depends on the levels that it tries.
         The cells near the borders show how far single runs scatter, and the curve includes this.
 
-        The first records are searched knowing nothing, the others expecting what their measures
-        and the first suggest. If a record has one border, the search finds it whatever it expects.
+        The first records are searched knowing nothing, the others expecting what the first show.
+        If a record has one border, the search finds it whatever it expects. What else is known of
+        a record, such as other measures, must not choose its levels: half of the runs would
+        collapse at every level, which the likelihood of the verdicts takes for a larger beta.
         """
         n_record, n_level = grid.seen.shape
         # The highest level known to be below the border of each record, and the lowest above it.
@@ -53,8 +55,8 @@ class Ida(Design):
         first = min(FIRST_RECORDS, n_record)
         yield from search(grid, low, high, expected, range(first))
         if n_record > first:
-            found = expected_by_measures(grid, low[:first], high[:first], grid.measures[first:])
-            expected[first:] = expected_borders(grid.levels, *found)
+            found = capacities_of_borders(grid.levels, low[:first], high[:first])
+            expected[first:] = expected_borders(grid.levels, found.mean(), found.std(ddof=1))
             yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
         place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_SIMULATED
@@ -125,39 +127,17 @@ def search(
         low[left[survived]] = places[survived]
 
 
-def expected_borders(levels: FloatArray, median: FloatArray, deviation: float) -> FloatArray:
-    """Probability of each border, (n_record, n_level + 1), of ln capacities normal about medians.
-
-    `median` is (n_record,).
-    """
+def expected_borders(levels: FloatArray, mean: float, deviation: float) -> FloatArray:
+    """Probability of each border, (n_level + 1,), of normal ln capacities."""
     ends = np.concatenate([[-np.inf], np.log(levels), [np.inf]])
     reach = max(deviation, LEAST_DEVIATION)
-    mass = np.diff(scipy.special.ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
-    return mass / mass.sum(axis=1, keepdims=True)
+    mass = np.diff(scipy.special.ndtr((ends - mean) / reach)) + LEAST_PRIOR
+    return mass / mass.sum()
 
 
-def expected_by_measures(
-    grid: Grid, low: IntArray, high: IntArray, measures: FloatArray
-) -> tuple[FloatArray, float]:
-    """ln capacities of rows from those of the first, by the measure that predicts these best.
-
-    Straight lines in the logarithm of one other measure at the study's own, of the first rows with
-    borders from `low` to `high` and of others, `measures`; the one with the least error where each
-    record is predicted from the others.
-    """
-    logs = np.log(grid.levels)
+def capacities_of_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
+    """ln capacities between borders, (n_record,), half a level beyond the ends."""
+    logs = np.log(levels)
     step = np.diff(logs).mean() if logs.size > 1 else 0.5
     ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
-    capacity = 0.5 * (ends[low + 1] + ends[high + 1])  # half a level beyond the ends
-    best = (capacity.mean() + np.zeros(len(measures)), float(capacity.std(ddof=1)))
-    for x, other in zip(grid.measures[: low.size].T, measures.T):
-        centred = x - x.mean()
-        if not centred @ centred > 1e-9:
-            continue
-        slope = centred @ capacity / (centred @ centred)
-        leverage = 1.0 / x.size + centred**2 / (centred @ centred)
-        left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
-        error = float(np.sqrt(left @ left / (x.size - 1)))
-        if error < best[1]:
-            best = (capacity.mean() + slope * (other - x.mean()), error)
-    return best
+    return 0.5 * (ends[low + 1] + ends[high + 1])

@@ -159,22 +159,14 @@ class Plan:
         """Return the requests of the design by arch, for all runs or one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-        design, own = self.study.design, self.study.intensity.measure
-        # ln of the records' other measures where the study's own is 1, (n_record, n_measure).
-        names = [name for name in self.records[0].measures if name != own]
-        values = np.array([[r.measures[name] for name in names] for r in self.records])
-        exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
-        with np.errstate(divide="ignore"):
-            logs = np.log(values) + exponents * np.log(self.unscaled)[:, None]
-        measures, requests = logs[:, np.isfinite(logs).all(axis=0)], {}
+        design, requests = self.study.design, {}
         for arch in range(len(self.arches)):
             records = np.arange(len(self.records))
             # What an adaptive design requests follows from all runs of an arch.
             share = arch if design.adaptive else arch * len(self.records) + records
             records = records[np.broadcast_to(share % batches == batch, records.shape)]
             if records.size:
-                factors, own_measures = self.unscaled[records], measures[records]
-                grid = Grid(arch, records, self.levels, factors, self.power, own_measures)
+                grid = Grid(arch, records, self.levels, self.unscaled[records], self.power)
                 requests[arch] = design.requests(grid)
         return requests
 

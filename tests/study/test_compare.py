@@ -1,0 +1,88 @@
+"""Arches, classes and arches of two studies compared motion by motion."""
+
+import numpy as np
+import pytest
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.risk import HazardCurve
+from archfrag.study.answer.compare import compare
+from archfrag.study.answer.curves import answer, of_class, runs_of_cube
+from tests.report import synthetic
+
+HAZARD = HazardCurve(np.geomspace(0.5, 20.0, 6), 1e-3 * np.geomspace(0.5, 20.0, 6) ** -2.0)
+NAMES = ("before-1", "before-2", "after-1", "after-2")
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """Two classes of two arches each, the second 1.5 times as strong."""
+    data = synthetic.cube(NAMES, synthetic.motions(12), n_level=15)
+    generator = np.random.default_rng(8)
+    record, own = generator.standard_normal((1, 12, 1)), generator.standard_normal((4, 12, 1))
+    theta = np.array([2.0, 2.4, 3.0, 3.6])[:, None, None]
+    capacity = theta * np.exp(0.35 * record + 0.1 * own)
+    verdict = (capacity < data["intensity"].values).astype(np.int8)
+    return data.assign(
+        verdict=(data["verdict"].dims, verdict),
+        arch_class=("arch", ["before", "before", "after", "after"]),
+        arch_friction=("arch", [0.5, 0.6, 0.5, 0.6]),
+        measure=["PGA", "PGV"], record_measure=(("record", "measure"), np.ones((12, 2))),
+    )  # fmt: skip
+
+
+def curves_of(cube):
+    arches = {runs.name: answer(runs, 0.9) for runs in runs_of_cube(cube)}
+    found = {name: each.curve for name, each in arches.items()}
+    for runs in runs_of_cube(cube, ["before", "after"]):
+        members = [arches[name] for name in runs.cube["arch"].values]
+        found[runs.name] = of_class(answer(runs, 0.9), members).curve
+    return found
+
+
+def compared(cube, *names, other=None):
+    other = cube if other is None else other
+    cubes = cube, *[other] * (len(names) - 1)
+    return compare(cubes, names, [curves_of(each) for each in cubes], HAZARD)
+
+
+def test_classes_are_compared_as_their_arches_are(cube):
+    found = compared(cube, "before", "after")["after"]
+    each = compared(cube, "before-1", "after-1")["after-1"]
+    for row, least, most in (("theta", 1.3, 1.7), ("rate", 0.2, 0.8)):
+        assert least < found[row]["lower"] < found[row]["ratio"] < found[row]["upper"] < most
+        assert found[row]["ratio"] == pytest.approx(each[row]["ratio"], rel=0.1)
+    assert set(compared(cube, "before-1", "after-1", "after-2")) == {"after-1", "after-2"}
+
+
+def test_arches_of_two_studies_on_the_same_motions(cube):
+    both = compared(cube, "before", "after")
+    parts = cube.isel(arch=[0, 1]), cube.isel(arch=[2, 3], record=np.arange(12)[::-1])
+    assert compare(
+        parts, ("before", "after"), [curves_of(cube)] * 2, HAZARD
+    )["after"] == both["after"]  # fmt: skip
+
+
+def test_what_cannot_be_compared_is_refused(cube):
+    def scaled(part):
+        return part.assign(record_measure=1.01 * part["record_measure"])
+
+    renamed = cube.assign_coords(record=[f"other{i}" for i in range(12)])
+    swapped = cube.assign(arch_friction=("arch", [0.5, 0.6, 0.6, 0.5]))
+    pgv = cube.assign(intensity=cube["intensity"].assign_attrs(measure="PGV"))
+    upright = cube.assign(record_vertical=1 + cube["record_vertical"])
+    for other, message in (
+        (scaled(cube), "motions differ: .* is not the same in both"),
+        (upright, "motions differ: .* is not the same in both"),
+        (renamed, "is in one of them only"),
+        (pgv, "levels are of PGA and of PGV"),
+        (swapped, "before and after cannot be compared: their samples of friction differ"),
+    ):
+        with pytest.raises(InputError, match=message):
+            compared(cube, "before", "after", other=other)
+    with pytest.raises(InputError, match="they have 2 and 1 arches"):
+        compared(cube, "before", "after-1")
+    with pytest.raises(InputError, match="there is no arch or class 'none'"):
+        compared(cube, "before", "none")
+    stands = cube.assign(verdict=0 * cube["verdict"])
+    with pytest.raises(FitError, match="after has no curve: nothing bounds theta"):
+        compared(cube, "before", "after", other=stands)
