@@ -197,12 +197,28 @@ MANY = "Study: 1 of 2 motions have a vertical component; all of them must have o
         ({"vary": {"samples": 4, "frictoin": {}}}, "vary.frictoin is not a known key"),
         ({"limitstates": {}}, "Study: limitstates is not a known key; did you mean limit_states"),
         ({"report": {"client": object()}}, "cannot be written to a study file"),
+        ({"levels": np.array([1j])}, "Study: levels = array.* must be a row of numbers"),
+        ({"levels": np.array([0.2, "a"], object)}, "levels = array.* must be a row of numbers"),
+        ({"levels": np.array([[0.2, 0.4]])}, "levels = array.* must be a row of numbers"),
+        ({"levels": np.ma.masked_array([0.2, 0.4], [0, 1])}, "must be a row of numbers"),
+        ({"vary": [1]}, "Study: vary is list; it must be a mapping of samples and"),
+        ({"vary": "x"}, "Study: vary is str; it must be a mapping of samples and"),
+        ({"output": "a\0b"}, r"Study.output = 'a\\x00b' must hold no control characters"),
+        ({"title": "a\x07"}, r"Study.title = 'a\\x07' must hold no control characters"),
     ],
 )  # fmt: skip
 def test_a_wrong_argument_is_named_by_its_key(changes, message):
     given = {"arch": af.Block(0.4, 2.0, 0.8), "motions": "*.AT2", "levels": [0.2, 0.4]}
     with pytest.raises(InputError, match=message):
         af.Study(**given | changes)
+
+
+def test_an_id_that_looks_like_a_number_stays_text(folder):
+    for name in ("1e3", "1_000", "2020-01-01", "0x10", "null", "yes"):
+        path = af.Study(af.Block(0.4, 2.0, 0.8), "records/*", levels=[0.5], id=name).to_file(
+            f"{name}.yaml"
+        )
+        assert load_study(path).id == name
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "configs").glob("*.yaml")))

@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import yaml
 from markupsafe import escape
 from numpy.typing import ArrayLike
 
@@ -25,7 +24,7 @@ from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.report import make_report
 from archfrag.results import Results
-from archfrag.study.file import schema
+from archfrag.study.file import check_text, schema, yaml_of
 from archfrag.study.file.arches import VARIABLE
 from archfrag.study.files import write_text
 from archfrag.study.reading import MotionList
@@ -98,7 +97,12 @@ class Study:
                 raise InputError(f"Study: {key} cannot be given; give {own}")
         self._motions, found = _motions(motions)
         if isinstance(levels, np.ndarray):  # as a person would have typed them
+            if levels.dtype.kind not in "iuf" or levels.ndim > 1 or np.ma.is_masked(levels):
+                raise InputError(f"Study: levels = {levels!r} must be a row of numbers")
             levels = [float(f"{level:.12g}") for level in levels.ravel().tolist()]
+        if vary is not None and not isinstance(vary, Mapping):
+            rule = "a mapping of samples and, by key, its distribution"
+            raise InputError(f"Study: vary is {type(vary).__name__}; it must be {rule}")
         if unit is None:
             unit = "g"
             with contextlib.suppress(InputError):  # which the schema words, with the key
@@ -111,6 +115,7 @@ class Study:
         if hazard is not None:
             given["risk"] = hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
         plain = json.loads(json.dumps(given, default=_plain))
+        check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
         self._file: Path | None = None
 
@@ -148,7 +153,7 @@ class Study:
         if self._motions:
             place = make_folder(folder / f"{path.stem}-motions")
             keys["motions"]["index"] = str(_write_motions(self._motions, place))
-        text = yaml.safe_dump(_relative(keys, "", folder), sort_keys=False, allow_unicode=True)
+        text = yaml_of(_relative(keys, "", folder))
         write_text(path, _HEAD.format(version=__version__, name=path.name) + text)
         return path
 

@@ -173,3 +173,17 @@ def test_no_flatfile(tmp_path, text, reason):
     (tmp_path / "flat.csv").write_text(text)
     with pytest.raises(InputError, match=reason):
         read_flatfile(tmp_path / "flat.csv")
+
+
+@pytest.mark.parametrize("part", ["acceleration", "vertical"])
+@pytest.mark.parametrize(
+    ("samples", "what"),
+    [
+        (np.array([0.1, 1j, 0.0]), "complex"),
+        (np.ma.masked_array([0.1, 9.0, 0.0], [0, 1, 0]), "masked"),
+    ],
+)
+def test_samples_that_are_no_real_numbers_are_refused(part, samples, what):
+    given = {"acceleration": [0.1, 0.2, 0.3], "dt": 0.01, part: samples}
+    with pytest.raises(InputError, match=f"{part} has {what} samples; all must be real numbers"):
+        Motion(**given)

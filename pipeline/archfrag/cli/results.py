@@ -51,9 +51,10 @@ def _facts(path: Path) -> dict[str, Any]:
     import xarray as xr
 
     from archfrag.errors import InputError
+    from archfrag.files import opened
 
     try:
-        with xr.open_dataset(path) as cube:
+        with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
             stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
             counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]

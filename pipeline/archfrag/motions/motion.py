@@ -80,6 +80,11 @@ class Motion:
     def __post_init__(self) -> None:
         name, given = self.id or "motion", self.components
         try:
+            for key, samples in given.items():
+                masked = np.ma.is_masked(samples)
+                if masked or np.asanyarray(samples).dtype.kind == "c":
+                    what = f"{key} has {'masked' if masked else 'complex'} samples"
+                    raise RecordError(f"{name}: {what}; all must be real numbers")
             arrays = {key: np.array(samples, dtype=np.float64)
                       for key, samples in given.items() if samples is not None}  # fmt: skip
             step = float(self.dt)

@@ -177,10 +177,32 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)  # fmt: skip
+class _Dumper(yaml.SafeDumper):
+    """YAML that the loader reads as it was: text such as 1e3 is quoted."""
+
+
+for _of in (_Loader, _Dumper):
+    _of.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        list("-+.0123456789"),
+    )  # fmt: skip
+
+
+def yaml_of(keys: Any) -> str:
+    """Write keys of a study file as YAML, in their order."""
+    return yaml.dump(keys, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
+def check_text(value: Any, key: str) -> None:
+    """Refuse control characters in the texts of a value, as the loader does in a file."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            check_text(inner, f"{key}.{name}")
+    elif isinstance(value, list):
+        for inner in value:
+            check_text(inner, key)
+    elif isinstance(value, str) and _CONTROL.search(value):
+        raise InputError(f"{key} = {value!r} must hold no control characters")
 
 
 def parse_value(text: str, place: str) -> Any:
