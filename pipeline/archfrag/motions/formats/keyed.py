@@ -174,7 +174,7 @@ def read_knet(source: common.Source, **_: Any) -> Stream:
     for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
         record = common.known(
-            date=knet.evot.date.isoformat(), magnitude=knet.mag,
+            date=knet.evot.date.isoformat(), origin_time=str(knet.evot), magnitude=knet.mag,
             level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),
