@@ -24,8 +24,11 @@ _ROUNDED = re.compile(r"[1-9]\d*(\.\d{1,3})?")  # at least 1, with at most three
 
 def separator_of(lines: Iterable[str]) -> str:
     """Return what separates the cells of some lines: semicolons, tabs, commas, else blanks."""
-    text = "\n".join(lines)
-    return next((mark for mark in ";\t," if mark in text), " ")
+    rows = [line for line in lines if line.strip()]
+    for mark, least in ((";", 0.5), ("\t", 1.0), (",", 0.5)):
+        if rows and sum(mark in row for row in rows) >= least * len(rows):
+            return mark
+    return " "
 
 
 def cells_of(lines: Iterable[tuple[int, str]], separator: str) -> list[Row]:
@@ -80,20 +83,18 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
             raise _ambiguous(name, both, dotted[0])
 
 
-def check_one_number(pairs: Sequence[Sequence[str]], separator: str) -> None:
-    """Raise InputError if a separator stands within each number: 1,193.5 or 1 193.5 or 0,123.
-
-    `pairs` are the cells of a column and of the next one.
-    """
+def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
+    """Raise InputError if a separator stands within each number: 1,193.5 or 1 193.5 or 0,123."""
+    pairs = [cells[column : column + 2] for _, cells in rows]
     if any(len(pair) < 2 for pair in pairs) or not all(_INTEGER.fullmatch(one) for one, _ in pairs):
         return
     rest = {other for _, other in pairs}
     thousands = separator in ", " and all(map(_THREE.fullmatch, rest))
     decimals = separator == "," and all(map(str.isdecimal, rest)) and len(set(map(len, rest))) == 1
     if len(rest) > 2 and (thousands or decimals):
-        both = f"{NAMES[separator]} stand between the cells and perhaps within numbers"
-        parts = f"{pairs[0][0]!r} and {pairs[0][1]!r} may be one"
-        raise InputError(f"line by line: {both}: {parts}; separate the cells by another sign")
+        parts = f"{pairs[0][0]!r} and {pairs[0][1]!r} may be one number"
+        how = f"{NAMES[separator]} are between the cells; put another sign there"
+        raise InputError(f"line {rows[0][0]}: {parts}: {how}")
 
 
 def check_years(cells: Sequence[str], name: str) -> None:
@@ -115,11 +116,12 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     """Replace decimal commas by points; InputError if a file has both, or commas between cells."""
     cells = [(number, cell) for number, row in rows for cell in row]
     commas = [each for each in cells if _COMMA.fullmatch(each[1])]
-    points = [each for each in cells if _POINT.fullmatch(each[1])]
-    if not commas:
-        return list(rows)
-    if separator == "," or points or any(cell.count(",") > 1 or "." in cell for _, cell in commas):
+    point = next((each for each in cells if _POINT.fullmatch(each[1])), None)
+    if separator == "," or any(cell.count(",") > 1 or "." in cell for _, cell in commas):
         check_decimals(commas)
+    if commas and point:
+        both = f"{commas[0][1]!r} in line {commas[0][0]} has a comma, {point[1]!r} in line {point[0]}"
+        raise InputError(f"{both} a point: one of the two must be the decimal in the whole file")
     return [(number, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row])
             for number, row in rows]  # fmt: skip
 

@@ -147,11 +147,13 @@ def _scale(
         unit, factor, same, stated = asked, METRES_PER_SECOND_SQUARED[asked], True, ""
         done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
     else:
+        units = f"give `unit`, one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command "
+        need = f"does not state the unit of its samples; {units}line), or for counts its"
+        if record.get("unit") == "counts":
+            need = "states counts; give its"
         raise RecordError(
-            f"{path}: the file does not state the unit of its samples; give `unit`, one of "
-            f"{', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line), or for counts "
-            f"its StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the "
-            "command line)"
+            f"{path}: the file {need} StationXML as {path.stem}.xml beside it or by `inventory` "
+            "(--inventory on the command line)"
         )
     if record.get("unit") in (None, "", "counts") and unit != "counts":
         record.warnings += tuple(against_the_user(trace, unit))

@@ -106,7 +106,7 @@ def add_direction(trace: Trace, azimuth: float, dip: float, source: str) -> Iter
     if by_code is not None and (off := turned_by(by_code, azimuth)) > TOLERANCE:
         sense = "its polarity is reversed" if off > 180.0 - TOLERANCE else "this azimuth counts"
         differ = f"azimuth {by_code:g} by its code, {azimuth:g} by the {source}"
-        record.errors += (f"channel {code} has {differ}; {sense}",)
+        record.cautions += (f"channel {code} has {differ}; {sense}",)
 
 
 def add_depth(trace: Trace, depth: float, source: str) -> None:
@@ -133,10 +133,10 @@ def add_station(trace: Trace, inventory: Any) -> Iterator[Warned]:
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
         numbers = f"a total sensitivity of {total:.6g} and stages whose product is {product:.6g}"
         use = "the total is used, by the step `response` the stages; find out which is right"
-        trace.stats.record.errors += (f"channel {code}: its StationXML states {numbers}; {use}",)
+        trace.stats.record.cautions += (f"channel {code}: its StationXML states {numbers}; {use}",)
     if is_seismometer(code) and "S**2" in str(response.instrument_sensitivity.input_units).upper():
         both = "is of a seismometer by its code, of an accelerometer by its StationXML"
-        trace.stats.record.errors += (f"channel {code} {both}; the StationXML counts",)
+        trace.stats.record.cautions += (f"channel {code} {both}; the StationXML counts",)
 
 
 def is_seismometer(code: str) -> bool:

@@ -191,7 +191,11 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     )
     about = about | {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}"}
     words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-    if azimuth is not None:
+    if azimuth is None:
+        # Angles from a component are no azimuths.
+        about |= {"component": f"{codes[0]}+{turned:g}", "azimuth": "",
+                  "component_transverse": f"{codes[0]}+{turned + 90.0:g}", "azimuth_transverse": ""}
+    else:
         about |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")

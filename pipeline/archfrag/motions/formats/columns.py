@@ -95,9 +95,8 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         if chosen:
             tables.check_counts(rows, separator)
             for column in chosen[columns.time is not None :]:
-                cells = [row[column : column + 2] for _, row in rows]
-                tables.check_thousands([cell for cell, *_ in cells], f"{column + 1}")
-                tables.check_one_number(cells, separator)
+                tables.check_thousands([row[column] for _, row in rows], f"{column + 1}")
+                tables.check_one_number(rows, column, separator)
         else:
             values = _row_after_row(values, [number for number, _ in rows])
     except RecordError:
@@ -139,7 +138,8 @@ def _numbers(
         picked = [row[c] for c in chosen] or row
         if "" in picked:
             column = (chosen or range(len(row)))[picked.index("")] + 1
-            raise InputError(f"line {number}: the cell in column {column} is empty; fill or cut it")
+            how = "give it a number, or leave such rows out"
+            raise InputError(f"line {number}: the cell in column {column} is empty; {how}")
         tables.check_decimals((number, cell) for cell in picked)
         if separator != " " and (odd := next((c for c in picked if re.search(r"\s", c)), None)):
             what = f"{odd[:40]!r} is not a finite number; {tables.NAMES[separator]} are between"

@@ -352,10 +352,10 @@ def _cautions(motion: "Motion") -> list[str]:
     """Cautions on a motion as it moves an arch."""
     from archfrag.motions.cautions import sample_cautions
 
-    about, found = motion.metadata, list[str]()
-    for part in (motion.acceleration, motion.vertical):
-        found += [] if part is None else sample_cautions(part, motion.dt)
-    return list(dict.fromkeys([*about.get("errors", ()), *about.get("cautions", ()), *found]))
+    found = [*motion.metadata.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    if motion.vertical is not None:
+        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
+    return found
 
 
 def with_earthquakes(
