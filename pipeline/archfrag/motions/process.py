@@ -189,14 +189,15 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    about = about | {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}"}
     words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is None:
         # Angles from a component are no azimuths.
-        about |= {"component": f"{codes[0]}+{turned:g}", "azimuth": "",
-                  "component_transverse": f"{codes[0]}+{turned + 90.0:g}", "azimuth_transverse": ""}
+        turns = [f"{codes[0]} turned by {each:g}".strip() for each in (turned, turned + 90.0)]
+        about |= {"component": turns[0], "azimuth": "",
+                  "component_transverse": turns[1], "azimuth_transverse": ""}  # fmt: skip
     else:
-        about |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
+        about |= {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
+                  "azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
