@@ -1,8 +1,8 @@
 """Files that are read within limits, or written completely or not at all; text that is shown."""
 
+import codecs
 import contextlib
 import hashlib
-import io
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -81,10 +81,23 @@ def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> b
 
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
     """UTF-8 text of a file, see `read_bytes`."""
+    content = read_bytes(path, largest, kind, what)
+    if wide := wide_encoding(content):
+        raise kind(f"{what} {path} is text in {wide}; save it as UTF-8")
     try:
-        return read_bytes(path, largest, kind, what).decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind(f"{what} {path} is not text in UTF-8; save it as UTF-8") from error
+
+
+def wide_encoding(content: bytes) -> str:
+    """Return UTF-16 or UTF-32 if the content of a text file is in it, else nothing."""
+    if content[:4] in (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE):
+        return "UTF-32"
+    head = content[:400]
+    fewer, more = sorted((head[::2].count(0), head[1::2].count(0)))
+    plain = len(head) > 8 and not fewer and more > 0.45 * len(head)
+    return "UTF-16" if plain or head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ""
 
 
 def sha256_of(path: Path) -> str:
@@ -196,17 +209,3 @@ def write_csv(target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: A
         }
         table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
         table.to_csv(target, index=False, header=number == 0, lineterminator="\n", **form)
-
-
-def read_csv(text: str) -> "pd.DataFrame":
-    """CSV as a table of text, lines that begin with # left out; InputError if it is not CSV."""
-    import pandas as pd  # takes a third of a second
-
-    content = io.StringIO(re.sub(r"^#.*$", "", text, flags=re.MULTILINE))
-    try:
-        table = pd.read_csv(content, dtype=str, keep_default_na=False)
-        if not isinstance(table.index, pd.RangeIndex):
-            raise pd.errors.ParserError("its rows have more cells than its first line")
-    except (pd.errors.EmptyDataError, pd.errors.ParserError) as error:
-        raise InputError(f"is not a table in CSV ({' '.join(str(error).split())})") from None
-    return table.fillna("").apply(lambda column: column.str.strip()).rename(columns=str.strip)

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import read_csv, read_text
+from archfrag.files import read_text
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
+from archfrag.tables import check_thousands, check_years, parse_table, table_of, with_points
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,9 +68,11 @@ def load_hazard(
     for path in paths:
         text = read_text(path, LARGEST, InputError, "the hazard curve")
         try:
-            if re.search(r"^[^#\n]*[;\t]", text, re.M):  # then commas may be decimal
-                text = re.sub(r"(\d),(\d)(?![^(\n]*\))", r"\1.\2", text)
-            table = read_csv(re.sub("[;\t]", ",", text))
+            separator, names, rows = parse_table(text)
+            rows = with_points(rows, separator)
+            if empty := next((line for line, cells in rows if "" in cells), None):
+                raise InputError(f"line {empty} has an empty cell; give it a number")
+            table = table_of(names, rows)
             by_site = {"lon", "lat"} <= set(table)
             stated, own, curves = _openquake(text, table, site) if by_site else _plain(table)
             factor = _factor(stated, own or unit, measure, unit, by_site)
@@ -169,6 +172,9 @@ def _plain(table: "pd.DataFrame") -> _Stated:
     curves = []
     for head in others:
         kind, rest = _kind(head)
+        check_thousands(table[first].tolist(), first)
+        if kind == "return period":
+            check_years(table[head].tolist(), head)
         levels, values = (np.array(table[column], dtype=float) for column in (first, head))
         if kind == "poe":
             years, _, rest = rest.partition("_")

@@ -35,7 +35,8 @@ Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps, with other names they may have.
 _FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude",
-          "distance_km": "", "Vs30_mps": "vs30_mps", "level": "", "unit_in_file": ""}  # fmt: skip
+          "distance_km": "", "Vs30_mps": "vs30_mps", "level": "", "unit_in_file": "",
+          "start_time": "", "origin_time": "", "source_sha256": "file_sha256"}  # fmt: skip
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"

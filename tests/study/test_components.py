@@ -10,7 +10,7 @@ from obspy import Stream, Trace
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.measures import measure
 from archfrag.motions.partners import partners
-from archfrag.study.checks import check_study, uncorrected
+from archfrag.study.checks import check_study, suspicious
 from archfrag.study.file.records import load_prepared, load_record, prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
@@ -131,20 +131,20 @@ class TestProcessing:
         with pytest.raises(RecordError, match=r"\(000\): has none of the components 180 that"):
             prepare_motions(study_with(tmp_path, files % "180"))
 
-    def test_raw_records_that_nothing_corrects_are_a_caution(self, tmp_path):
-        samples = 100.0 * np.sin(0.1 * np.arange(400))
+    def test_cautions_on_a_motion_follow_from_its_samples_after_processing(self, tmp_path):
+        drifting = 50.0 * wave(2400, 0.005) + 10.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 2400))
 
         def cautions(more):
             study = study_with(tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}')
-            text = geonet_text({"S16W": samples, "Up": samples})
-            (tmp_path / "raw.V1A").write_text(text)
-            checked = check_study(study)["cautions"]
-            return checked[-1:], list(uncorrected(study, prepare_motions(study)))
+            (tmp_path / "raw.V1A").write_text(geonet_text({"S16W": drifting, "Up": drifting}))
+            checked = list(check_study(study)["cautions"])
+            assert checked == list(suspicious(prepare_motions(study)))
+            return checked
 
-        (checked,), after = cautions("")
-        assert after == [checked]
-        assert checked.startswith("1 of 2 records raw, as recorded (")
-        assert cautions("\n  processing: [{bandpass: {lowest: 0.2}}]")[1] == []
+        (checked,) = cautions("")
+        assert checked.startswith("raw: its velocity on average is ")
+        assert "of PGV: the baseline drifts" in checked
+        assert cautions("\n  processing: [{bandpass: {lowest: 0.5}}]") == []
 
 
 def test_the_cube_states_processing_and_verticals(tmp_path):

@@ -138,6 +138,11 @@ class TestTables:
         (arch,) = entries(expand([fleet(tmp_path, text)]))
         assert (arch.voussoirs, arch.friction) == (2, [0.5, 0.6, 0.7])
 
+    @pytest.mark.parametrize("sign", [";", "\t"])
+    def test_any_separator_of_cells(self, tmp_path, sign):
+        found = expand([fleet(tmp_path, TABLE.replace(",", sign))])
+        assert [arch.radius for arch in entries(found)] == [10.0, 12.0, 8.0]
+
     def test_rows_may_vary_each_on_its_own(self, tmp_path):
         vary = {"samples": 4, "of": {"thickness": normal(1.0, 0.05, relative=True)}}
         found = expand([fleet(tmp_path, vary=vary)])
@@ -157,9 +162,11 @@ class TestTables:
             ("12,1.8", "12,1.8m", ", arch wide: thickness = '1.8m' must be"),
             ("8.0,1.25", "8.0,", ", arch late: thickness must be given"),
             ("late,8.0", "old,8.0", ": several arches have the id 'old'"),
-            (",south,1901", ",south,1901,x", ": is not a table in CSV (Error tokenizing data"),
+            (",south,1901", ",south,1901,x", ": line 4 has 7 cells, the other rows have 6"),
             ("region", "Thicknes", ": column Thicknes is not a key of an arch; did you mean"),
-            (TABLE, TABLE.replace(",", ";"), ": must have arches and a column id; commas"),
+            (",region", ",radius", ": line 2: column 'radius' is there twice; give each column"),
+            ("south,1901", "1901", ": line 4 has 5 of 6 cells, commas between: 'wide, 12, 1.8"),
+            (TABLE, "id;radius\na;10,5\n", ": line 2: '10,5' has a comma within a number; write"),
             ("0.6,north", '"[0.6, x]",north', ", arch old: friction[1] = 'x' must be"),
             ("0.6,north", '"[0.6",north', ", column friction: line 1: expected ',' or ']'"),
             ("id,radius", "id,span", ", arch old: span is not a known key; allowed are "),

@@ -1,25 +1,30 @@
 """Units and senses of records from file, StationXML and user, and checks of plausibility."""
 
-import contextlib
 import io
 import os
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import opened, read_bytes
+from archfrag.motions.headers import (
+    Acceptable,
+    Warned,
+    add_station,
+    add_stated,
+    against_the_user,
+)
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import Trace, channel_code, is_vertical
 
 Inventory = Any  # obspy's, whose import takes time
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
-Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
-Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 
 def check_file(path: Path) -> None:
@@ -84,9 +89,14 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) 
     record.unit_in_file = ""
     if any(word is None for word, _ in record.warnings):
         return
+    record.warnings += tuple(add_stated(trace))
+    if any(word is None for word, _ in record.warnings):
+        return
     try:
         if record.get("unit") in (None, "", "counts"):
             inventory = find_inventory(path, trace, given)
+        if inventory is not None:
+            record.warnings += tuple(add_station(trace, inventory))
         _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
         record.warnings += ((None, str(error).removeprefix(f"{path}: ")),)
@@ -99,13 +109,11 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) 
     if not record.unit_in_file:
         return
     code = channel_code(trace)
-    if record.get("sensor") == "borehole":
-        record.log += (f"Channel {code} is in the borehole, not at the surface.",)
+    if (sensor := record.get("sensor", "surface")) != "surface":
+        where = "is in the borehole, not at the surface" if sensor == "borehole" else sensor
+        record.cautions += (f"channel {code} {where}",)
     down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP")) and inventory is None
-    if inventory is not None:
-        with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
-            down = inventory.get_orientation(trace.id, trace.stats.starttime)["dip"] > 0.0
-    if is_vertical(trace) and down:
+    if is_vertical(trace) and record.get("downwards", down):
         trace.data = -trace.data
         record.log += (f"Sign of {code} changed: it counts downwards.",)
 
@@ -138,15 +146,17 @@ def _scale(
     elif asked:
         unit, factor, same, stated = asked, METRES_PER_SECOND_SQUARED[asked], True, ""
         done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
-        if trace.stats.calib != 1.0:
-            record.log += (f"Calibration factor {trace.stats.calib:g} of the file not applied.",)
     else:
+        units = f"give `unit`, one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command "
+        need = f"does not state the unit of its samples; {units}line), or for counts its"
+        if record.get("unit") == "counts":
+            need = "states counts; give its"
         raise RecordError(
-            f"{path}: the file does not state the unit of its samples; give `unit`, one of "
-            f"{', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line), or for counts "
-            f"its StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the "
-            "command line)"
+            f"{path}: the file {need} StationXML as {path.stem}.xml beside it or by `inventory` "
+            "(--inventory on the command line)"
         )
+    if record.get("unit") in (None, "", "counts") and unit != "counts":
+        record.warnings += tuple(against_the_user(trace, unit))
     if not same:
         conflict = f"unit {asked!r} asked for but the {source} {stated}"
         raise RecordError(f"{path}: {conflict}; leave `unit` out")
@@ -166,11 +176,13 @@ def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[f
             response = inventory.get_response(trace.id, trace.stats.starttime)
             overall = response.instrument_sensitivity
             unit, value = (overall.input_units or "").upper(), float(overall.value)
+            out = (overall.output_units or "COUNTS").upper()
         except Exception:
             none = f"the StationXML has no response for channel {trace.id}"
             raise RecordError(f"{path}: {none} at {trace.stats.starttime}") from None
-        if unit not in _ACCELERATION_UNITS or not (value and np.isfinite(value)):
-            what = f"channel {trace.id} has {value:g} counts/({unit}) in StationXML"
+        counts = re.search("COUNT|CNT|DIGIT", out) is not None
+        if unit not in _ACCELERATION_UNITS or not (counts and value and np.isfinite(value)):
+            what = f"channel {trace.id} has {value:g} {out.lower()}/({unit}) in StationXML"
             raise RecordError(f"{path}: {what}; counts/(M/S**2) are needed")
         return 1.0 / value, f"sensitivity {value:.6g} counts/(m/s2) of its StationXML"
     if per_count := trace.stats.record.get("g_per_count"):

@@ -1,9 +1,9 @@
 """The table of records that lie beside each other: ``index.csv``, one row for each file."""
 
-import csv
-import io
+import contextlib
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import read_text, sha256_of, unquoted, write_csv
+from archfrag.files import opened, read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.calibrate import accepted_words
 from archfrag.motions.motion import unit_factor
+from archfrag.tables import check_decimals, parse_table
 
 if TYPE_CHECKING:
     from archfrag.motions.formats.columns import Columns
@@ -65,7 +66,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if column not in names:
             raise RecordError(f"{source}: column {column!r} is missing from the index")
     entries: dict[str, IndexEntry] = {}
-    for line, values in enumerate(rows, start=2):
+    for line, values in rows:
         place, name = f"{source}, line {line}", values["id"]
         if not name or not values["file"]:
             raise RecordError(f"{place}: {'file' if name else 'id'} is empty")
@@ -98,19 +99,15 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     return list(entries.values())
 
 
-def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
-    """Names of the columns and rows of a table in CSV."""
+def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """Names of the columns of an index, and its rows with the numbers of their lines."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
-    reader = csv.DictReader(io.StringIO(text, newline=""), restkey="\0", restval="")
-    names, rows = reader.fieldnames or (), []
     try:
-        for line, row in enumerate(reader, start=2):
-            if any(map(str.strip, row.pop("\0", ()))):
-                raise RecordError(f"{source}, line {line}: has more cells than the first line")
-            rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
-    except csv.Error as error:
-        raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
-    return names, rows
+        _, names, rows = parse_table(text, comments=False)
+        check_decimals((line, cell) for line, cells in rows for cell in cells)
+    except InputError as error:
+        raise RecordError(f"{source}: {error}") from None
+    return names, [(line, dict(zip(names, map(unquoted, cells)))) for line, cells in rows]
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
@@ -126,11 +123,16 @@ def find_entry(path: str | Path) -> IndexEntry | None:
 @lru_cache(maxsize=4)
 def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
     """Rows by their files: asked for each file of a folder, and thousands lie in one."""
-    try:
-        if not set(_NEEDED) <= set(_table(index)[0]):
-            return {}
-    except RecordError:
-        return {}
+    with contextlib.suppress(OSError):
+        with opened(index) as file:
+            head = file.readline(10_000).decode("latin-1")
+        # Other programs have a file of this name, too.
+        if set(_NEEDED) <= set(re.findall(r"\w+", head)):
+            return _rows_by_path(index)
+    return {}
+
+
+def _rows_by_path(index: Path) -> dict[Path, IndexEntry]:
     return {Path(os.path.realpath(entry.path)): entry for entry in reversed(load_index(index))}
 
 
@@ -140,7 +142,7 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
     if not path.exists():
         return {}
     load_index(path)
-    return {row["id"]: row for row in _table(path)[1]}
+    return {row["id"]: row for _, row in _table(path)[1]}
 
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.partners import check_right_angle
 
 # Units in which levels may be given, by the SI unit of their measure.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
@@ -170,6 +171,7 @@ def measure(motion: Motion, name: str) -> float:
         return _KINDS[found.kind][3](motion, *found.periods)
     if other is None:
         raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
+    check_right_angle(motion, name, "; rotate them to an azimuth first")
     if found.kind == "Sa":
         peaks = _spectrum(one + 1j * other, motion.dt, found.periods, _ANGLES)[0]
     else:

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,8 @@ _CODE = re.compile(
 )
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
+SKEWED = 5.0  # [degrees] by which two components may be off a right angle
+APART = 60.0  # [s] between origin times, or starts of records, of one earthquake
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
 
@@ -67,6 +69,38 @@ def quadrant(text: str) -> float | None:
     return (angle if found[3] == "E" else -angle) % 360.0
 
 
+def azimuth_of_code(code: str) -> float | None:
+    """Azimuth [degrees] by the name of a component: ``N``, ``EW1``, ``HNE``, ``180``, ``S45E``."""
+    text = code.strip().upper().lstrip("-+")
+    if (bearing := quadrant(text)) is not None:
+        return bearing
+    if re.fullmatch(r"\d{2,3}", text):
+        return float(text) % 360.0
+    return AZIMUTHS.get(re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text))
+
+
+def turned_by(one: float, other: float) -> float:
+    """Angle between two azimuths, 0 to 180 degrees."""
+    return abs((one - other + 180.0) % 360.0 - 180.0)
+
+
+def azimuth_of(motion: Motion, which: str = "") -> float | None:
+    """Azimuth of a motion's component, or of its ``_transverse``, as stated or by its code."""
+    given = motion.metadata.get(f"azimuth{which}")
+    if given in (None, ""):
+        return azimuth_of_code(str(motion.metadata.get(f"component{which}", "")))
+    return float(given)
+
+
+def check_right_angle(motion: Motion, what: str, remedy: str = "") -> None:
+    """Raise RecordError if azimuths are known by which two components are not at right angles."""
+    one, other = azimuth_of(motion), azimuth_of(motion, "_transverse")
+    if one is None or other is None or abs(turned_by(one, other) - 90.0) <= SKEWED:
+        return
+    angle = f"have azimuths {one:g} and {other:g} degrees, not at right angles"
+    raise RecordError(f"{motion.id or 'motion'}: {what}: the components {angle}{remedy}")
+
+
 def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Names of the other horizontal component by that of each, and of the vertical, in a folder.
 
@@ -86,8 +120,7 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
             kinds = ((name, kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
             if direction := next(kinds, plain):
-                frame = name[: code.start()].lower(), name[code.end() :].lower()
-                frames.setdefault(frame, []).append(direction)
+                frames.setdefault(_frame(name, code), []).append(direction)
     known = {name.lower(): name for name in names}
     pairs: dict[str, set[str]] = {}
     verticals: dict[str, str] = {}
@@ -129,6 +162,88 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
     return found[0] if len(found) == 1 else None
 
 
+def _frame(name: str, code: re.Match[str]) -> tuple[str, str]:
+    """What is around a direction in the name of a file."""
+    return name[: code.start()].lower(), name[code.end() :].lower()
+
+
+def belong_together(one: Motion, other: Motion) -> bool:
+    """Whether more than their names shows that two files are components of one record.
+
+    Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
+    differ in numbers that need not be azimuths, such as 10 and 100.
+    """
+    (own, its), names = (one.metadata, other.metadata), (one.metadata["file"], other.metadata["file"])
+    starts = [seconds(about.get("start_time")) for about in (own, its)]
+    if not np.isnan(starts).any():
+        return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)
+    sites = [tuple(str(about.get(key) or "").casefold() for key in ("event", "station"))
+             for about in (own, its)]  # fmt: skip
+    if all(sites[0]) and sites[0] == sites[1]:
+        return True
+    return not numbered(*names) and one.acceleration.size == other.acceleration.size
+
+
+def numbered(one: str, other: str) -> bool:
+    """Whether two names differ in numbers that need not be azimuths: 10 and 100, not 010 and 100."""
+    codes = ((a, b) for a in _CODE.finditer(one) for b in _CODE.finditer(other)
+             if _frame(one, a) == _frame(other, b))  # fmt: skip
+    return any(a[0].isdecimal() and b[0].isdecimal() and not a["sensor"]
+               and not len(a[0]) == len(b[0]) == 3 for a, b in codes)  # fmt: skip
+
+
+def seconds(time: Any) -> float:
+    """Seconds of a time of UTC in ISO's form; nan if it is not known."""
+    try:
+        found = datetime.fromisoformat(str(time))
+    except ValueError:
+        return float("nan")
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
+    """Names of the earthquakes of records; none where a record is known to share none.
+
+    A name in a header or an index counts first. Without one, records share an earthquake if they
+    are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
+    minute apart, or if they overlap in time (``start`` and ``end`` [s]).
+    """
+    group = list(range(len(records)))
+
+    def join(members: Sequence[int]) -> None:
+        ends = {group[i] for i in members}
+        group[:] = [min(ends) if own in ends else own for own in group]
+
+    def names(members: Sequence[int]) -> list[str]:
+        return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
+
+    by_file: dict[str, list[int]] = {}
+    for i, record in enumerate(records):
+        for file in record["files"]:
+            by_file.setdefault(file, []).append(i)
+    for members in by_file.values():
+        join(members)
+    for first, last in (("origin", "origin"), ("start", "end")):
+        known = [i for i, record in enumerate(records) if not np.isnan(record[first])]
+        cluster, end = list[int](), -np.inf
+        for i in [*sorted(known, key=lambda i: records[i][first]), None]:
+            if i is None or records[i][first] > end:
+                if len(names(cluster)) < 2:  # else the times are not those of earthquakes
+                    join(cluster)
+                cluster = []
+            if i is not None:
+                cluster.append(i)
+                end = max(end, records[i][last], records[i][first] + APART)
+    found = []
+    for i, record in enumerate(records):
+        members = [k for k, own in enumerate(group) if own == group[i]]
+        name = record["event"] or (names(members) or [""])[0]
+        if not name and len(members) > 1:
+            name = f"earthquake of {records[members[0]]['id']}"
+        found.append(name)
+    return found
+
+
 def joined(motion: Motion, other: Motion, kind: str) -> Motion:
     """Join a motion with its vertical or transverse, cut to the time of both, or RecordError."""
     own, its, code = motion.metadata, other.metadata, other.metadata.get("component", "")
@@ -137,7 +252,8 @@ def joined(motion: Motion, other: Motion, kind: str) -> Motion:
         keys = ("component", "trace") if one_file else ("component", "trace", "file")
         labels = {f"vertical_{key}": its.get(key, "") for key in keys}
     else:
-        known = (key for key in ("component", "azimuth", "trace", "file") if its.get(key))
+        known = (key for key in ("component", "azimuth", "trace", "file")
+                 if its.get(key) not in (None, ""))  # fmt: skip
         labels = {f"{key}_transverse": its[key] for key in known} | {"id_transverse": other.id}
     name = f"{motion.id} and {its_name} ({code})"
     for fact in () if one_file else ("event", "date", "station"):
@@ -146,9 +262,8 @@ def joined(motion: Motion, other: Motion, kind: str) -> Motion:
             raise RecordError(f"{name}: do not belong together, {fact} is {one!r} and {two!r}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
-    starts = [datetime.fromisoformat(str(about["start_time"])).timestamp()
-              for about in (own, its) if about.get("start_time")]  # fmt: skip
-    later = round((starts[1] - starts[0]) / motion.dt) if len(starts) == 2 else 0
+    start, its_start = (seconds(about.get("start_time")) for about in (own, its))
+    later = 0 if np.isnan([start, its_start]).any() else round((its_start - start) / motion.dt)
     first, its_first = max(0, later), max(0, -later)
     count = min(motion.acceleration.size - first, other.acceleration.size - its_first)
     if count < 2:
@@ -162,7 +277,7 @@ def joined(motion: Motion, other: Motion, kind: str) -> Motion:
     arrays = {part: None if samples is None else samples[first : first + count]
               for part, samples in motion.components.items()}  # fmt: skip
     arrays[kind] = other.acceleration[its_first : its_first + count]
-    for found in ("errors", "accepted"):
+    for found in ("errors", "cautions", "accepted"):
         if both := [*own.get(found, ()), *its.get(found, ())]:
             labels[found] = list(dict.fromkeys(both))
     return motion._replaced(**arrays, metadata={**own, **labels}, log=log)

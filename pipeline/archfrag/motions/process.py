@@ -4,7 +4,6 @@ A step does the same to all components. What its settings may be is checked in
 `archfrag.study.file.motions`; what depends on the motion, too, is checked here.
 """
 
-import re
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -14,9 +13,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from archfrag.errors import InputError, RecordError, reason_of
+from archfrag.motions import partners
 from archfrag.motions.measures import Samples, arias_times, integral
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
-from archfrag.motions.partners import AZIMUTHS, quadrant
 
 if TYPE_CHECKING:
     from obspy import Inventory
@@ -172,11 +171,12 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
     own, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
     for place, code in enumerate(codes if azimuth is not None else ()):
-        given = about.get(("azimuth", "azimuth_transverse")[place])
-        value = azimuth_of_code(code) if given in (None, "") else float(given)
+        value = partners.azimuth_of(motion, ("", "_transverse")[place])
         if value is None:
             raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
         own[place] = value
+    if azimuth is None:
+        partners.check_right_angle(motion, "rotate by an angle", "; give an azimuth instead")
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
@@ -189,23 +189,18 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    about = about | {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}"}
     words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-    if azimuth is not None:
-        about |= {"azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
+    if azimuth is None:
+        # Angles from a component are no azimuths.
+        turns = [f"{codes[0]} turned by {each:g}".strip() for each in (turned, turned + 90.0)]
+        about |= {"component": turns[0], "azimuth": "",
+                  "component_transverse": turns[1], "azimuth_transverse": ""}  # fmt: skip
+    else:
+        about |= {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
+                  "azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
-
-
-def azimuth_of_code(code: str) -> float | None:
-    """Azimuth [degrees] by the name of a component: ``N``, ``EW1``, ``HNE``, ``180``, ``S45E``."""
-    text = code.strip().upper().lstrip("-+")
-    if (bearing := quadrant(text)) is not None:
-        return bearing
-    if re.fullmatch(r"\d{2,3}", text):
-        return float(text) % 360.0
-    return AZIMUTHS.get(re.sub(r"^[A-Z][A-Z](?=[NE]$)|\d$", "", text))
 
 
 def remove_response(
@@ -252,10 +247,7 @@ def remove_response(
 
 def both_senses(motion: Motion) -> list[Motion]:
     """A motion, and the same with its horizontal components reversed: records of one event."""
-    about = dict(motion.metadata)
-    about["event"] = about.get("event") or about.get("event_id") or motion.id
     flipped = {key: -samples for key, samples in motion.components.items()
                if samples is not None and key != "vertical"}  # fmt: skip
     log = (*motion.log, "Horizontal components reversed.")
-    own = motion._replaced(metadata=about)
-    return [own, own._replaced(id=motion.id + REVERSED, log=log, **flipped)]
+    return [motion, motion._replaced(id=motion.id + REVERSED, log=log, **flipped)]

@@ -17,16 +17,19 @@ from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.motions import calibrate, partners
-from archfrag.motions.calibrate import Warned, accept_or_refuse, implausible
+from archfrag.motions.calibrate import accept_or_refuse, implausible
+from archfrag.motions.cautions import sample_cautions
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.common import known
+from archfrag.motions.headers import Warned
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion, unit_factor
 from archfrag.motions.partners import channel_code, is_horizontal, is_vertical
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
-HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level")
+HEADER = ("event", "date", "magnitude", "station", "vs30_mps", "epicentral_km", "azimuth", "level",
+          "origin_time")  # fmt: skip
 
 
 def read_motion(
@@ -54,7 +57,8 @@ def read_motion(
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
         What to let pass: ``pga`` (1e-5 to 5 g), ``time_step`` (1e-4 to 0.1 s), ``samples`` (other
-        than announced), ``header`` (its peak is off by a tenth).
+        than announced), ``header`` (its peak is off by a tenth, or it contradicts the unit that
+        is given or the channel code).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -137,7 +141,7 @@ def motion_of_stream(
         held, channel.stats._format = len(channel.data), "obspy"
         done = f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."
         record = {"announced": held, "held": held, "unit_in_file": unit, "log": (done,)}
-        channel.stats.record = AttribDict({**record, "accept": words, "errors": ()})
+        channel.stats.record = AttribDict({**record, "accept": words, "errors": (), "cautions": ()})
         channel.stats.record.accepted = accept_or_refuse(source, words, _warnings(channel))
         channel.data = np.asarray(channel.data, dtype=np.float64) * factor
     chosen, verticals = _chosen(channels, source, component)
@@ -205,7 +209,8 @@ def read_channels(
         record.accept = (*words, *(entry.accept if entry else ()))
         record.accepted = accept_or_refuse(path, record.accept, record.warnings)
         errors = (f"Error in the file: {error}." for error in record.errors)
-        record.log = (*record.messages, *record.log, *errors)
+        cautions = (f"Caution: {caution}." for caution in record.cautions)
+        record.log = (*record.messages, *record.log, *errors, *cautions)
     if gap:
         raise RecordError(f"{path}: {gap}")
     return channels, entry
@@ -239,9 +244,15 @@ def _examine(
     unequal = len(set(counts)) > 1 and form in OWN
     held = ", ".join(f"{channel_code(c)} {count}" for c, count in zip(channels, counts))
     differing = (f"the channels of the file have unequal numbers of samples ({held})",)
+    places: dict[str, set[str]] = {}
     for channel in channels:
-        record = channel.stats.record
-        record.warnings = tuple(_warnings(channel))
+        places.setdefault(channel_code(channel), set()).add(str(channel.stats.location))
+    for channel in channels:
+        record, code = channel.stats.record, channel_code(channel)
+        record.warnings, record.cautions = tuple(_warnings(channel)), ()
+        if code and len(places[code]) > 1:
+            several = f"of sensors at locations {' and '.join(sorted(places[code]))}"
+            record.cautions = (f"channel {code} is there {several}; one may be in a borehole",)
         # If a text ends within its last line, digits may be missing.
         cut_off = channel is channels[-1] and form in TEXT and record.held < record.announced
         if cut_off and not path.read_bytes()[-1:].isspace():
@@ -266,6 +277,8 @@ def _warnings(trace: Trace) -> Iterator[Warned]:
         yield "header", f"channel {code}: {warning}"
     if min(held, len(trace.data)) < 2:
         yield None, f"channel {trace.id} holds less than 2 samples"
+    if np.iscomplexobj(trace.data):
+        yield None, f"channel {trace.id} has complex samples; accelerations are real numbers"
     if np.ma.isMaskedArray(trace.data):
         yield None, f"channel {trace.id} has gaps; a record must be without gaps"
     if (bad := np.flatnonzero(~np.isfinite(trace.data))).size:
@@ -306,7 +319,8 @@ def _motion(
         metadata["start_time"] = str(stats.starttime)
     if entry is not None:
         metadata |= known(**entry.metadata)
-    metadata |= known(errors=list(record.errors) or None, accepted=list(accepted) or None)
+    found = {"errors": record.errors, "cautions": record.cautions, "accepted": accepted}
+    metadata |= {key: list(lines) for key, lines in found.items() if lines}
     kind = " ".join(filter(None, (stats._format, record.get("level"))))
     log = (f"Read from {path.name} ({kind}).", *record.log, *accepted)
     motion = Motion(channel.data, float(stats.delta), None, name, metadata, log)
@@ -331,8 +345,10 @@ def inspect_record(path: str | Path, unit: str | None = None, **options: Any) ->
         stats, record, dt = trace.stats, trace.stats.record, float(trace.stats.delta)
         unit = record.unit_in_file
         names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-        errors = [*(text for _, text in record.warnings), *record.errors]
-        errors += [text for _, text in implausible(trace)] if unit else []
+        errors = [*(text for _, text in record.warnings), *record.errors, *record.cautions]
+        if unit:
+            errors += [text for _, text in implausible(trace)]
+            errors += sample_cautions(trace.data, dt)
         channels.append({
             "code": channel_code(trace), "station": str(record.get("station") or ".".join(names)),
             "start": str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",

@@ -22,6 +22,7 @@ from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.target import Array, Target, spectrum_target
+from archfrag.tables import check_decimals, parse_table
 
 LARGEST_TABLE = 200_000_000  # [bytes]
 PERIODS = (
@@ -88,8 +89,10 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
     """Read a table in CSV by pandas, with errors that name the file."""
     text = read_text(Path(path), LARGEST_TABLE, InputError, what)
     try:
-        return pd.read_csv(io.StringIO(text), skipinitialspace=True, **form)
-    except ValueError as error:
+        separator, _, rows = parse_table(text, comments=False)
+        check_decimals((line, cell) for line, cells in rows for cell in cells)
+        return pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True, **form)
+    except (InputError, ValueError) as error:
         raise InputError(f"{path}: {what} cannot be read as CSV ({reason_of(error)})") from None
 
 

@@ -4,6 +4,7 @@ import base64
 import errno
 import math
 import os
+import re
 import shutil
 from collections import Counter
 from collections.abc import Sequence
@@ -32,7 +33,6 @@ MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
 LARGEST_LOGO = 500_000  # [bytes]
 PICTURES = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}  # kinds, and how they begin
 MOST_ASKED = 12  # arches, records
-CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
 
 def shipped_folder() -> Path:
@@ -59,16 +59,16 @@ def write_starter(folder: Path) -> Path:
     return study
 
 
-def uncorrected(study: Study, records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """Message on raw records that the study does not correct."""
-    names = [record.id for record in records if record.raw]
-    if not names or CORRECTING & dict(study.motions.steps).keys():
-        return ()
-    return (
-        f"{len(names)} of {counted(len(records), 'record')} raw, as recorded ("
-        f"{', '.join(names[:MOST_ASKED])}{', …' * (len(names) > MOST_ASKED)}): their drift counts "
-        "as motion; correct them by motions.processing, such as [detrend, {bandpass: {lowest: "
-        "0.1, highest: 25}}]",
+def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
+    """Cautions on records by their files and samples, each with the records that it is on."""
+    alike: dict[str, list[str]] = {}
+    for record in records:
+        for text in record.cautions:
+            # Numbers differ from record to record.
+            alike.setdefault(re.sub(r"\d[\d.e+-]*", "#", text), []).append(f"{record.id}: {text}")
+    return tuple(
+        f"{first} (and {len(more)} more of {counted(len(records), 'record')})" if more else first
+        for first, *more in alike.values()
     )
 
 
@@ -214,7 +214,7 @@ def check_study(study: Study) -> dict[str, Any]:
     found, design, levels = study.members, study.design, len(study.intensity.si)
     size, extent = design.size(len(records), levels)
     sizes_of, ids = Counter(member.arch_class for member in found), {member.id for member in found}
-    cautions = unit_warnings(study, found) + uncorrected(study, records)
+    cautions = unit_warnings(study, found) + suspicious(records)
     if unchecked := len(found) - len(some):
         left = f"{unchecked} of {len(found)} arches were not checked"
         cautions += (f"{left}; the run checks all of them before it simulates",)

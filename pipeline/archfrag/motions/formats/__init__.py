@@ -13,6 +13,7 @@ import os
 import resource
 import signal
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -25,7 +26,7 @@ from obspy import Trace
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError, reason_of
-from archfrag.files import end_with_parent
+from archfrag.files import end_with_parent, opened, wide_encoding
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -52,6 +53,11 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
         return read_as(path, form)
     if traces := read_apart(path):
         return traces
+    with opened(path) as file:
+        head = file.read(400)
+    if wide := "UTF-8" * head.startswith(BOM_UTF8) or wide_encoding(head):
+        mark = f"is text in {wide}, and begins with a byte-order mark or has zeros between letters"
+        raise RecordError(f"{path}: {mark}; save it as UTF-8 without such a mark")
     raise RecordError(
         f"{path}: the format is not recognised; unpack an archive, which is never unpacked here; "
         "for columns of text give `columns` (--columns time=1,acceleration=2 on the command "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from obspy import Trace
 
+from archfrag import tables
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.common import Text, split, trace_of
 
 MOST_COLUMNS = 1000
-_BETWEEN = str.maketrans(",;", "  ")
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
@@ -22,14 +24,14 @@ _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=
 class Columns:
     """Layout of numbers in a plain text: in columns counted from 1, or row after row.
 
-    Blanks, tabs, commas and semicolons separate numbers; empty lines and those that begin with
-    # or % are passed over. InputError if the keys contradict each other.
+    Semicolons, tabs, commas or blanks separate numbers, one of them in a file; empty lines and
+    those that begin with # or % are passed over. InputError if the keys contradict each other.
 
     Parameters
     ----------
     acceleration, vertical : int, optional
         Columns of the horizontal and the vertical (upward) acceleration. Without them every
-        number of the file is a sample, row after row.
+        number of the file is a sample of one motion, row after row.
     time, dt : int or float [s]
         Column of the times, evenly spaced, or the time step of a file without times.
     skip : int
@@ -83,46 +85,98 @@ def parse_columns(text: str) -> Columns:
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     text, name = Text(path), str(path)
-    lines = [(text.place(place), line) for place, line in enumerate(text.lines)
+    lines = [(place + 1, line.split("#")[0]) for place, line in enumerate(text.lines)
              if place >= columns.skip and not line.lstrip().startswith(("#", "%"))]  # fmt: skip
-    comma = next((where for where, line in lines if "," in line), None)
-    if comma is not None and not any("." in line for _, line in lines):
-        commas = "numbers with commas and none with a decimal point"
-        raise RecordError(f"{comma}: {commas}; write decimal points")
-    rows = [(where, words) for where, line in lines if (words := line.translate(_BETWEEN).split())]
     chosen = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    table = []
-    for where, words in rows:
-        if chosen and len(words) <= max(chosen):
-            few = f"has {len(words)} column(s), column {max(chosen) + 1} is asked for"
-            raise RecordError(f"{where}: {few}; `skip` passes over lines before the numbers")
-        picked = [words[c] for c in chosen] or words
-        table.append([value for word in picked for value in split(word, where)])
-        if chosen and len(table[-1]) != len(chosen):
-            raise RecordError(f"{where}: columns run together")
-    values = np.array([value for row in table for value in row]).reshape(-1, len(chosen) or 1)
-    if len(values) < 2:
-        raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
+    separator = tables.separator_of(line for _, line in lines)
+    rows = tables.cells_of(lines, separator)
+    try:
+        values = _numbers(rows, separator, chosen, text)
+        if chosen:
+            tables.check_counts(rows, separator)
+            for column in chosen[columns.time is not None :]:
+                tables.check_thousands([row[column] for _, row in rows], f"{column + 1}")
+                tables.check_one_number(rows, column, separator)
+        else:
+            values = _row_after_row(values, [number for number, _ in rows])
+    except RecordError:
+        raise
+    except InputError as error:
+        raise RecordError(f"{name}, {error}") from None
+    samples = np.array(values, dtype=np.float64).reshape(-1, len(chosen) or 1)
+    if len(samples) < 2:
+        raise RecordError(f"{name}: holds {len(samples)} sample(s); 2 or more are needed")
     timed, step = columns.time is not None, columns.dt
     if timed:
-        step = _even_step(values[:, 0], [where for where, _ in rows], columns)
-    # Rows of several numbers that each begin with a time are no samples row after row.
-    paired = not chosen and {len(row) for row in table[:-1]} - {1}
-    first = np.array([row[0] for row in table if paired])
+        step = _even_step(samples[:, 0], [text.place(number - 1) for number, _ in rows], columns)
     traces = []
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
-        samples = np.ascontiguousarray(values[:, index])
-        for steps in (np.diff(samples), np.diff(first)):
-            if steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max():
-                rises = "what would be accelerations rises evenly, as times do"
-                raise RecordError(f"{name}: {rises}; name the columns of both")
+        own = np.ascontiguousarray(samples[:, index])
+        if _rises_evenly(own):
+            rises = "what would be accelerations rises evenly, as times do"
+            raise RecordError(f"{name}: {rises}; name the columns of both")
         record = {
-            "announced": samples.size, "held": samples.size, "component": code,
+            "announced": own.size, "held": own.size, "component": code,
             "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
         }  # fmt: skip
-        traces.append(trace_of(samples, step, name, record))
+        traces.append(trace_of(own, step, name, record))
         traces[-1].stats._format = "COLUMNS"
     return traces
+
+
+def _numbers(
+    rows: Sequence[tables.Row], separator: str, chosen: Sequence[int], text: Text
+) -> list[list[float]]:
+    """Numbers of the chosen columns of each row, or all; InputError names the line of a cell."""
+    whole = separator == "," and not any("." in cell or "E" in cell.upper()
+                                         for _, row in rows for cell in row)  # fmt: skip
+    table = []
+    for number, row in rows:
+        if chosen and len(row) <= max(chosen):
+            few = f"has {len(row)} column(s), column {max(chosen) + 1} is asked for"
+            raise InputError(f"line {number}: {few}; `skip` passes over lines before the numbers")
+        picked = [row[c] for c in chosen] or row
+        if "" in picked:
+            column = (chosen or range(len(row)))[picked.index("")] + 1
+            how = "give it a number, or leave such rows out"
+            raise InputError(f"line {number}: the cell in column {column} is empty; {how}")
+        tables.check_decimals((number, cell) for cell in picked)
+        if separator != " " and (odd := next((c for c in picked if re.search(r"\s", c)), None)):
+            what = f"{odd[:40]!r} is not a finite number; {tables.NAMES[separator]} are between"
+            raise InputError(f"line {number}: {what} the cells of this file")
+        found = [value for cell in picked for value in split(cell, text.place(number - 1))]
+        if len(found) != len(picked) and (chosen or separator != " "):
+            raise InputError(f"line {number}: columns run together")
+        table.append(found)
+    if whole and rows:
+        what = "has only whole numbers between commas, as the file has: are these decimals?"
+        raise InputError(f"line {rows[0][0]}: {what} Write decimal points")
+    return table
+
+
+def _row_after_row(table: Sequence[list[float]], lines: Sequence[int]) -> list[float]:
+    """Samples of equal rows, the last of which may be shorter; InputError for several columns."""
+    width, remedy = max(map(len, table), default=0), "name them by acceleration=COLUMN"
+    short = next((n for n, row in zip(lines[:-1], table) if len(row) < width), None)
+    if short is not None:
+        raise InputError(f"line {short}: has fewer than {width} numbers; only the last row may")
+    full = np.array([row for row in table if len(row) == width])
+    if width > 1 and _rises_evenly(full[:, 0]):
+        raise InputError(f"line {lines[0]}: the first column rises evenly, as times do; {remedy}")
+    if width > 1 and len(full) >= 10:
+        within, along = (np.abs(np.diff(full, axis=axis)).mean() for axis in (1, 0))
+        between = np.abs(full[1:, 0] - full[:-1, -1]).mean()
+        # Samples of one motion differ less from the next one than from one further on.
+        if along < (1.0 if width < 4 else 0.8) * within or between > 3.0 * within:
+            looks = f"{width} numbers a row are columns side by side, not one motion row after row"
+            raise InputError(f"line {lines[0]}: the {looks}; {remedy}")
+    return [value for row in table for value in row]
+
+
+def _rises_evenly(values: NDArray[np.float64]) -> bool:
+    """Return whether numbers are times rather than samples."""
+    steps = np.diff(values)
+    return bool(steps.size >= 4 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max())
 
 
 def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) -> float:

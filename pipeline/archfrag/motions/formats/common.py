@@ -1,5 +1,6 @@
 """Shared by readers of text formats: lines, numbers in columns, and facts of headers."""
 
+import codecs
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,8 @@ from obspy import Trace, UTCDateTime
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
-from archfrag.files import opened
+from archfrag.files import opened, wide_encoding
+from archfrag.motions.headers import plain_unit
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, unit_factor
 from archfrag.motions.partners import AZIMUTHS, quadrant
 
@@ -49,7 +51,10 @@ class Text:
     def __init__(self, source: Source) -> None:
         is_path = isinstance(source, (str, Path))
         self.name = str(source if is_path else getattr(source, "name", "buffer"))
-        self.lines = _lines(_read_bytes(source))
+        content = _read_bytes(source)
+        if wide := wide_encoding(content):
+            raise RecordError(f"{self.name}: is text in {wide}; save it as UTF-8")
+        self.lines = _lines(content)
 
     def place(self, index: int) -> str:
         return f"{self.name}, line {index + 1}"
@@ -109,7 +114,8 @@ def begins_with(*patterns: str) -> Callable[[Source], bool]:
 
 
 def _lines(content: bytes) -> list[str]:
-    text = content.decode("latin-1").replace("\0", " ")  # with which some rows are filled
+    plain = content.removeprefix(codecs.BOM_UTF8)
+    text = plain.decode("latin-1").replace("\0", " ")  # with which some rows are filled
     return re.sub("\r+\n|\r", "\n", text).rstrip("\x1a ").split("\n")
 
 
@@ -272,7 +278,7 @@ def checked_count(text: str, where: str) -> int:
 
 def acceleration_unit(text: str, where: str) -> str:
     """A unit of acceleration as archfrag spells it: ``cm/s^2`` and ``cm/sec/sec`` as ``cm/s2``."""
-    plain = re.sub(r"[\s^*()]", "", text.lower()).replace("sec", "s").replace("/s/s", "/s2")
+    plain = plain_unit(text)
     unit_factor(plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where)
     return plain
 

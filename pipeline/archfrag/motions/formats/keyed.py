@@ -30,6 +30,7 @@ _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
+_DIRECTION = re.compile(r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.I)
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
@@ -81,7 +82,8 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
     stated, where = common.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
-    record: dict[str, Any] = {"event": about, "component": ""}
+    # Without a direction at its end, by which records of one event would differ.
+    record: dict[str, Any] = {"event": _DIRECTION.sub("", about), "component": ""}
     parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
@@ -174,7 +176,7 @@ def read_knet(source: common.Source, **_: Any) -> Stream:
     for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
         record = common.known(
-            date=knet.evot.date.isoformat(), magnitude=knet.mag,
+            date=knet.evot.date.isoformat(), origin_time=str(knet.evot), magnitude=knet.mag,
             level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),

@@ -16,7 +16,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
 from archfrag.study.answer.cube import in_si
-from archfrag.study.checks import uncorrected, unit_warnings
+from archfrag.study.checks import suspicious, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Intensity, Study
@@ -209,7 +209,7 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Ans
         for message in arch_cautions(runs, named, answers[runs.name].curve)
     ]
     found += unit_warnings(study, study.members)
-    found += uncorrected(study, read_manifest(study)["records"])
+    found += suspicious(read_manifest(study)["records"])
     found += study.design.cautions(json.loads(cube.attrs["archfrag_design"]).get("arches", {}))
     return [*found, *record_cautions(cube)]
 

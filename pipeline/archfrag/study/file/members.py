@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import InputError, StabilityError
-from archfrag.files import read_csv, read_text
+from archfrag.files import read_text
 from archfrag.study.file import at, meant, parse_value
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.tables import check_decimals, parse_table, table_of
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
@@ -103,9 +104,11 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
     place = f"{where}: {entry.table}"
     text = read_text(Path(entry.table), LARGEST_TABLE, InputError, f"{where}: the table")
     with at(place):
-        table = read_csv(text)
+        _, columns, rows = parse_table(text)
+        check_decimals((line, cell) for line, cells in rows for cell in cells)
+        table = table_of(columns, rows)
         if "id" not in table or table.empty:
-            raise InputError("must have arches and a column id; commas between columns")
+            raise InputError("must have arches and a column id")
         for name in map(str, table):
             if name not in COLUMNS and (hint := meant(name.lower(), COLUMNS, _ALIKE)):
                 rule = "give an attribute a name less like it"

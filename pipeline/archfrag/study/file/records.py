@@ -18,7 +18,15 @@ from archfrag.files import make_folder, sha256_of
 from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
 from archfrag.motions.measures import measure, scale_factor
-from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
+from archfrag.motions.partners import (
+    VERTICAL,
+    earthquakes,
+    folder_names,
+    numbered,
+    partners,
+    seconds,
+    vertical_files,
+)
 from archfrag.motions.process import REVERSED, both_senses
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
@@ -70,7 +78,8 @@ class PreparedRecord:
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     vertical: bool = False  # whether the motion has its vertical component
-    raw: bool = False  # whether it is in counts, or its header states that it is uncorrected
+    # What is suspicious about its samples, its sensor or its file.
+    cautions: list[str] = field(default_factory=list, hash=False)
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
@@ -226,6 +235,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
     taken: dict[str, Path] = {}
     left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
     used, turned, known = set[Any](), set[Any](), list[str]()
+    pairs: dict[Path, dict[str, str]] = {}
     with one_reader():
         for source in find_sources(asked, measure):
             path, entry, options = source.path, source.entry, source.options
@@ -234,6 +244,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
             else:
                 every = [load_motion(entry)]
             facts = {"file": path.name, "file_sha256": sha256_of(path)}
+            pairs.setdefault(path.parent, partners(folder_names(path.parent))[0])
             for motion in every:
                 about, code = motion.metadata, str(motion.metadata.get("component", ""))
                 shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
@@ -242,6 +253,10 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
                     left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
                     continue
                 used.add(record)
+                other = pairs[path.parent].get(path.name)
+                if other and not numbered(path.name, other):
+                    first = sha256_of(path.with_name(min(path.name, other)))
+                    facts["pair"] = f"{first[:16]} {motion.acceleration.size} {motion.dt:g}"
                 if (path, code) in turned:  # the other component of a motion that was rotated
                     continue
                 motion = _with_components(needed, motion, every, source)
@@ -287,7 +302,7 @@ def _with_components(
     for kind, needed in asked.items():
         if not needed or (kind == "vertical" and own.vertical is not None):
             continue
-        file = source.others.get(kind)
+        file, also = source.others.get(kind), ""
         other = None if kind == "vertical" else partners.other_horizontal(own, every)
         if other is None and file is not None:
             if kind == "vertical":
@@ -295,13 +310,17 @@ def _with_components(
             else:
                 found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
+                if other and source.entry is None and not partners.belong_together(own, other):
+                    alike = f"{file.name} has nearly the same name, but neither start, event and"
+                    also = f"{alike} station nor number of samples show that it is of this record. "
+                    other = None
         if other is None:
             component, how = "other horizontal", "leave this record out"
             if kind == "vertical":
                 component, how = kind, f"{how}, or set motions.vertical: false for all records"
             raise RecordError(
                 f"{source.path}: record {own.id} has no {component} component, which the study "
-                "needs. It must be in this file, in one whose name differs in the direction only "
+                f"needs. {also}It must be in this file, in one whose name differs in the direction only "
                 "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
                 f"and station. Without such a file, {how}"
             )
@@ -325,9 +344,39 @@ def described(study: Study, motion: "Motion") -> PreparedRecord:
         scale_factor(motion, own, 1.0, measures[own]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        raw=about.get("level") == "raw" or about.get("unit_in_file") == "counts",
-        samples=samples.hexdigest(),
+        cautions=_cautions(motion), samples=samples.hexdigest(),
     )  # fmt: skip
+
+
+def _cautions(motion: "Motion") -> list[str]:
+    """Cautions on a motion as it moves an arch."""
+    from archfrag.motions.cautions import sample_cautions
+
+    found = [*motion.metadata.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    if motion.vertical is not None:
+        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
+    return found
+
+
+def with_earthquakes(
+    records: Sequence[PreparedRecord], facts: Sequence[dict[str, Any]]
+) -> list[PreparedRecord]:
+    """Name the earthquakes that records share; `facts` are of `recording_of`."""
+    return [replace(record, event=event)
+            for record, event in zip(records, earthquakes(facts), strict=True)]  # fmt: skip
+
+
+def recording_of(motion: "Motion") -> dict[str, Any]:
+    """Facts by which records of one earthquake are recognised, see `earthquakes`."""
+    about = motion.metadata
+    start = seconds(about.get("start_time"))
+    keys = ("file_sha256", "source_sha256", "pair")
+    return {
+        "id": motion.id.removesuffix(REVERSED),
+        "event": str(about.get("event") or about.get("event_id") or ""),
+        "origin": seconds(about.get("origin_time")), "start": start,
+        "end": start + motion.duration, "files": [about[key] for key in keys if about.get(key)],
+    }  # fmt: skip
 
 
 def prepare_motions(study: Study) -> list[PreparedRecord]:
@@ -337,14 +386,16 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     """
     from archfrag.motions.motion import save_motions
 
-    inputs, records = study_inputs(study), list[PreparedRecord]()
+    inputs, records, facts = study_inputs(study), list[PreparedRecord](), list[dict[str, Any]]()
     folder = make_folder(study.work / FOLDER)
     for motion in read_sources(study.motions, study.intensity.measure):
         record = described(study, motion)
         save_motions(folder / "new.npz", [motion])
         prepared = sha256_of(folder / "new.npz")
         records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
+        facts.append(recording_of(motion))
         os.replace(folder / "new.npz", study.work / records[-1].file)
+    records = with_earthquakes(records, facts)
     if (select := study.motions.select) is not None:
         ends = ["", REVERSED][: 1 + study.motions.both_senses]
         order = [name + end for name in select for end in ends]

@@ -1,0 +1,41 @@
+"""Cautions on a motion by its samples alone: an offset, a drift, an end in the middle of shaking.
+
+The limits are three times and more what 86 real records of nine agencies have, raw ones included
+once their mean is removed.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.motions.measures import integral
+
+OFFSET = 0.01  # of the mean to the peak
+DRIFT = 0.2  # of the velocity at the end, or of its mean over a record, to its peak
+SHORT = 10.0  # [s]
+SHAKING = 0.25  # of the peak in the last second to that of the record
+
+
+def sample_cautions(samples: NDArray[np.float64], dt: float) -> list[str]:
+    """List what is suspicious about accelerations [m/s2] at steps of `dt` [s]."""
+    peak, found = float(np.abs(samples).max()), list[str]()
+    if not peak > 0.0:
+        return found
+    velocity = integral(samples, dt)
+    fastest = float(np.abs(velocity).max())
+    offset, slow = abs(float(samples.mean())) / peak, abs(float(velocity[-1]))
+    if samples.size * dt > SHORT:  # the mean of a pulse is not that of a drift
+        slow = max(slow, abs(float(velocity.mean())))
+    drift = slow / (fastest or 1.0)
+    # The last second of a record, the last twentieth of a short motion.
+    last = max(2, round(min(1.0 / dt, 0.05 * samples.size)))
+    shaking = float(np.abs(samples[-last:]).max()) / peak
+    if offset > OFFSET:
+        found.append(f"its mean is {offset:.2g} of its peak: an offset counts as motion; `demean`")
+    if drift > DRIFT:
+        how = "correct it by `baseline`, or by `detrend` and `bandpass`"
+        where = "at the end" if slow == abs(float(velocity[-1])) else "on average"
+        found.append(f"its velocity {where} is {drift:.2g} of PGV: the baseline drifts; {how}")
+    if shaking > SHAKING:
+        cut = "the record ends while it shakes; find a longer one"
+        found.append(f"it has {shaking:.2g} of its peak within its last {last * dt:.2g} s: {cut}")
+    return found
