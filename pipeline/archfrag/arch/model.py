@@ -110,6 +110,13 @@ class Arch:
         return left, self.n_voussoir - right
 
     @property
+    def depths(self) -> NDArray[np.float64]:
+        """Depth of each body across the plane, (n_voussoir,) [m]."""
+        given, (first, last) = self.parameters, self.springings
+        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
+        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
+
+    @property
     def dimensions(self) -> tuple[float, float, float]:
         """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
         first, last = self.springings
