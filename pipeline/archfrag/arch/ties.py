@@ -100,6 +100,12 @@ def _in_body(arch: Arch, body: int, point: np.ndarray) -> list[float]:
     return (_turn(arch, body) @ (point - arch.centroids[body])).tolist()
 
 
+def tie_name(arch: Arch, tie: int) -> str:
+    """Name of a tie in messages: its place among the ties, and its level if it has one."""
+    level = arch.parameters["ties"][tie].get("level")
+    return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")
+
+
 def tie_lines(arch: Arch) -> np.ndarray:
     """Ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
     rows = np.zeros((0, 6)) if arch.chain.tie is None else arch.chain.tie

@@ -9,7 +9,7 @@ from archfrag.mechanics.status import Energy
 from archfrag.mechanics.ties import tie_energy, tie_stretch
 
 # Kinetic energy of a chain that sways in rest, over its weight times its shortest joint.
-CALM = 1e-5
+CALM = 1e-4
 
 
 @kernel
