@@ -83,6 +83,39 @@ def test_unlimited_strength_changes_nothing():
     assert af.onset(af.crushed(arch, 1e12)).plus == pytest.approx(af.onset(arch).plus, rel=1e-4)
 
 
+RING = {"span": 8.0, "rise": 3.0, "thickness": 0.6, "voussoirs": 9, "friction": 0.6}
+PIERS = {"height": 5.0, "width": 1.8, "courses": [2, 1]}
+
+
+@pytest.mark.parametrize(
+    ("ring", "piers", "more"),
+    [
+        (1.0, [0.5, 2.0], {}),
+        (4.0, 1.5, {"dead_load": 5e3}),
+        ([1.0, 1.0, 1.0, 0.6, 0.6, 0.6, 1.0, 1.0, 0.8], None, {}),
+        ([1.0, 1.0, 1.0, 0.6, 0.6, 0.6, 1.0, 1.0, 0.8], [0.7, 0.9], {}),
+    ],
+    ids=["other depths", "dead load", "depth list", "both"],
+)
+def test_joints_of_piers_lose_what_their_own_depth_makes_them(ring, piers, more):
+    built = af.Arch.segmental(**RING, depth=ring, **more).on_piers(**PIERS, depth=piers)
+    weak = af.crushed(built.recessed(0.01, 0.0), 2e6)
+    ring = np.broadcast_to(ring, 9)
+    left, right = ring[[0, -1]] if piers is None else np.broadcast_to(piers, 2)
+    own = np.array([left, left, *ring, right])
+    shallower = np.array([left, *np.minimum(own[1:], own[:-1]), right])
+    # Forces on the joints by columns: one thrust, and the weights up to each of them.
+    face = weak.extrados - weak.intrados
+    normal = np.column_stack([face[:, 1], -face[:, 0]]) / np.hypot(*face.T)[:, None]
+    before = normal[:, 1] * np.concatenate([[0.0], np.cumsum(built.chain.mass * GRAVITY)])
+    found = af.onset(weak).normal
+    forces = normal @ np.linalg.lstsq(normal, found + before, rcond=None)[0] - before
+    assert found == pytest.approx(forces, rel=1e-9)
+    for side, recess in (("intrados", 0.01), ("extrados", 0.0)):
+        lost = np.hypot(*(getattr(weak, side) - getattr(built, side)).T) - recess
+        assert lost == pytest.approx(0.5 * forces / (2e6 * shallower), abs=1e-8)
+
+
 SLIDING = [
     (2.0, 0.42, 9),
     (2.0, 0.40, 13),

@@ -168,6 +168,8 @@ class TestRefusals:
             ({"area": 0.0, "level": 6.0}, "area = 0"),
             ({"area": 1e-3, "level": 6.0, "prestress": 2e4, "strength": 1e4}, "prestress"),
             ({"area": 1e-3, "ends": [(-1, 0, 0), (7, 1, 0)]}, "not both springings"),
+            ({"area": 1e-4, "level": 6.0, "prestress": 2e4, "rupture": 1e-3},
+             "rupture = 0.001 m .* 0.01784 m longer at rest, by its prestress of 20000 N"),
         ],
     )  # fmt: skip
     def test_message_names_what_is_wrong(self, given, message):

@@ -111,6 +111,13 @@ class Arch:
         return left, self.n_voussoir - right
 
     @property
+    def depths(self) -> NDArray[np.float64]:
+        """Depth of each body across the plane, (n_voussoir,) [m]."""
+        given, (first, last) = self.parameters, self.springings
+        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
+        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
+
+    @property
     def dimensions(self) -> tuple[float, float, float]:
         """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
         first, last = self.springings
@@ -406,7 +413,8 @@ class Arch:
 
         It is elastic up to its strength, then it yields. It is slack where it is shorter than
         without a force. A tie without prestress does not change the onset of motion: rigid bodies
-        have to move before it pulls.
+        have to move before it pulls. An arch whose springing has moved follows the prestress
+        slowly until it rests; `StabilityError` if it falls.
 
         Parameters
         ----------
@@ -440,10 +448,15 @@ class Arch:
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {key: value for key, value in given.items() if value not in (None, math.inf)}
         ties_told = [*self.parameters.get("ties", ()), told]
-        return Arch(**{
+        tied = Arch(**{
             **vars(self), "chain": self.chain._replace(tie=np.array(ties)),
             "parameters": {**self.parameters, "ties": ties_told},
         })._warned(f"ties[{len(ties) - 1}]")  # fmt: skip
+        if self.chain.start is None or prestress == 0.0:
+            return tied
+        from archfrag.arch.slow import follow_tie
+
+        return follow_tie(tied)
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:
         """Return the arch with joints that transmit nothing near their ends.

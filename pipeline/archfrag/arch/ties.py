@@ -38,7 +38,14 @@ def tie_row(
     local = [_in_body(arch, body, point) for (body, *_), point in zip(both, points)]
     stiffness = stiff / length
     rows = [float(body + 1) for body, *_ in both]
-    free = length - prestress / stiffness
+    stretched = prestress / stiffness
+    if not rupture > stretched:
+        raise GeometryError(
+            f"rupture = {rupture:g} m is impossible; the tie is {stretched:.4g} m longer at rest, "
+            f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
+            "elongation in m, not a strain)"
+        )
+    free = length - stretched
     return [*rows, *local[0], *local[1], stiffness, free, float(strength), float(rupture)]
 
 
@@ -91,6 +98,12 @@ def _in_body(arch: Arch, body: int, point: np.ndarray) -> list[float]:
     if not 0 <= body < arch.n_voussoir:
         return point.tolist()
     return (_turn(arch, body) @ (point - arch.centroids[body])).tolist()
+
+
+def tie_name(arch: Arch, tie: int) -> str:
+    """Name of a tie in messages: its place among the ties, and its level if it has one."""
+    level = arch.parameters["ties"][tie].get("level")
+    return f"tie {tie + 1}" + ("" if level is None else f" (level {level:g} m)")
 
 
 def tie_lines(arch: Arch) -> np.ndarray:

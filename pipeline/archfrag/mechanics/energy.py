@@ -8,6 +8,9 @@ from archfrag.mechanics.numbers import larger, opposite, select, some
 from archfrag.mechanics.status import Energy
 from archfrag.mechanics.ties import tie_energy, tie_stretch
 
+# Kinetic energy of a chain that sways in rest, over its weight times its shortest joint.
+CALM = 1e-4
+
 
 @kernel
 def contact_works(state, work):
@@ -101,6 +104,20 @@ def energies_of(model, state):
     for t in range(model.tie.shape[0]):
         potential += tie_energy(model, t, state, tie_stretch(model, t, state.position))
     return kinetic_energy(model, state.velocity), potential
+
+
+@inlined
+def record_calm(model, state, kinetic, where):
+    """Record when a chain with ties has more kinetic energy than a sway in rest."""
+    if model.tie.shape[0] > 0:
+        weight, length = 0.0, model.length[0]
+        for i in range(1, model.mass.shape[0] - 1):
+            weight += model.gravity * model.mass[i]
+        for j in range(1, model.length.shape[0]):
+            length = min(length, model.length[j])
+        clock = state.clock
+        lively = where & (kinetic > CALM * weight * length)
+        clock[Clock.LIVELY] = select(lively, clock[Clock.TIME], clock[Clock.LIVELY])
 
 
 @kernel

@@ -82,6 +82,7 @@ class Clock(IntEnum):
     CODE = 8  # why the run waits; zero: it goes on
     START = 9  # potential energy of the initial state [J]
     ITERATIONS = 10  # linear problems solved so far for a step whose modes still change
+    LIVELY = 11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
 
 
 class Work(NamedTuple):

@@ -30,6 +30,7 @@ AT_REST, ALL = int(ModelLevel.REST), int(ModelLevel.ALL_VOUSSOIRS)
 CLOSED_GAP = 1e-7
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
 STILL = 1e-7
+CALM_TIME = 10.0  # [s]
 # A run is refused that makes or loses more energy than this many times its accuracy, over the
 # largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
 # length; an accuracy finer than the default counts as the default.
@@ -213,6 +214,17 @@ def record_end(model, state):
     state.peak[Peak.END_DISPLACEMENT] = np.sqrt(farthest)
 
 
+@kernel
+def sways_in_rest(model, state, options):
+    """Whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground motion.
+
+    Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
+    position would have grown by many powers of ten, so the chain swings about a stable one.
+    """
+    calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
+    return model.tie.shape[0] > 0 and min(calm, options.follow) >= CALM_TIME
+
+
 @inlined
 def _copy_row(values, out, row):
     for i in range(values.size):
@@ -239,6 +251,8 @@ def end_run(model, state, work, options, output, results, row):
             status = COLLAPSED
             results.collapse_joint[row], results.collapse_mode[row] = joint, how
             results.collapse_time[row] = since
+        elif code == AT_END and sways_in_rest(model, state, options):
+            status = STANDING
     kinetic, potential = energies_of(model, state)
     energy[Energy.KINETIC] = kinetic
     energy[Energy.POTENTIAL] = potential - clock[Clock.START]

@@ -13,26 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
+from archfrag.arch.slow import STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
-from archfrag.mechanics.contact.path import new_path
-from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
-from archfrag.mechanics.status import Tie, TieState
-from archfrag.methods.common import begin
-from archfrag.methods.time_stepping.service import rest_range
-from archfrag.methods.time_stepping.slow import creep
+from archfrag.mechanics.model import Model
+from archfrag.mechanics.status import Tie
 from archfrag.motions.motion import Motion
-from archfrag.simulation.checks import LOSS_LIMIT, check_number
+from archfrag.simulation.checks import check_number
 from archfrag.simulation.rest import check_stands
 
 Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]
-# Step of the movement over the shortest joint, or as a rotation [rad]; the step in time makes
-# inertia small beside weight. At the end, steps until nothing moves any more.
-STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
-# Displacement, over the shortest joint, below which nothing moves, and beyond which an arch falls.
-STILL, FALLS = 1e-10, 0.05
-# Load over gravity below which forces that are not in equilibrium are rounding.
-HOLDS = 1e-9
 
 
 class SpringingPath(NamedTuple):
@@ -88,43 +78,29 @@ def springing_path(
     """
     joint, side = _checked(arch, spread, settlement, rotation, springing)
     check_stands(arch)
-    model = model_of(arch.chain)
-    state, work, solution = new_state(model), new_work(model), new_path(model)
-    begin(model, state, work, 0, 0.0)
+    slow = SlowArch(arch)
+    model = slow.model
     outwards = 1.0 if springing == "right" else -1.0
     move = np.array([outwards * spread, -settlement])
     turn = -outwards * math.radians(rotation)
     before = model.corner[joint, side].copy(), model.tie.copy()
-    length = float(model.length.min())
-    steps = max(np.abs(move).max() / length, abs(turn)) / STEP
+    steps = max(np.abs(move).max() / slow.length, abs(turn)) / STEP
     parts = np.linspace(0.0, 1.0, max(2, math.ceil(steps)) + 1)
-    time = min(LONGEST, 50.0 * math.sqrt(STEP * length / model.gravity))
-    ranges, limit = [_range(model, state, work)], math.inf
-
-    def settle(least: float) -> bool:
-        """Let the bodies come to rest where the springing is; False if they fall."""
-        for _ in range(SETTLING):
-            solved, moved, lost = creep(model, state, work, solution, time, LOSS_LIMIT)
-            if not solved or lost or moved > FALLS * length:
-                return False
-            if moved < STILL * length or min(_range(model, state, work)) > least:
-                return min(_range(model, state, work)) >= -HOLDS
-        return False
-
+    ranges, limit = [slow.rest_range()], math.inf
     for part in parts[1:]:
         _place(model, joint, side, *before, part * move, part * turn)
-        solved, _, lost = creep(model, state, work, solution, time, LOSS_LIMIT)
-        now = _range(model, state, work)
-        stands = solved and not lost and min(now) >= 0.0
+        made, _ = slow.step()
+        now = slow.rest_range()
+        stands = made and min(now) >= 0.0
         # Between two equilibria a hinge may just be on its way from joint to joint.
-        if not stands and not (solved and not lost and settle(0.0)):
+        if not stands and not (made and slow.settle(0.0)):
             limit = _crossing(parts[len(ranges) - 1], part, min(ranges[-1]), min(now))
             break
-        ranges.append(now if stands else _range(model, state, work))
-    if math.isinf(limit) and not settle(math.inf):
+        ranges.append(now if stands else slow.rest_range())
+    if math.isinf(limit) and not slow.settle(math.inf):
         limit = 1.0
     plus, minus = np.array(ranges).T
-    end = _moved(arch, model, state) if math.isinf(limit) else None
+    end = slow.arch() if math.isinf(limit) else None
     return SpringingPath(parts[: len(ranges)], plus, minus, end, limit)
 
 
@@ -198,47 +174,11 @@ def _place(
         model.tie[held, columns] = middle + move + (ties[held, columns] - middle) @ rotation
 
 
-def _range(model: Model, state: State, work: Work) -> tuple[float, float]:
-    """Range of rest in the present geometry [g]; negative numbers if there is none."""
-    found, plus, minus = rest_range(model, state, work)
-    return (plus, minus) if found else (-math.inf, -math.inf)
-
-
 def _crossing(before: float, after: float, held: float, margin: float) -> float:
     """Part of a movement at which the margin of rest vanishes."""
     if not math.isfinite(margin) or margin >= 0.0:
         return after
     return before + (after - before) * held / (held - margin)
-
-
-def _moved(arch: Arch, model: Model, state: State) -> Arch:
-    """The arch at rest where the bodies are."""
-    start = state.position[1:-1].copy()
-    face_before, face_after = arch.chain.face_before.copy(), arch.chain.face_after.copy()
-    face_before[0] = model.corner[0, 0]
-    if not arch.free_end:
-        face_after[-1] = model.corner[-1, 1]
-    chain = arch.chain._replace(start=start, face_before=face_before, face_after=face_after)
-    if len(model.tie):
-        tie = model.tie.copy()
-        tie[:, Tie.LENGTH] += state.tie[:, TieState.SET]
-        chain = chain._replace(tie=tie)
-    angle, centroid = start[:, 2], arch.centroids
-    cosine, sine = np.cos(angle), np.sin(angle)
-
-    def placed(body: int, points: NDArray) -> NDArray:
-        """Points that moved with a body; those of the ground stay."""
-        x, y = (points - centroid[body]).T
-        c, s = cosine[body], sine[body]
-        return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
-
-    outlines = tuple(placed(body, each) for body, each in enumerate(arch.outlines))
-    bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1)
-    inner, outer = (
-        np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
-        for ends in (arch.intrados, arch.extrados)
-    )
-    return replace(arch, chain=chain, outlines=outlines, intrados=inner, extrados=outer)
 
 
 def ground_of(motion: Motion, far: Far, arch: Arch) -> tuple[Any, ...]:

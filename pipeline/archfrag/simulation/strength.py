@@ -51,8 +51,7 @@ def crushed(arch: Arch, strength: float) -> Arch:
     check_number("strength", strength, 1.0, 1e12, "N/m2")
     if arch.chain.start is not None or arch.chain.tie is not None:
         raise InputError("strength comes before ties and before springings that move")
-    given = arch.parameters
-    depth = np.broadcast_to(np.asarray(given["depth"], float), arch.n_voussoir)
+    given, depth = arch.parameters, arch.depths
     # A joint is as deep as the shallower of its two bodies.
     padded = np.concatenate([depth[:1], depth, depth[-1:]])
     wide = np.minimum(padded[:-1], padded[1:])[: arch.n_joint]

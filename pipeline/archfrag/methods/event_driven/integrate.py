@@ -13,7 +13,7 @@ from archfrag.mechanics.collapse import RIGHT_ANGLE, record_gap
 from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.energy import kinetic_energy, record_calm
 from archfrag.mechanics.ground import Grounds, ground_after, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.mechanics.mega_voussoirs.first_level import pose, project, solve_first_level
@@ -217,6 +217,7 @@ def _accept(run, mega, part, peaks):
             mega.velocity[i, c] = mega.next_velocity[i, c]
     kinetic = kinetic_energy(mega.model, mega.velocity)
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    record_calm(run.model, run.state, kinetic, True)
     # The end, and if a body may have reversed, also between.
     for sample in range(PEAK_SAMPLES if peaks else 1):
         record_place(run, mega, mega.next_position)

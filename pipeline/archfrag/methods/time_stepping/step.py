@@ -21,7 +21,7 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact import placing
-from archfrag.mechanics.energy import kinetic_energy, record_step, record_ties
+from archfrag.mechanics.energy import kinetic_energy, record_calm, record_step, record_ties
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
 from archfrag.mechanics.status import Count, Energy, Peak
@@ -289,6 +289,7 @@ def record_motion(model, state, where):
         where, most, state.energy[Energy.LARGEST_KINETIC]
     )
     state.clock[Clock.FASTEST] = select(where, fastest, state.clock[Clock.FASTEST])
+    record_calm(model, state, kinetic, where)
     return where & (spoiled != 0.0)
 
 
