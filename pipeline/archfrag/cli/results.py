@@ -53,10 +53,13 @@ def _facts(path: Path) -> dict[str, Any]:
     from archfrag.errors import InputError
 
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise OSError
         with xr.open_dataset(path) as cube:
             stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
             counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
+            names, counts = [*names, "not_simulated"], [*counts, int(verdict.isnull().sum())]
             return {
                 "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
                 "dimensions": {str(name): size for name, size in cube.sizes.items()},
