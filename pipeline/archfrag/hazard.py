@@ -93,6 +93,20 @@ def load_hazard(
     return Hazard(measure, source, {name: found[name] for name in order}, tuple(messages))
 
 
+def hazard_of_table(table: Any, measure: str, unit: str) -> Hazard:
+    """Hazard curve of intensities in a unit and annual rates of exceedance, (n_point, 2)."""
+    try:
+        points = np.asarray(table, dtype=float)
+    except (TypeError, ValueError):
+        points = np.zeros(0)
+    if points.ndim != 2 or points.shape[1] != 2:
+        rule = "a path, or a table of two columns: intensity and annual rate of exceedance"
+        raise InputError(f"hazard: {type(table).__name__} cannot be read; it must be {rule}")
+    factor = _factor(None, unit, measure, None, False)
+    curve = HazardCurve(factor * points[:, 0], points[:, 1])
+    return Hazard(measure, "a table in Python", {"mean": curve})
+
+
 def _measure(stated: str) -> Measure | None:
     """The measure that a file states, in any case; None if it is not one of ours."""
     known = _COLUMNS["measure"]

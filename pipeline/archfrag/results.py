@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import warnings
@@ -22,10 +23,10 @@ from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
 from archfrag.report import make_report
 from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import capacities, quoted
+from archfrag.study.answer.curves import capacities, fractions, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.file.schema import Intensity, Study, load_study
-from archfrag.study.files import OWNER, read_json, write_text
+from archfrag.study.files import OWNER, read_json, read_stamp, write_text
 from archfrag.study.steps import finished, make_step
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from archfrag.simulate import Response
 
 PathLike = str | os.PathLike[str]
+Hazards = Any  # PathLike, sequence of PathLike, or a table (n, 2)
 Band = tuple[NDArray[np.float64], NDArray[np.float64]]
 _RISK = ["rate", "rate_lower", "rate_upper", "return_period", "probability", "probability_lower",
          "probability_upper"]  # fmt: skip
@@ -72,7 +74,10 @@ def open(path: PathLike) -> Results:
     except (OSError, ValueError, LookupError, TypeError):
         what = "is not a folder with the results of a study; give results/ID, or the study file"
         raise InputError(f"{given}: {what}") from None
-    return Results(load_study(file))
+    study = load_study(file)
+    if given.is_dir() and not study.folder.samefile(given):  # of Snakemake, or by --set output
+        study = load_study(file, [f"output={json.dumps(str(given.resolve()))}"])
+    return Results(study)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -121,6 +126,27 @@ class Curve:
     def __call__(self, im: Any) -> Any:
         """Probability at intensities >= 0 (else InputError), of the same shape."""
         return self._fit.probability(np.multiply(im, self.intensity.factor))
+
+    def quantile(self, probability: ArrayLike) -> NDArray[np.float64]:
+        """Intensities at which the curve has probabilities between 0 and 1, of the same shape."""
+        return self._fit.quantile(probability) / self.intensity.factor
+
+    def to_dataframe(self, im: ArrayLike | None = None) -> pd.DataFrame:
+        """Tabulate intensity, probability, and lower and upper end of the band.
+
+        `im`, (n,), are the intensities; the levels of the study if not given.
+        """
+        import pandas as pd
+
+        at = np.asarray(self.intensity.given if im is None else im, float)
+        columns = at, self(at), *self.band(at)
+        head = (
+            f"{self.intensity.measure} [{self.intensity.unit}]",
+            "probability",
+            "lower",
+            "upper",
+        )
+        return pd.DataFrame(dict(zip(head, columns)))
 
     def band(self, im: ArrayLike) -> Band:
         """Lower and upper end of the band at intensities, each of the same shape.
@@ -184,6 +210,7 @@ class Results:
 
     def __init__(self, study: Study) -> None:
         self._study, self.folder = study, study.folder
+        self._made = read_stamp(study, "cube")
         arches, classes, cube = finished(study)
         with cube:
             self._cube = cube.load()
@@ -210,10 +237,23 @@ class Results:
     def runs(self) -> xr.Dataset:
         """All runs along arch, record and intensity (level, if each run has its own).
 
-        The cube of the study with `collapsed` (bool); `verdict` tells which runs were not made.
+        The cube of the study with `collapsed`: 1 if a run collapsed, 0 if it survived, and nan if
+        it was not made, is unfinished or failed. An adaptive design runs each record at levels of
+        its own, so that their mean at a level is no probability: see `fractions`.
         """
         cube = in_unit(self._cube, self._study)
-        return cube.assign(collapsed=cube["verdict"] == Verdict.COLLAPSED)
+        decided = cube["verdict"].isin((Verdict.COLLAPSED, Verdict.STANDING))
+        return cube.assign(collapsed=(cube["verdict"] == Verdict.COLLAPSED).where(decided))
+
+    @property
+    def fractions(self) -> pd.DataFrame:
+        """Fraction of the records that make each arch collapse, (n_level, n_arch).
+
+        Rows are levels in the unit of the study. Of an adaptive design it is the fraction of the
+        records whose capacity lies below the level, as in the report. nan where nothing is known.
+        InputError if runs have intensities of their own, as in a cloud.
+        """
+        return fractions(self._cube, self._study.intensity.given)
 
     @property
     def capacities(self) -> pd.DataFrame:
@@ -225,19 +265,21 @@ class Results:
         return capacities(self._cube, 1.0 / self._study.intensity.factor)
 
     def risk(
-        self, hazard: PathLike | Sequence[PathLike] | None = None, *, years: float = 50.0,
+        self, hazard: Hazards | None = None, *, years: float = 50.0,
         unit: str | None = None, site: Sequence[float] | None = None,
     ) -> pd.DataFrame:  # fmt: skip
         """Find the annual rate of collapse at a site, for each class and each arch of none.
 
         Parameters
         ----------
-        hazard : path or sequence of path, optional
-            Hazard curve as `archfrag risk --help` describes it; that of the study if not given.
+        hazard : path, sequence of path, or table, optional
+            Hazard curve as `archfrag risk --help` describes it; that of the study if not given. A
+            table, (n, 2), such as a DataFrame, has intensities and annual rates of exceedance.
         years : float
             Period for the probability of collapse.
         unit : str, optional
-            Of the intensities of a CSV whose header has none.
+            Of the intensities of a table, that of the study if not given, or of a CSV whose header
+            has none.
         site : (longitude, latitude), optional
             Nearest site of OpenQuake's file [degrees].
 
@@ -265,7 +307,7 @@ class Results:
         return table
 
     def compare(
-        self, before: str, after: str, hazard: PathLike | Sequence[PathLike] | None = None, *,
+        self, before: str, after: str, hazard: Hazards | None = None, *,
         other: Results | None = None, **given: Any,
     ) -> pd.DataFrame:  # fmt: skip
         """Compare an arch, or a class, as it is with one that has a tie or another remedy.
@@ -303,11 +345,11 @@ class Results:
         return table
 
     def _hazard(
-        self, hazard: PathLike | Sequence[PathLike] | None, *, years: float = 50.0,
+        self, hazard: Hazards | None, *, years: float = 50.0,
         unit: str | None = None, site: Sequence[float] | None = None,
     ) -> tuple[Any, float]:  # fmt: skip
         """Hazard curve that is given, or else that of the study; years of its probabilities."""
-        from archfrag.hazard import load_hazard
+        from archfrag.hazard import hazard_of_table, load_hazard
 
         study = self._study
         if (given := study.risk) is not None and hazard is None:
@@ -315,8 +357,17 @@ class Results:
         if hazard is None:
             raise InputError("the study has no hazard; give the file of a hazard curve")
         files = [hazard] if isinstance(hazard, str | os.PathLike) else hazard
+        if not all(isinstance(each, str | os.PathLike) for each in files) or not len(files):
+            intensity = study.intensity
+            return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), years
         paths = [Path(each) for each in files]
         return load_hazard(paths, study.intensity.measure, unit, site), years
+
+    def _check_there(self) -> None:
+        """See that the folder still holds these results: nothing else is written as theirs."""
+        if read_stamp(self._study, "cube") != self._made:
+            what = "holds other results than these, made since by another study or run"
+            raise InputError(f"{self.folder}: {what}; open them with archfrag.open")
 
     def response(self, run: str = "median", arch: str | None = None) -> Response:
         """Simulate a run again, with its history.
@@ -331,6 +382,7 @@ class Results:
         """
         from archfrag.report.film import example_of
 
+        self._check_there()
         return example_of(self._study, run, arch).response
 
     def film(self, run: str = "median", arch: str | None = None) -> Film:
@@ -339,6 +391,7 @@ class Results:
 
     def report(self) -> Path:
         """Make the report if it is not up to date; its path."""
+        self._check_there()
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
 
@@ -379,6 +432,7 @@ class Results:
         """Export to a folder, or a single file to the path of a file."""
         from archfrag.export.command import export_study
 
+        self._check_there()
         path = Path(path)
         with tempfile.TemporaryDirectory() as temporary:
             single = kind.startswith("nrml")

@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,8 @@ from markupsafe import escape
 from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch
-from archfrag.errors import InputError
-from archfrag.files import counted, make_folder, sha256_of
+from archfrag.errors import InputError, OutputError
+from archfrag.files import counted, make_folder, read_text, sha256_of
 from archfrag.motions.index import INDEX_NAME, write_index
 from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
@@ -26,7 +24,7 @@ from archfrag.report import make_report
 from archfrag.results import Results
 from archfrag.study.file import check_text, schema, yaml_of
 from archfrag.study.file.arches import VARIABLE
-from archfrag.study.files import write_text
+from archfrag.study.files import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
 
@@ -39,6 +37,8 @@ _FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude"
           "start_time": "", "origin_time": "", "source_sha256": "file_sha256"}  # fmt: skip
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
 _PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")
+_CONTENT = "# Content: "
+_NAMED = 3  # arches in a heading
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
 
 
@@ -65,8 +65,9 @@ class Study:
         Number of `samples`, and by key its distribution, which a study file has under `of`.
     hazard : path or mapping, optional
         Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
-    id, title : str
-        Name of the study, whose results are in results/ID, and heading of its report.
+    id, title : str, optional
+        Name of the study, whose results are in results/ID, and heading of its report. The id is
+        made from the content of the study if it is not given, so that each study has a folder.
     **keys
         Other keys of a study file: method, limit_states, report, execution, institution, output.
 
@@ -80,9 +81,10 @@ class Study:
     >>> import numpy as np, archfrag as af
     >>> wave = np.sin(np.arange(200) / 10.0) * np.hanning(200)
     >>> motions = [af.Motion(factor * wave, 0.01, id=f"wave{factor}") for factor in (1, 2)]
-    >>> study = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.2, 0.6, 1.8], design="ida")
+    >>> block, levels = af.Block(0.4, 2.0, 0.8), [0.2, 0.6, 1.8]
+    >>> study = af.Study(block, motions, levels=levels, design="ida", id="block")
     >>> study
-    <Study 'study': 1 arch, ida at 3 levels of PGA from 0.2 to 1.8 g>
+    <Study 'block': 1 arch, ida at 3 levels of PGA from 0.2 to 1.8 g>
     >>> study.to_file("block.yaml").name
     'block.yaml'
     """
@@ -91,7 +93,7 @@ class Study:
         self, arch: Arches, motions: Motions, measure: str = "PGA", *, levels: Levels,
         unit: str | None = None, design: str | Mapping[str, Any] = "stripes",
         vary: Mapping[str, Any] | None = None, hazard: Any = None,
-        id: str = "study", title: str | None = None, **keys: Any,
+        id: str | None = None, title: str | None = None, **keys: Any,
     ) -> None:  # fmt: skip
         for key, own in (("arches", "arch"), ("intensity", "measure, levels and unit")):
             if key in keys:
@@ -108,14 +110,17 @@ class Study:
             unit = "g"
             with contextlib.suppress(InputError):  # which the schema words, with the key
                 unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
+        arches = _arches(arch, id or "arch", vary)
         given = {
-            "id": id, "title": title or id, "arches": _arches(arch, id, vary), "motions": found,
+            "title": title or id or _title(arches), "arches": arches, "motions": found,
             "intensity": {"measure": measure, "unit": unit, "levels": levels},
             "design": {"kind": design} if isinstance(design, str) else design, **keys,
         }  # fmt: skip
         if hazard is not None:
             given["risk"] = hazard if isinstance(hazard, Mapping) else {"hazard": hazard}
         plain = json.loads(json.dumps(given, default=_plain))
+        self._content = digest_of([plain, list(map(_digest_of_motion, self._motions))])
+        plain["id"] = f"study-{self._content[:8]}" if id is None else id
         check_text(plain, "Study")
         self._keys = schema.study_of(plain, Path.cwd(), "Study")
         self._file: Path | None = None
@@ -124,7 +129,7 @@ class Study:
     def from_file(cls, path: str | os.PathLike[str]) -> Study:
         """Read a study file in YAML; InputError names the key that is wrong."""
         study = cls.__new__(cls)
-        study._file, study._motions = Path(path), ()
+        study._file, study._motions, study._content = Path(path), (), ""
         study._keys = schema.load_study(Path(path))
         return study
 
@@ -155,12 +160,14 @@ class Study:
             place = make_folder(folder / f"{path.stem}-motions")
             keys["motions"]["index"] = str(_write_motions(self._motions, place))
         text = yaml_of(_relative(keys, "", folder))
-        write_text(path, _HEAD.format(version=__version__, name=path.name) + text)
+        head = _HEAD.format(version=__version__, name=path.name)
+        write_text(path, head + f"{_CONTENT}{self._content}\n" * bool(self._content) + text)
         return path
 
     def run(
-        self, progress: bool = True, cores: int | None = None, *, workers: int | None = None
-    ) -> Results:
+        self, progress: bool = True, cores: int | None = None, *, workers: int | None = None,
+        replace: bool = False,
+    ) -> Results:  # fmt: skip
         """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
 
         Parameters
@@ -169,6 +176,8 @@ class Study:
             Show what is done, with a progress bar.
         cores, workers : int, optional
             Number of processes, by either name; all cores by default.
+        replace : bool
+            Replace the results of another study with this id. Runs that both have are kept.
 
         Returns
         -------
@@ -176,13 +185,22 @@ class Study:
 
         Raises
         ------
+        OutputError
+            If the folder holds the results of another study with this id.
         ArchfragError
             Of the step that failed. What is finished is kept: call `run` again to continue.
         """
-        path = self._file or self.to_file(self.folder / "study.yaml")
+        path = self._file
+        if path is None:
+            path = self.folder / "study.yaml"
+            if not replace and _content_of(path) not in ("", self._content):
+                raise OutputError(
+                    f"{self.folder}: holds the results of another study with the id {self.id!r}; "
+                    "give this one another id, or replace them by .run(replace=True)"
+                )
+            self.to_file(path)
         study, cores = schema.load_study(path), workers if cores is None else cores
-        with _without_main():
-            run_study(study, path, lambda: None, make_report, cores, quiet=not progress)
+        run_study(study, path, lambda: None, make_report, cores, quiet=not progress)
         return Results(study)
 
     def __repr__(self) -> str:
@@ -287,12 +305,26 @@ def _relative(value: Any, key: str, folder: Path) -> Any:
     return os.path.relpath(value, os.path.realpath(folder)) if path else value
 
 
-@contextlib.contextmanager
-def _without_main() -> Iterator[None]:
-    """Let workers start without the user's script, which they would run once more each."""
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
+def _title(arches: Sequence[Mapping[str, Any]]) -> str:
+    """Heading of the report of a study that has neither title nor id."""
+    if len(arches) == 1:
+        return "Fragility of the arch"
+    names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
+    return f"Fragility of {names}" + f" and {len(arches) - _NAMED} more" * (len(arches) > _NAMED)
+
+
+def _digest_of_motion(motion: Motion) -> str:
+    """Digest of all that a study takes from a motion."""
+    parts = [None if part is None else part.tobytes().hex() for part in motion.components.values()]
+    facts = {name: str(motion.metadata.get(name)) for pair in _FACTS.items() for name in pair}
+    return digest_of([motion.id, motion.dt, parts, facts])
+
+
+def _content_of(path: Path) -> str:
+    """Digest of the content of the study that wrote a file; empty if there is no such file."""
     try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
+        lines = read_text(path, schema.LARGEST_FILE, InputError, "the study file").splitlines()
+    except InputError:
+        return ""
+    known = [line.removeprefix(_CONTENT) for line in lines if line.startswith(_CONTENT)]
+    return known[0] if known else "unknown"

@@ -86,7 +86,9 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
 def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
     """Raise InputError if a separator stands within each number: 1,193.5 or 1 193.5 or 0,123."""
     pairs = [cells[column : column + 2] for _, cells in rows]
-    if any(len(pair) < 2 for pair in pairs) or not all(_INTEGER.fullmatch(one) for one, _ in pairs):
+    if any(len(pair) < 2 for pair in pairs) or not all(
+        _INTEGER.fullmatch(one) for one, _ in pairs
+    ):
         return
     rest = {other for _, other in pairs}
     thousands = separator in ", " and all(map(_THREE.fullmatch, rest))
@@ -120,7 +122,9 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     if separator == "," or any(cell.count(",") > 1 or "." in cell for _, cell in commas):
         check_decimals(commas)
     if commas and point:
-        both = f"{commas[0][1]!r} in line {commas[0][0]} has a comma, {point[1]!r} in line {point[0]}"
+        both = (
+            f"{commas[0][1]!r} in line {commas[0][0]} has a comma, {point[1]!r} in line {point[0]}"
+        )
         raise InputError(f"{both} a point: one of the two must be the decimal in the whole file")
     return [(number, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row])
             for number, row in rows]  # fmt: skip

@@ -110,8 +110,8 @@ BAD = [
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
     ("execution:", "design: {kind: idda}\nexecution:", "design.kind = idda must be one of"),
-    ("execution:", "design: stripes\nexecution:",
-     "design = stripes must be a block of keys, such as {kind: stripes}"),
+    ("execution:", "design: idda\nexecution:", "design.kind = idda must be one of"),
+    ("execution:", "design: 3\nexecution:", "design = 3 must be a block of keys"),
     ("execution:", "risk: 3\nexecution:", "risk = 3 must be a block of keys, such as {hazard: 3}"),
 ]  # fmt: skip
 

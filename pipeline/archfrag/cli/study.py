@@ -173,9 +173,11 @@ def _step(name: str, help_: str, *options: Callable) -> None:
 
     def command(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
         from archfrag.study.files import check_own
-        from archfrag.study.steps import batch_step, make_step, products
+        from archfrag.study.steps import batch_step, claim, make_step, products
 
         check_own(study)
+        if name == "motions":  # the first step, of one process
+            claim(study, click.get_current_context().params["study_file"])
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
         make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):

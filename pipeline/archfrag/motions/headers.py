@@ -55,9 +55,13 @@ def add_stated(trace: Trace) -> Iterator[Warned]:
         found = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(found, 'no acceleration')} (its unit is {text['unit']!r})"
     if quantity:
-        yield None, f"the header of channel {channel_code(trace)} states {quantity}; " + (
-            "samples of acceleration are needed, in one of "
-            f"{', '.join(METRES_PER_SECOND_SQUARED)}"
+        yield (
+            None,
+            f"the header of channel {channel_code(trace)} states {quantity}; "
+            + (
+                "samples of acceleration are needed, in one of "
+                f"{', '.join(METRES_PER_SECOND_SQUARED)}"
+            ),
         )
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         record.g_per_count = stats.calib / 9.81  # obspy's own value of g

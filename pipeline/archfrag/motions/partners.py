@@ -173,7 +173,10 @@ def belong_together(one: Motion, other: Motion) -> bool:
     Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
-    (own, its), names = (one.metadata, other.metadata), (one.metadata["file"], other.metadata["file"])
+    (own, its), names = (
+        (one.metadata, other.metadata),
+        (one.metadata["file"], other.metadata["file"]),
+    )
     starts = [seconds(about.get("start_time")) for about in (own, its)]
     if not np.isnan(starts).any():
         return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)

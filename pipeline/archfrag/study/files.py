@@ -11,6 +11,7 @@ import platform
 import re
 import socket
 import subprocess
+import threading
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,8 @@ PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
 OWNER = "study.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
+# netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
+NETCDF = threading.RLock()
 Inputs = dict[str, dict[str, str]]  # SHA-256 of files by kind and path
 
 
@@ -147,17 +150,17 @@ def refuse_foreign_cube(study: "Study") -> None:
     path, digest = study.folder / CUBE, read_stamp(study, "cube")[1].get(CUBE)
     if not path.exists() or (digest is not None and sha256_if_there(path) == digest):
         return
-    import netCDF4
-
     owner = None
-    try:
-        # A pipe would be waited for.
-        with netCDF4.Dataset(path if path.is_file() else os.devnull) as cube:
-            owner = cube.__dict__.get("archfrag_study")
-    except OSError:
-        with contextlib.suppress(OSError), opened(path) as file:
-            if digest is not None and file.read(4) in (b"", b"\x89HDF"):
-                return
+    if path.is_file():  # a pipe would be waited for
+        import xarray as xr
+
+        try:
+            with NETCDF, xr.open_dataset(path, engine="netcdf4") as cube:
+                owner = cube.attrs.get("archfrag_study")
+        except (OSError, ValueError, RuntimeError):
+            with contextlib.suppress(OSError), opened(path) as file:
+                if digest is not None and file.read(4) in (b"", b"\x89HDF"):
+                    return
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"

@@ -240,7 +240,7 @@ def run_study(
 
     make_folder(study.work)
     with only_run(study):
-        files.write_text(study.work / files.OWNER, files.canonical_json(owner) + "\n")
+        _write_owner(study, owner)
         stale, changed = stale_steps(study)
         for line in changed[:_MOST_LINES]:
             say(line)
@@ -263,16 +263,25 @@ def run_study(
     return True
 
 
+def claim(study: Study, study_file: Path) -> None:
+    """Note whose results are in the folder; OutputError if they are of another study file."""
+    _write_owner(study, _owner(study, study_file))
+
+
+def _write_owner(study: Study, owner: dict[str, str]) -> None:
+    files.write_text(make_folder(study.work) / files.OWNER, files.canonical_json(owner) + "\n")
+
+
 def _owner(study: Study, path: Path) -> dict[str, str]:
     """Who owns the results: the id, and the file relative to them, so that both may be moved.
 
-    OutputError if they are those of another study file with the same id.
+    OutputError if they are those of another study file.
     """
     before = files.read_owner(study).get("file")
     file = study.folder / (before or "")
     if before is not None and file.is_file() and not file.samefile(path):
         raise OutputError(
-            f"{study.folder}: holds the results of {file.resolve()}, which has the id "
-            f"{study.id!r} too; give {path.name} another id or output"
+            f"{study.folder}: holds the results of {file.resolve()}; give {path.name} another "
+            "output, or another id if it names none"
         )
     return {"id": study.id, "file": os.path.relpath(path.resolve(), study.folder.resolve())}

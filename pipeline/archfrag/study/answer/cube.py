@@ -47,7 +47,8 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
     path = make_folder(study.folder) / files.CUBE
     with replacing(path) as temporary:
         try:
-            cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            with files.NETCDF:
+                cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
     return path
@@ -120,7 +121,11 @@ def in_unit(cube: "xr.Dataset", study: Study) -> "xr.Dataset":
 def in_si(cube: "xr.Dataset") -> "xr.Dataset":
     """A stored cube as this package works with it: along level, with intensity in SI units."""
     along = cube.swap_dims(intensity="level") if "intensity" in cube.dims else cube
-    return along.drop_vars("intensity").rename(intensity_si="intensity")
+    verdict = along["verdict"]
+    codes = verdict.fillna(Verdict.NOT_SIMULATED).astype(VARIABLES["verdict"].dtype)
+    codes.encoding = verdict.encoding
+    codes = codes.assign_attrs(verdict.attrs)
+    return along.assign(verdict=codes).drop_vars("intensity").rename(intensity_si="intensity")
 
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
@@ -210,18 +215,20 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
         encoding |= {"dtype": "S1", "char_dim_name": f"text{length}"}
         return xr.Variable(dimensions, np.array(values, object), attrs, encoding)
     array = np.asarray(values, dtype=about.dtype)
+    fill = array.dtype.type(about.fill) if about.fill else None
     if about.flags:
         meanings = dict(enumerate(about.flags.split()))
         if about.flags in _CODES:
             meanings = {int(about.missing): "not_simulated"}
             meanings |= {int(code): code.name.lower() for code in _CODES[about.flags]}
+        meanings.pop(fill, None)
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
     # One arch at a time, so that who reads one reads no more.
     sizes = (1, *array.shape[1:]) if about.dimensions.startswith("run") else array.shape
     encoding |= {
         "zlib": True, "complevel": COMPRESSION, "chunksizes": sizes,
-        "_FillValue": float(about.fill) if about.fill else None,
+        "_FillValue": fill,
     }  # fmt: skip
     return xr.Variable(dimensions, array, attrs, encoding)
 

@@ -20,7 +20,7 @@ from archfrag.study.checks import suspicious, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Intensity, Study
-from archfrag.study.files import CUBE, finite, read_json, refuse_foreign_cube, write_text
+from archfrag.study.files import CUBE, NETCDF, finite, read_json, refuse_foreign_cube, write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,13 +36,14 @@ Fitted = tuple[dict[str, Answer], dict[str, Answer], "xr.Dataset"]
 
 
 def open_cube(study: Study) -> "xr.Dataset":
-    """The cube of a study; InputError if there is none, OutputError if it is another study's."""
+    """The cube of a study, in memory; InputError if there is none, OutputError if it is another study's."""
     import xarray as xr
 
     path = study.folder / CUBE
     refuse_foreign_cube(study)
     try:
-        return in_si(xr.open_dataset(path))
+        with NETCDF, xr.open_dataset(path) as cube:
+            return in_si(cube.load())
     except (OSError, ValueError) as error:
         how = "`archfrag cube` on the study file makes it"
         raise InputError(f"{path}: is missing or damaged; {how}") from error

@@ -312,7 +312,9 @@ def _with_components(
                 other = found[0] if len(found) == 1 else None
                 if other and source.entry is None and not partners.belong_together(own, other):
                     alike = f"{file.name} has nearly the same name, but neither start, event and"
-                    also = f"{alike} station nor number of samples show that it is of this record. "
+                    also = (
+                        f"{alike} station nor number of samples show that it is of this record. "
+                    )
                     other = None
         if other is None:
             component, how = "other horizontal", "leave this record out"
@@ -352,7 +354,10 @@ def _cautions(motion: "Motion") -> list[str]:
     """Cautions on a motion as it moves an arch."""
     from archfrag.motions.cautions import sample_cautions
 
-    found = [*motion.metadata.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    found = [
+        *motion.metadata.get("cautions", ()),
+        *sample_cautions(motion.acceleration, motion.dt),
+    ]
     if motion.vertical is not None:
         found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
     return found

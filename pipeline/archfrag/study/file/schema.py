@@ -260,6 +260,10 @@ def study_schema() -> str:
     schema["$defs"]["Method"]["properties"]["name"]["enum"] = list(method_names())
     file_sets = schema["$defs"]["Motions"]["properties"]["files"]
     file_sets["items"] = {"anyOf": [{"type": "string"}, file_sets["items"]]}
+    design = schema["properties"]["design"]
+    names = sorted(design["discriminator"]["mapping"])
+    blocks = {key: design.pop(key) for key in ("discriminator", "oneOf")}
+    design["anyOf"] = [{"enum": names, "type": "string"}, blocks]
     return json.dumps(schema, indent=2, ensure_ascii=False, sort_keys=True) + "\n"
 
 

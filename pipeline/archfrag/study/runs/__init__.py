@@ -12,10 +12,16 @@ from archfrag.study.runs.ida import Ida
 
 __all__ = ["AnyDesign", "Design", "Stripes", "design_of"]
 
+
+def _block(given: Any) -> Any:
+    """Block of keys of a design, which its name alone may stand for."""
+    return {"kind": given} if isinstance(given, str) else given
+
+
 # By the key `design` of a study file.
 AnyDesign = Annotated[
     Stripes | Ida | Cloud, Field(discriminator="kind"),
-    BeforeValidator(partial(check_block, key="kind")),
+    BeforeValidator(partial(check_block, key="kind")), BeforeValidator(_block),
 ]  # fmt: skip
 
 

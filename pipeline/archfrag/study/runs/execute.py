@@ -5,6 +5,7 @@ import multiprocessing
 import signal
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
@@ -12,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor as Pool
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache, partial
 from itertools import islice
+from multiprocessing import spawn
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +45,7 @@ LOSSES_ALLOWED = 3
 PATIENCE = 60.0  # with a scheduler that has no workers yet [s]
 ANSWER_WITHIN = 10.0  # [s]
 _GO_ON = "finished parts are kept, the same command goes on"
+_STARTING = threading.Lock()
 _motion = lru_cache(maxsize=64)(load_record)  # one of a minute with its vertical takes 0.2 MB
 
 
@@ -277,7 +280,8 @@ class _Makers:
         )  # fmt: skip
         if self._pool is not None:
             self.used = self._count
-            return self._pool.submit(make_runs, *work)
+            with _without_script():
+                return self._pool.submit(make_runs, *work)
         future: Future[tuple[Path, float]] = Future()
         future.set_result(make_runs(*work))
         return future
@@ -298,6 +302,25 @@ class _Makers:
         self._count = max(1, len(self._client.scheduler_info()["workers"]))
         executor: Executor = self._client.get_executor(pure=False)
         return executor
+
+
+@contextlib.contextmanager
+def _without_script() -> Iterator[None]:
+    """Let processes that this thread starts do without the user's script, which they would run."""
+    thread = threading.get_ident()
+
+    def prepared(name: str) -> dict[str, Any]:
+        given: dict[str, Any] = usual(name)
+        own = threading.get_ident() == thread
+        return {k: v for k, v in given.items() if not (own and k.startswith("init_main"))}
+
+    with _STARTING:
+        usual = spawn.get_preparation_data
+        spawn.get_preparation_data = prepared
+        try:
+            yield
+        finally:
+            spawn.get_preparation_data = usual
 
 
 def _follow_parent() -> None:
