@@ -140,13 +140,8 @@ class Curve:
 
         at = np.asarray(self.intensity.given if im is None else im, float)
         columns = at, self(at), *self.band(at)
-        head = (
-            f"{self.intensity.measure} [{self.intensity.unit}]",
-            "probability",
-            "lower",
-            "upper",
-        )
-        return pd.DataFrame(dict(zip(head, columns)))
+        intensity = f"{self.intensity.measure} [{self.intensity.unit}]"
+        return pd.DataFrame(dict(zip((intensity, "probability", "lower", "upper"), columns)))
 
     def band(self, im: ArrayLike) -> Band:
         """Lower and upper end of the band at intensities, each of the same shape.

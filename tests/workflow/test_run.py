@@ -324,7 +324,7 @@ def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished, tmp_path):
     copy = path.with_name("copy.yaml")
     copy.write_text(path.read_text().replace("thickness: 1.5", "thickness: 1.4"))
     _, stderr = run(copy, code=4)
-    assert f"holds the results of {path}, which has the id 'small' too" in stderr
+    assert f"holds the results of {path}; give copy.yaml another output" in stderr
     assert stderr.count("\n") == 2
     assert sha256_of(path.parent / "out" / "cube.nc") == before
     moved = path.with_name("moved.yaml")

@@ -82,7 +82,7 @@ class Fragility:
         """
         p = np.asarray(probability, dtype=float)
         if not np.all((p > 0.0) & (p < 1.0)):
-            raise InputError(f"quantile: {probability} must lie between 0 and 1")
+            raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
         theta, beta = self.parts.T
         if len(theta) == 1:
             return np.asarray(theta[0] * np.exp(beta[0] * ndtri(p)))

@@ -79,10 +79,6 @@ class Motion:
 
     def __post_init__(self) -> None:
         name, given = self.id or "motion", self.components
-        for key, samples in given.items():
-            if np.iscomplexobj(samples) or np.ma.is_masked(samples):
-                kind = "complex" if np.iscomplexobj(samples) else "masked"
-                raise RecordError(f"{name}: {key} has {kind} samples; all must be real numbers")
         try:
             for key, samples in given.items():
                 masked = np.ma.is_masked(samples)

@@ -221,7 +221,7 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
         if about.flags in _CODES:
             meanings = {int(about.missing): "not_simulated"}
             meanings |= {int(code): code.name.lower() for code in _CODES[about.flags]}
-        meanings.pop(fill, None)
+        meanings = {code: text for code, text in meanings.items() if code != fill}
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
     # One arch at a time, so that who reads one reads no more.

@@ -101,7 +101,8 @@ def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
 def fractions(cube: "xr.Dataset", levels: Sequence[float]) -> "pd.DataFrame":
     """Fraction of the records that make each arch collapse at each level, (n_level, n_arch).
 
-    `levels` are those of the cube in the unit of the study. InputError if each run has an intensity of its own.
+    `levels` are those of the cube in the unit of the study. InputError if each run has an
+    intensity of its own.
     """
     import pandas as pd
 

@@ -36,7 +36,10 @@ Fitted = tuple[dict[str, Answer], dict[str, Answer], "xr.Dataset"]
 
 
 def open_cube(study: Study) -> "xr.Dataset":
-    """The cube of a study, in memory; InputError if there is none, OutputError if it is another study's."""
+    """Read the cube of a study into memory.
+
+    InputError if there is none, OutputError if it is another study's.
+    """
     import xarray as xr
 
     path = study.folder / CUBE
