@@ -9,12 +9,13 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 import archfrag as af
 from archfrag import studies
-from archfrag.errors import InputError
+from archfrag.errors import InputError, OutputError
 from archfrag.study.file.records import prepare_motions, read_manifest
 from archfrag.study.file.schema import load_study
 from archfrag.study.steps import run_study
@@ -274,3 +275,119 @@ def test_workers_do_not_run_the_script_that_starts_them(folder):
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.stdout.split() == ["once", "done"], done.stderr
+
+
+def small(width, **given):
+    """A study of a block under two motions, made at once."""
+    wave = np.sin(np.arange(150) / 10.0) * np.hanning(150)
+    motions = [af.Motion(factor * wave, 0.01, id=f"wave{factor}") for factor in (1, 2)]
+    block = af.Block(width, 2.0, 0.8)
+    return af.Study(block, motions, levels=[0.1, 0.4, 1.6], **given)
+
+
+def test_studies_without_an_id_have_folders_and_reports_of_their_own(folder):
+    made = {width: small(width).run(progress=False) for width in (0.4, 0.5)}
+    assert small(0.4).folder == made[0.4].folder
+    assert (
+        len({str(results.folder) for results in made.values()})
+        == len(list(Path("results").iterdir()))
+        == 2
+    )
+    for width, results in made.items():
+        assert results.folder.name.startswith("study-")
+        assert f"{width:g} m" in results.report().read_text()
+
+
+def test_results_of_another_study_are_not_replaced_unasked_and_write_nothing_of_it(folder):
+    first = small(0.4, id="block").run(progress=False)
+    again = small(0.4, id="block").run(progress=False)
+    assert again.curve.theta == first.curve.theta
+    with pytest.raises(
+        OutputError, match=r"another study with the id 'block'; give this one .*run\(replace=True"
+    ):
+        small(0.5, id="block").run(progress=False)
+    assert first.to_nrml("first.xml").is_file()
+    other = small(0.5, id="block").run(progress=False, replace=True)
+    assert other.to_nrml("other.xml").is_file()
+    for asked in (first.report, first.film, first.response, lambda: first.to_nrml("x.xml")):
+        with pytest.raises(InputError, match="results/block: holds other results than these"):
+            asked()
+    assert not Path("x.xml").exists()
+
+
+def test_collapsed_is_known_only_of_runs_that_were_made_and_fractions_do_not_fall(folder):
+    study = af.Study(af.Block(0.4, 2.0, 0.8), "records/?-N.AT2", id="ida", design="ida",
+                     levels=np.linspace(0.2, 2.4, 12))  # fmt: skip
+    results = study.run(progress=False, cores=1)
+    runs = results.runs
+    made = runs.verdict.notnull()
+    assert 0 < int(made.sum()) < made.size
+    assert np.isnan(runs.collapsed.values[~made.values]).all()
+    assert set(runs.collapsed.values[made.values]) == {0.0, 1.0}
+    with xr.open_dataset(results.folder / "cube.nc", mask_and_scale=False) as stored:
+        assert stored.verdict.attrs["_FillValue"] == 4
+        assert 4 not in stored.verdict.attrs["flag_values"]
+    fractions = results.fractions["arch" if "arch" in results.fractions else "ida"]
+    assert fractions.index.tolist() == runs.intensity.values.tolist()
+    assert fractions.is_monotonic_increasing
+    assert (fractions.iloc[0], fractions.iloc[-1]) == (0.0, 1.0)
+
+
+def test_curves_of_studies_and_of_counts_have_one_interface(folder):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    results = small(0.4, id="block").run(progress=False)
+    fitted = af.fit_ida([0.5, 0.7, 0.9, 1.3])
+    for curve in (fitted, results.curve):
+        at = curve.quantile([0.1, 0.5, 0.9])
+        assert curve(at) == pytest.approx([0.1, 0.5, 0.9], abs=1e-9)
+        assert float(curve.quantile(0.5)) == pytest.approx(curve.theta)
+        low, high = curve.band(at)
+        assert (low < high).all()
+        assert curve.plot().get_ylim() == (0.0, 1.0)
+        with pytest.raises(InputError, match="must lie between 0 and 1"):
+            curve.quantile(1.0)
+    table = results.curve.to_dataframe()
+    assert table.columns.tolist() == ["PGA [g]", "probability", "lower", "upper"]
+    points = [(0.1, 1e-2), (0.4, 1e-3), (1.6, 1e-5)]
+    Path("hazard.csv").write_text("PGA [g],rate\n" + "".join(f"{a},{b}\n" for a, b in points))
+    by_file = results.risk("hazard.csv")
+    for table in (points, np.array(points), pd.DataFrame(points, columns=["im", "rate"])):
+        assert results.risk(table).rate.tolist() == by_file.rate.tolist()
+    with pytest.raises(InputError, match="it must be a path, or a table of two columns"):
+        results.risk([1.0, 2.0])
+    with pytest.raises(InputError, match="a run is a text such as"):
+        results.response("wave1", 0.8)
+
+
+def test_lists_and_names_stand_for_what_they_say(folder):
+    motions = af.read_motions("records/?-N.AT2")
+    assert motions[motions[1].id] is motions[1]
+    study = af.Study([af.Block(0.4, 2.0, 0.8)] * 2, motions, levels=[0.5])
+    assert study._repr_html_().count("arch1, arch2") == 1
+    runs = af.simulate_many(af.Block(0.4, 2.0, 0.8), [motions[0]], [0.5, 1.0, 2.0])
+    assert runs.sizes["run"] == 3
+
+
+def test_studies_in_threads_leave_the_interpreter_alone(tmp_path):
+    """In a process of its own, which a crash would end."""
+    code = (
+        "import sys, threading, numpy as np, archfrag as af\n"
+        "wave = np.sin(np.arange(150) / 10.0) * np.hanning(150)\n"
+        "motions = [af.Motion(f * wave, 0.01, id=f'w{f}') for f in (1, 2)]\n"
+        "def go(i):\n"
+        "    for k in range(3):\n"
+        "        block = af.Block(0.4 + 0.01 * i + 0.1 * k, 2.0, 0.8)\n"
+        "        af.Study(block, motions, levels=[0.2, 1.8]).run(progress=False, cores=1)\n"
+        "        print('made')\n"
+        "threads = [threading.Thread(target=go, args=(i,)) for i in range(4)]\n"
+        "[t.start() for t in threads]; [t.join() for t in threads]\n"
+        "print(hasattr(sys.modules['__main__'], 'go'))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert sorted(done.stdout.split()) == ["True", *["made"] * 12]
+    assert len(list((tmp_path / "results").iterdir())) == 12

@@ -378,6 +378,9 @@ class Results:
         from archfrag.report.film import example_of
 
         self._check_there()
+        if not isinstance(arch, str | None) or not isinstance(run, str):
+            what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
+            raise InputError(f"response: cannot use {what}, and an arch is given by its name")
         return example_of(self._study, run, arch).response
 
     def film(self, run: str = "median", arch: str | None = None) -> Film:

@@ -302,7 +302,8 @@ def simulate_many(
     import xarray
 
     scales = np.atleast_1d(np.asarray(factors, float))
-    each = [motions] * scales.size if isinstance(motions, Motion) else list(motions)
+    each = [motions] if isinstance(motions, Motion) else list(motions)
+    each *= scales.size if len(each) == 1 else 1
     if scales.ndim != 1 or len(each) != scales.size:
         raise InputError(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "

@@ -28,7 +28,7 @@ from archfrag.study.files import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
 
-Arches = Arch | Mapping[str, Any]
+Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 Levels = ArrayLike | Mapping[str, float]
 # Facts of a motion that its row of an index keeps, with other names they may have.
@@ -49,8 +49,8 @@ class Study:
 
     Parameters
     ----------
-    arch : Arch, or mapping of names to arches
-        Arches that a study file can describe may be given as a mapping of its keys instead.
+    arch : Arch, mapping of names to arches, or list of arches
+        Those of a list are named arch1, arch2 and so on. Arches that a study file can describe may be given as a mapping of its keys instead.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
         `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
@@ -224,6 +224,8 @@ class Study:
 
 def _arches(arch: Any, name: str, vary: Mapping[str, Any] | None) -> list[Any]:
     """Entries of a study file for arches, of which a single one has this name if it has none."""
+    if isinstance(arch, list | tuple):
+        arch = {f"arch{number}": each for number, each in enumerate(arch, start=1)}
     several = isinstance(arch, Mapping) and not {"profile", "drawing", "table"} & arch.keys()
     arch = arch if several else {name: arch}
     entries = []

@@ -18,6 +18,7 @@ import psutil
 import pytest
 import xarray as xr
 
+import archfrag as af
 from archfrag import kernel_cache
 from archfrag.study.checks import shipped_folder
 from archfrag.study.file.schema import load_study
@@ -152,6 +153,9 @@ class TestSnakemake:
         results = folder / "results" / "small"
         xr.testing.assert_identical(xr.load_dataset(results / "cube.nc"), finished[3])
         assert (results / "report.html").is_file()
+        opened = af.open(results)
+        assert opened.folder.samefile(results)
+        assert opened.report().samefile(results / "report.html")
         assert {entry.name for entry in folder.iterdir()} == {".snakemake", "results"}
         snakemake(folder, "--report", "ours.html", "--config", study)
         text = (folder / "ours.html").read_text()

@@ -40,7 +40,12 @@ class MotionList(list[Motion]):
     def __getitem__(self, place: SupportsIndex) -> Motion: ...
     @overload
     def __getitem__(self, place: slice) -> MotionList: ...
-    def __getitem__(self, place: SupportsIndex | slice) -> Motion | MotionList:
+    @overload
+    def __getitem__(self, place: str) -> Motion: ...
+    def __getitem__(self, place: SupportsIndex | slice | str) -> Motion | MotionList:
+        """Motion by its place or id (else KeyError), or several by a slice."""
+        if isinstance(place, str):
+            return {motion.id: motion for motion in self}[place]
         found = super().__getitem__(place)
         return MotionList(found) if isinstance(found, list) else found
 
