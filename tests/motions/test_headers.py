@@ -6,8 +6,8 @@ from obspy import Stream, Trace, UTCDateTime
 from obspy.core import AttribDict
 from obspy.core.inventory import (
     Channel,
-    Inventory,
     InstrumentSensitivity,
+    Inventory,
     Network,
     Response,
     ResponseStage,

@@ -42,7 +42,7 @@ def plain_unit(text: str) -> str:
 
 
 def add_stated(trace: Trace) -> Iterator[Warned]:
-    """Add the facts that a header of one of obspy's formats states, and warn of no acceleration."""
+    """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
     stats, record = trace.stats, trace.stats.record
     sac, gse, text = (stats.get(key, {}) for key in ("sac", "gse2", "ascii"))
     unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
@@ -55,10 +55,9 @@ def add_stated(trace: Trace) -> Iterator[Warned]:
         found = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(found, 'no acceleration')} (its unit is {text['unit']!r})"
     if quantity:
-        yield None, f"the header of channel {channel_code(trace)} states {quantity}; " + (
-            "samples of acceleration are needed, in one of "
-            f"{', '.join(METRES_PER_SECOND_SQUARED)}"
-        )
+        units = ", ".join(METRES_PER_SECOND_SQUARED)
+        needed = f"samples of acceleration are needed, in one of {units}"
+        yield None, f"the header of channel {channel_code(trace)} states {quantity}; {needed}"
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         record.g_per_count = stats.calib / 9.81  # obspy's own value of g
     azimuth = _number(sac.get("cmpaz", gse.get("hang")), -1.0)

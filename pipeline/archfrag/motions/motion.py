@@ -80,8 +80,11 @@ class Motion:
     def __post_init__(self) -> None:
         name, given = self.id or "motion", self.components
         for key, samples in given.items():
-            if np.iscomplexobj(samples) or np.ma.is_masked(samples):
-                kind = "complex" if np.iscomplexobj(samples) else "masked"
+            kinds = {
+                "complex": np.iscomplexobj(np.asanyarray(samples)),
+                "masked": np.ma.is_masked(samples),
+            }
+            if kind := next((kind for kind, found in kinds.items() if found), None):
                 raise RecordError(f"{name}: {key} has {kind} samples; all must be real numbers")
         try:
             arrays = {key: np.array(samples, dtype=np.float64)

@@ -173,7 +173,7 @@ def belong_together(one: Motion, other: Motion) -> bool:
     Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
-    (own, its), names = (one.metadata, other.metadata), (one.metadata["file"], other.metadata["file"])
+    own, its = one.metadata, other.metadata
     starts = [seconds(about.get("start_time")) for about in (own, its)]
     if not np.isnan(starts).any():
         return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)
@@ -181,11 +181,13 @@ def belong_together(one: Motion, other: Motion) -> bool:
              for about in (own, its)]  # fmt: skip
     if all(sites[0]) and sites[0] == sites[1]:
         return True
-    return not numbered(*names) and one.acceleration.size == other.acceleration.size
+    return (
+        not numbered(own["file"], its["file"]) and one.acceleration.size == other.acceleration.size
+    )
 
 
 def numbered(one: str, other: str) -> bool:
-    """Whether two names differ in numbers that need not be azimuths: 10 and 100, not 010 and 100."""
+    """Whether two names differ in numbers that need not be azimuths, as 10 and 100 do."""
     codes = ((a, b) for a in _CODE.finditer(one) for b in _CODE.finditer(other)
              if _frame(one, a) == _frame(other, b))  # fmt: skip
     return any(a[0].isdecimal() and b[0].isdecimal() and not a["sensor"]
@@ -225,15 +227,16 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
         join(members)
     for first, last in (("origin", "origin"), ("start", "end")):
         known = [i for i, record in enumerate(records) if not np.isnan(record[first])]
-        cluster, end = list[int](), -np.inf
-        for i in [*sorted(known, key=lambda i: records[i][first]), None]:
-            if i is None or records[i][first] > end:
-                if len(names(cluster)) < 2:  # else the times are not those of earthquakes
-                    join(cluster)
-                cluster = []
-            if i is not None:
-                cluster.append(i)
-                end = max(end, records[i][last], records[i][first] + APART)
+        end = -np.inf
+        clusters = list[list[int]]()
+        for i in sorted(known, key=lambda i: records[i][first]):
+            if records[i][first] > end:
+                clusters.append([])
+            clusters[-1].append(i)
+            end = max(end, records[i][last], records[i][first] + APART)
+        for members in clusters:
+            if len(names(members)) < 2:  # else the times are not those of earthquakes
+                join(members)
     found = []
     for i, record in enumerate(records):
         members = [k for k, own in enumerate(group) if own == group[i]]

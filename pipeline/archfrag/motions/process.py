@@ -196,8 +196,12 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         about |= {"component": turns[0], "azimuth": "",
                   "component_transverse": turns[1], "azimuth_transverse": ""}  # fmt: skip
     else:
-        about |= {"component": f"{turned:g}", "component_transverse": f"{turned + 90.0:g}",
-                  "azimuth": turned % 360.0, "azimuth_transverse": (turned + 90.0) % 360.0}
+        about |= {
+            "component": f"{turned:g}",
+            "component_transverse": f"{turned + 90.0:g}",
+            "azimuth": turned % 360.0,
+            "azimuth_transverse": (turned + 90.0) % 360.0,
+        }
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)

@@ -91,19 +91,20 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     separator = tables.separator_of(line for _, line in lines)
     rows = tables.cells_of(lines, separator)
     try:
-        values = _numbers(rows, separator, chosen, text)
+        table = _numbers(rows, separator, chosen, text)
         if chosen:
             tables.check_counts(rows, separator)
             for column in chosen[columns.time is not None :]:
                 tables.check_thousands([row[column] for _, row in rows], f"{column + 1}")
                 tables.check_one_number(rows, column, separator)
         else:
-            values = _row_after_row(values, [number for number, _ in rows])
+            _refuse_columns(table, [number for number, _ in rows])
     except RecordError:
         raise
     except InputError as error:
         raise RecordError(f"{name}, {error}") from None
-    samples = np.array(values, dtype=np.float64).reshape(-1, len(chosen) or 1)
+    values = np.array([value for row in table for value in row], dtype=np.float64)
+    samples = values.reshape(-1, len(chosen) or 1)
     if len(samples) < 2:
         raise RecordError(f"{name}: holds {len(samples)} sample(s); 2 or more are needed")
     timed, step = columns.time is not None, columns.dt
@@ -154,8 +155,8 @@ def _numbers(
     return table
 
 
-def _row_after_row(table: Sequence[list[float]], lines: Sequence[int]) -> list[float]:
-    """Samples of equal rows, the last of which may be shorter; InputError for several columns."""
+def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
+    """Raise InputError unless rows are of one motion, equally long but for the last."""
     width, remedy = max(map(len, table), default=0), "name them by acceleration=COLUMN"
     short = next((n for n, row in zip(lines[:-1], table) if len(row) < width), None)
     if short is not None:
@@ -170,7 +171,6 @@ def _row_after_row(table: Sequence[list[float]], lines: Sequence[int]) -> list[f
         if along < (1.0 if width < 4 else 0.8) * within or between > 3.0 * within:
             looks = f"{width} numbers a row are columns side by side, not one motion row after row"
             raise InputError(f"line {lines[0]}: the {looks}; {remedy}")
-    return [value for row in table for value in row]
 
 
 def _rises_evenly(values: NDArray[np.float64]) -> bool:

@@ -30,7 +30,9 @@ _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
-_DIRECTION = re.compile(r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.I)
+_DIRECTION = re.compile(
+    r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.IGNORECASE
+)
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {

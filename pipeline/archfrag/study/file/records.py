@@ -311,18 +311,20 @@ def _with_components(
                 found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
                 if other and source.entry is None and not partners.belong_together(own, other):
-                    alike = f"{file.name} has nearly the same name, but neither start, event and"
-                    also = f"{alike} station nor number of samples show that it is of this record. "
-                    other = None
+                    alike, other = (
+                        f"{file.name} has nearly the same name, but neither start,",
+                        None,
+                    )
+                    also = f"{alike} event and station nor length show that they belong together. "
         if other is None:
             component, how = "other horizontal", "leave this record out"
             if kind == "vertical":
                 component, how = kind, f"{how}, or set motions.vertical: false for all records"
             raise RecordError(
                 f"{source.path}: record {own.id} has no {component} component, which the study "
-                f"needs. {also}It must be in this file, in one whose name differs in the direction only "
-                "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
-                f"and station. Without such a file, {how}"
+                f"needs. {also}It must be in this file, in one whose name differs in the "
+                "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
+                f"with this event and station. Without such a file, {how}"
             )
         if source.entry is not None:  # an index states what the headers may spell differently
             labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
@@ -352,9 +354,10 @@ def _cautions(motion: "Motion") -> list[str]:
     """Cautions on a motion as it moves an arch."""
     from archfrag.motions.cautions import sample_cautions
 
-    found = [*motion.metadata.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    dt, found = motion.dt, list(motion.metadata.get("cautions", ()))
+    found += sample_cautions(motion.acceleration, dt)
     if motion.vertical is not None:
-        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
+        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, dt)]
     return found
 
 
