@@ -10,7 +10,7 @@ from archfrag.study.checks import check_study
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from tests.motions.helpers import at2_text, refused, wave
-from tests.motions.samples import knet_text
+from tests.motions.samples import knet_text, resorce_text
 from tests.study.small import TEXT, small_study
 
 FILES = 'files: ["records/*.AT2"]'
@@ -77,6 +77,13 @@ class TestEarthquakes:
         assert {record.event for record in records} == {"earthquake of A.NS1"}
         cautions = [text for text in check_study(study)["cautions"] if "borehole" in text]
         assert cautions == ["A.NS1: channel NS1 is in the borehole, not at the surface"]
+
+    def test_the_origin_time_of_headers_without_a_name(self, own):
+        for name in ("a", "b"):
+            (own / f"{name}.acc").write_text(resorce_text(wave(frequency=len(name) + 1.0)))
+        (own / "c.acc").write_text(resorce_text(wave()).replace("04:05:06", "14:05:06"))
+        found = events(own.parent, 'files: ["own/*.acc"]')
+        assert found == {"a": "earthquake of a", "b": "earthquake of a", "c": ""}
 
     def test_text_files_that_are_components_by_name_and_length(self, own):
         for i, name in enumerate(("k_N", "k_E", "m_N", "m_E")):

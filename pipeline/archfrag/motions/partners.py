@@ -213,8 +213,8 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
     group = list(range(len(records)))
 
     def join(members: Sequence[int]) -> None:
-        ends = {group[i] for i in members}
-        group[:] = [min(ends) if own in ends else own for own in group]
+        if len(ends := {group[i] for i in members}) > 1:
+            group[:] = [min(ends) if own in ends else own for own in group]
 
     def names(members: Sequence[int]) -> list[str]:
         return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
@@ -237,13 +237,15 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
         for members in clusters:
             if len(names(members)) < 2:  # else the times are not those of earthquakes
                 join(members)
-    found = []
-    for i, record in enumerate(records):
-        members = [k for k, own in enumerate(group) if own == group[i]]
-        name = record["event"] or (names(members) or [""])[0]
-        if not name and len(members) > 1:
-            name = f"earthquake of {records[members[0]]['id']}"
-        found.append(name)
+    together: dict[int, list[int]] = {}
+    for i, own in enumerate(group):
+        together.setdefault(own, []).append(i)
+    found = [record["event"] for record in records]
+    for members in together.values():
+        first = f"earthquake of {records[members[0]]['id']}" if len(members) > 1 else ""
+        name = next(iter(names(members)), first)
+        for i in members:
+            found[i] = found[i] or name
     return found
 
 

@@ -17,6 +17,7 @@ from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.common import Text, split, trace_of
 
 MOST_COLUMNS = 1000
+_GEOCSV_UNIT = re.compile(r"(?m)^#\s*field_unit\s*:.*[,\s](\S+)\s*$")
 _ALLOWED = "time=COLUMN, acceleration=COLUMN, vertical=COLUMN, dt=SECONDS, skip=LINES"
 
 
@@ -108,6 +109,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     if len(samples) < 2:
         raise RecordError(f"{name}: holds {len(samples)} sample(s); 2 or more are needed")
     timed, step = columns.time is not None, columns.dt
+    stated = _GEOCSV_UNIT.search("\n".join(text.head(0, 50)))
     if timed:
         step = _even_step(samples[:, 0], [text.place(number - 1) for number, _ in rows], columns)
     traces = []
@@ -122,6 +124,8 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         }  # fmt: skip
         traces.append(trace_of(own, step, name, record))
         traces[-1].stats._format = "COLUMNS"
+        if stated:
+            traces[-1].stats.ascii = {"unit": stated[1]}
     return traces
 
 

@@ -311,11 +311,8 @@ def _with_components(
                 found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
                 if other and source.entry is None and not partners.belong_together(own, other):
-                    alike, other = (
-                        f"{file.name} has nearly the same name, but neither start,",
-                        None,
-                    )
-                    also = f"{alike} event and station nor length show that they belong together. "
+                    other, alike = None, f"{file.name} has nearly the same name, but neither"
+                    also = f"{alike} start, event and station nor length show that it belongs. "
         if other is None:
             component, how = "other horizontal", "leave this record out"
             if kind == "vertical":
