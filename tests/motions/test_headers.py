@@ -214,6 +214,11 @@ class TestStationXml:
         assert said(with_station_xml(tmp_path, depth=2.0)) == []
         path = with_station_xml(tmp_path, depth=103.0)
         assert said(path) == ["channel HNN is 103 m below the surface by its StationXML"]
+        two = [Trace(NORTH, {"station": "S", "location": place, "channel": "HNE", "delta": 0.01})
+               for place in ("00", "10")]  # fmt: skip
+        Stream(two).write(str(tmp_path / "two.mseed"), format="MSEED")
+        (text,) = said(tmp_path / "two.mseed", "m/s2")
+        assert text.endswith("at locations 00 and 10; one may be in a borehole")
         path = write(tmp_path / "b.sac", "SAC", sac={"stdp": 100.0})
         assert said(path, "m/s2") == ["channel HNE is 100 m below the surface by its SAC header"]
 

@@ -31,7 +31,6 @@ _CODE = re.compile(
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
 SKEWED = 5.0  # [degrees] by which two components may be off a right angle
-APART = 60.0  # [s] between origin times, or starts of records, of one earthquake
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
 
@@ -201,52 +200,6 @@ def seconds(time: Any) -> float:
     except ValueError:
         return float("nan")
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
-
-
-def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
-    """Names of the earthquakes of records; none where a record is known to share none.
-
-    A name in a header or an index counts first. Without one, records share an earthquake if they
-    are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
-    minute apart, or if they overlap in time (``start`` and ``end`` [s]).
-    """
-    group = list(range(len(records)))
-
-    def join(members: Sequence[int]) -> None:
-        if len(ends := {group[i] for i in members}) > 1:
-            group[:] = [min(ends) if own in ends else own for own in group]
-
-    def names(members: Sequence[int]) -> list[str]:
-        return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
-
-    by_file: dict[str, list[int]] = {}
-    for i, record in enumerate(records):
-        for file in record["files"]:
-            by_file.setdefault(file, []).append(i)
-    for members in by_file.values():
-        join(members)
-    for first, last in (("origin", "origin"), ("start", "end")):
-        known = [i for i, record in enumerate(records) if not np.isnan(record[first])]
-        end = -np.inf
-        clusters = list[list[int]]()
-        for i in sorted(known, key=lambda i: records[i][first]):
-            if records[i][first] > end:
-                clusters.append([])
-            clusters[-1].append(i)
-            end = max(end, records[i][last], records[i][first] + APART)
-        for members in clusters:
-            if len(names(members)) < 2:  # else the times are not those of earthquakes
-                join(members)
-    together: dict[int, list[int]] = {}
-    for i, own in enumerate(group):
-        together.setdefault(own, []).append(i)
-    found = [record["event"] for record in records]
-    for members in together.values():
-        first = f"earthquake of {records[members[0]]['id']}" if len(members) > 1 else ""
-        name = next(iter(names(members)), first)
-        for i in members:
-            found[i] = found[i] or name
-    return found
 
 
 def joined(motion: Motion, other: Motion, kind: str) -> Motion:

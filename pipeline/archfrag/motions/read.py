@@ -66,7 +66,8 @@ def read_motion(
     -------
     Motion
         In m/s2. Its log has every step from the file to it, its metadata what the header states,
-        what was ``accepted``, and the ``errors``: contradictions in the file.
+        what was ``accepted``, the ``errors`` (contradictions in the file) and the ``cautions``
+        (a sensor in a borehole, a polarity that is reversed, a doubtful StationXML).
 
     Raises
     ------

@@ -168,11 +168,12 @@ def _refuse_columns(table: Sequence[list[float]], lines: Sequence[int]) -> None:
     full = np.array([row for row in table if len(row) == width])
     if width > 1 and _rises_evenly(full[:, 0]):
         raise InputError(f"line {lines[0]}: the first column rises evenly, as times do; {remedy}")
-    if width > 1 and len(full) >= 10:
+    if width > 1 and len(full) >= 50:
         within, along = (np.abs(np.diff(full, axis=axis)).mean() for axis in (1, 0))
         between = np.abs(full[1:, 0] - full[:-1, -1]).mean()
-        # Samples of one motion differ less from the next one than from one further on.
-        if along < (1.0 if width < 4 else 0.8) * within or between > 3.0 * within:
+        # Samples of one motion differ less from the next one than from one further on, and as much
+        # within rows as between them: ratios of 84 real ones are at least 1.5, and 0.86 to 1.17.
+        if along < 1.2 * within or between > 1.3 * within:
             looks = f"{width} numbers a row are columns side by side, not one motion row after row"
             raise InputError(f"line {lines[0]}: the {looks}; {remedy}")
 
