@@ -77,18 +77,16 @@ def check_thousands(cells: Sequence[str], name: str) -> None:
     """Raise InputError for a column whose points may separate thousands: 1.193 beside 980."""
     dotted = [cell for cell in cells if "." in cell]
     whole = next((cell for cell in cells if "." not in cell), None)
-    if dotted and whole and all(map(_THOUSANDS.fullmatch, dotted)):
-        if all(_WHOLE.fullmatch(cell) for cell in cells if "." not in cell):
-            both = f"{dotted[0]} beside {whole}: do its points separate thousands?"
-            raise _ambiguous(name, both, dotted[0])
+    alike = all((_THOUSANDS if "." in cell else _WHOLE).fullmatch(cell) for cell in cells)
+    if dotted and whole and alike:
+        both = f"{dotted[0]} beside {whole}: do its points separate thousands?"
+        raise _ambiguous(name, both, dotted[0])
 
 
 def check_one_number(rows: Sequence[Row], column: int, separator: str) -> None:
     """Raise InputError if a separator stands within each number: 1,193.5 or 1 193.5 or 0,123."""
     pairs = [cells[column : column + 2] for _, cells in rows]
-    if any(len(pair) < 2 for pair in pairs) or not all(
-        _INTEGER.fullmatch(one) for one, _ in pairs
-    ):
+    if not all(len(pair) == 2 and _INTEGER.fullmatch(pair[0]) for pair in pairs):
         return
     rest = {other for _, other in pairs}
     thousands = separator in ", " and all(map(_THREE.fullmatch, rest))
@@ -103,10 +101,10 @@ def check_years(cells: Sequence[str], name: str) -> None:
     """As `check_thousands`, of return periods: also 1.000, 2.475 and 5.000, or 1.0 and 2.475."""
     check_thousands(cells, name)
     dotted = [cell for cell in cells if _THOUSANDS.fullmatch(cell)]
-    if dotted and all(map(_ROUNDED.fullmatch, cells)):
-        if len(dotted) == len(cells) or max(map(float, cells)) < 100.0:
-            shown = ", ".join(cells[:3])
-            raise _ambiguous(name, f"{shown}: years, or thousands of years?", dotted[0])
+    short = all(map(_ROUNDED.fullmatch, cells)) and max(map(float, cells)) < 100.0
+    if dotted and (len(dotted) == len(cells) or short):
+        shown = ", ".join(cells[:3])
+        raise _ambiguous(name, f"{shown}: years, or thousands of years?", dotted[0])
 
 
 def _ambiguous(name: str, found: str, cell: str) -> InputError:
@@ -122,10 +120,9 @@ def with_points(rows: Sequence[Row], separator: str) -> list[Row]:
     if separator == "," or any(cell.count(",") > 1 or "." in cell for _, cell in commas):
         check_decimals(commas)
     if commas and point:
-        both = (
-            f"{commas[0][1]!r} in line {commas[0][0]} has a comma, {point[1]!r} in line {point[0]}"
-        )
-        raise InputError(f"{both} a point: one of the two must be the decimal in the whole file")
+        (line, cell), (other, its) = commas[0], point
+        both = f"{cell!r} in line {line} has a comma, {its!r} in line {other} a point"
+        raise InputError(f"{both}: one of the two must be the decimal in the whole file")
     return [(number, [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in row])
             for number, row in rows]  # fmt: skip
 

@@ -53,13 +53,13 @@ EMPTY = THREE.replace("\n1.00,", "\n1.00,,").replace(f",,{NORTH[100]:.5f}", ",")
         (rows("{:.2f}\t{}", acceleration("{:,.2f}")), TIMED, ["'1,0", "comma within a number"]),
         (rows('{:.2f},"{}"', acceleration("{:,.2f}")), TIMED, ["'1,0", "comma within a number"]),
         (rows("{:.2f},{}", acceleration("{:,.2f}")), TIMED, ["3 cells", "have 2", "within a num"]),
-        (rows("{:.2f} {}", acceleration("{:,.2f}")).replace(",", " "), TIMED, ["3 cells", "have 2"]),
+        (rows("{:.2f} {}", acceleration("{:,.2f}")).replace(",", " "), TIMED, ["3 cells"]),
         (rows("{:.2f}\t{}", acceleration("{:,.2f}")).replace(",", "'"), TIMED, ["1'0", "finite"]),
         (rows("{:.2f};{}", acceleration("{:,.0f}", swap=True)), TIMED, ["separate thousands?"]),
-        (rows("{:.2f};{}", acceleration("{:.3f}", swap=True)), TIMED, ["line 1:", "'0,000' has a"]),
+        (rows("{:.2f};{}", acceleration("{:.3f}", swap=True)), TIMED, ["'0,000' has a"]),
         (rows("{:.2f},{}", acceleration("{:.3f}", swap=True)), TIMED, ["may be one number"]),
-        (rows("{:.2f} {}", acceleration("{:.3f}", swap=True)), TIMED, ["line 1:", "'0.00 0' is not"]),
-        (rows("{:.2f} {:.1f}", 5500.0 + 900.0 * NORTH).replace(" 5", " 5 "), TIMED, ["may be one number"]),
+        (rows("{:.2f} {}", acceleration("{:.3f}", swap=True)), TIMED, ["'0.00 0' is not"]),
+        (rows("{:.2f} 5 {:.1f}", 500 + 900 * NORTH), TIMED, ["may be one number"]),
         (PLAIN + "end of file\n", TIMED, ["line 401", "'end' is not a finite"]),
         (THREE.replace(f"{NORTH[50]:.5f}", "#N/A", 1), TIMED, ["line 51", "column 2 is empty"]),
         (rows("{1:.5f} {2:.5f}", NORTH, EAST), "dt=0.01", ["2 numbers a row", "side by side"]),
@@ -147,7 +147,7 @@ HEAD = "id,file,unit,Mw\n"
 )
 def test_an_index_with_one_clear_sentence(tmp_path, text, part):
     path = put(tmp_path, text, "index.csv")
-    with pytest.raises(InputError, match="^[^\n]*$") as caught:
+    with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
         load_index(path)
     assert part in str(caught.value)
 

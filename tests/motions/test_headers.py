@@ -16,6 +16,7 @@ from obspy.core.inventory import (
 
 import archfrag as af
 from archfrag.errors import RecordError
+from archfrag.motions.formats.columns import Columns
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import rotate
 from archfrag.motions.read import inspect_record, read_motion
@@ -86,6 +87,17 @@ def said(path, unit=None):
 def test_a_unit_that_text_states_is_compared_with_the_users(tmp_path, form, stated, part):
     path = write(tmp_path / "a.txt", form, ascii={"unit": stated})
     refused(lambda: read_motion(path, "m/s2"), part.format(form=form), start=path)
+
+
+def test_the_unit_of_geocsv(tmp_path):
+    path, given = tmp_path / "a.csv", {"columns": Columns(acceleration=2, dt=0.01, skip=3)}
+    rows = "".join(f"2019-03-01T00:00:{i / 100:09.6f}Z, {x:.5f}\n" for i, x in enumerate(NORTH))
+    for unit, part in (("M/S", "states a velocity"), ("COUNTS", "the file states counts, and"),
+                       ("M/S**2", "")):  # fmt: skip
+        path.write_text(f"# dataset: GeoCSV 2.0\n# field_unit: UTC, {unit}\nTime, Sample\n{rows}")
+        if part:
+            refused(lambda: read_motion(path, "m/s2", **given), part, start=path)
+    assert pga(read_motion(path, **given)) == pytest.approx(np.abs(NORTH).max(), abs=1e-5)
 
 
 def test_units_that_text_states_are_read(tmp_path):
@@ -202,6 +214,11 @@ class TestStationXml:
         assert said(with_station_xml(tmp_path, depth=2.0)) == []
         path = with_station_xml(tmp_path, depth=103.0)
         assert said(path) == ["channel HNN is 103 m below the surface by its StationXML"]
+        two = [Trace(NORTH, {"station": "S", "location": place, "channel": "HNE", "delta": 0.01})
+               for place in ("00", "10")]  # fmt: skip
+        Stream(two).write(str(tmp_path / "two.mseed"), format="MSEED")
+        (text,) = said(tmp_path / "two.mseed", "m/s2")
+        assert text.endswith("at locations 00 and 10; one may be in a borehole")
         path = write(tmp_path / "b.sac", "SAC", sac={"stdp": 100.0})
         assert said(path, "m/s2") == ["channel HNE is 100 m below the surface by its SAC header"]
 

@@ -147,10 +147,8 @@ def _scale(
         unit, factor, same, stated = asked, METRES_PER_SECOND_SQUARED[asked], True, ""
         done = f"Converted to m/s2: unit {unit} as asked for, factor {factor:g}."
     else:
-        units = (
-            f"give `unit`, one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command "
-        )
-        need = f"does not state the unit of its samples; {units}line), or for counts its"
+        units = f"one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line)"
+        need = f"does not state the unit of its samples; give `unit`, {units}, or for counts its"
         if record.get("unit") == "counts":
             need = "states counts; give its"
         raise RecordError(

@@ -1,7 +1,7 @@
 """Cautions on a motion by its samples alone: an offset, a drift, an end in the middle of shaking.
 
-The limits are three times and more what 86 real records of nine agencies have, raw ones included
-once their mean is removed.
+Of 106 components of nine agencies, raw ones with their mean removed, the largest offset is 0.0001,
+drift 0.09 and end 0.15, but for one analogue record that does drift (0.25).
 """
 
 import numpy as np
@@ -26,8 +26,8 @@ def sample_cautions(samples: NDArray[np.float64], dt: float) -> list[str]:
     if samples.size * dt > SHORT:  # the mean of a pulse is not that of a drift
         slow = max(slow, abs(float(velocity.mean())))
     drift = slow / (fastest or 1.0)
-    # The last second of a record, the last twentieth of a short motion.
-    last = max(2, round(min(1.0 / dt, 0.05 * samples.size)))
+    # The last second of a record, less of a short motion: a cycle of a sine ends at rest.
+    last = max(2, round(min(1.0 / dt, 0.03 * samples.size)))
     shaking = float(np.abs(samples[-last:]).max()) / peak
     if offset > OFFSET:
         found.append(f"its mean is {offset:.2g} of its peak: an offset counts as motion; `demean`")

@@ -3,6 +3,7 @@
 Each fact goes to ``stats.record``; what contradicts the channel code or the user is a warning.
 """
 
+import contextlib
 import math
 import re
 from collections.abc import Iterator
@@ -42,7 +43,7 @@ def plain_unit(text: str) -> str:
 
 
 def add_stated(trace: Trace) -> Iterator[Warned]:
-    """Add the facts that a header of one of obspy's formats states, and warn of no acceleration."""
+    """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
     stats, record = trace.stats, trace.stats.record
     sac, gse, text = (stats.get(key, {}) for key in ("sac", "gse2", "ascii"))
     unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
@@ -55,14 +56,9 @@ def add_stated(trace: Trace) -> Iterator[Warned]:
         found = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
         quantity = f"{next(found, 'no acceleration')} (its unit is {text['unit']!r})"
     if quantity:
-        yield (
-            None,
-            f"the header of channel {channel_code(trace)} states {quantity}; "
-            + (
-                "samples of acceleration are needed, in one of "
-                f"{', '.join(METRES_PER_SECOND_SQUARED)}"
-            ),
-        )
+        units = ", ".join(METRES_PER_SECOND_SQUARED)
+        needed = f"samples of acceleration are needed, in one of {units}"
+        yield None, f"the header of {_named(trace)} states {quantity}; {needed}"
     if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
         record.g_per_count = stats.calib / 9.81  # obspy's own value of g
     azimuth = _number(sac.get("cmpaz", gse.get("hang")), -1.0)
@@ -74,6 +70,10 @@ def add_stated(trace: Trace) -> Iterator[Warned]:
     origin = _number(sac.get("o"), math.nan)
     if math.isfinite(origin):
         record.origin_time = str(stats.starttime - _number(sac.get("b"), 0.0) + origin)
+
+
+def _named(trace: Trace) -> str:
+    return f"channel {code}" if (code := channel_code(trace)) else "the file"
 
 
 def _number(value: Any, default: Any) -> Any:
@@ -121,17 +121,18 @@ def add_depth(trace: Trace, depth: float, source: str) -> None:
 
 def add_station(trace: Trace, inventory: Any) -> Iterator[Warned]:
     """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
-    code, time = channel_code(trace), trace.stats.starttime
-    try:
+    code, time, channel = channel_code(trace), trace.stats.starttime, dict[str, Any]()
+    with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
         channel = inventory.get_channel_metadata(trace.id, time)
-        response = inventory.get_response(trace.id, time)
-        total = float(response.instrument_sensitivity.value)
-    except Exception:  # obspy's, of a channel that is not in it
-        return
     azimuth, dip = (channel.get(key) for key in ("azimuth", "dip"))
     if dip is not None:
         yield from add_direction(trace, -1.0 if azimuth is None else azimuth, dip, "StationXML")
     add_depth(trace, float(channel.get("local_depth") or 0.0), "StationXML")
+    try:
+        response = inventory.get_response(trace.id, time)
+        total = float(response.instrument_sensitivity.value)
+    except Exception:  # which is refused where the sensitivity is needed
+        return
     gains = [stage.stage_gain for stage in response.response_stages or ()]
     product = float(np.prod([gain for gain in gains if gain is not None]))
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
@@ -150,12 +151,11 @@ def is_seismometer(code: str) -> bool:
 
 def against_the_user(trace: Trace, unit: str) -> Iterator[Warned]:
     """Warn where the header contradicts that the samples are in a unit of acceleration."""
-    stats, code = trace.stats, channel_code(trace)
-    given = f"and the unit {unit} was given"
+    stats, given = trace.stats, f"and the unit {unit} was given"
     if stats.record.get("unit") == "counts":
-        yield "header", f"the header of channel {code} states counts, {given}"
+        yield "header", f"the header of {_named(trace)} states counts, {given}"
     elif stats.calib not in (0.0, 1.0):
-        what = f"the header of channel {code} states a calibration factor of {stats.calib:g}"
+        what = f"the header of {_named(trace)} states a calibration factor of {stats.calib:g}"
         yield "header", f"{what}, so that its samples are counts, {given}"
-    elif is_seismometer(code):
-        yield "header", f"channel {code} is of a seismometer (velocity) by its code, {given}"
+    elif is_seismometer(channel_code(trace)):
+        yield "header", f"{_named(trace)} is of a seismometer (velocity) by its code, {given}"

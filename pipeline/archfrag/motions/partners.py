@@ -31,7 +31,6 @@ _CODE = re.compile(
 _ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
            {"H1": 0.0, "H2": 90.0})  # fmt: skip
 SKEWED = 5.0  # [degrees] by which two components may be off a right angle
-APART = 60.0  # [s] between origin times, or starts of records, of one earthquake
 _VERTICALS = [sign + code for sign in ("", "-", "+") for code in (
     "u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")]  # fmt: skip
 
@@ -173,10 +172,7 @@ def belong_together(one: Motion, other: Motion) -> bool:
     Equal starts, or an equal event and station do. Equal numbers of samples do, unless the names
     differ in numbers that need not be azimuths, such as 10 and 100.
     """
-    (own, its), names = (
-        (one.metadata, other.metadata),
-        (one.metadata["file"], other.metadata["file"]),
-    )
+    own, its = one.metadata, other.metadata
     starts = [seconds(about.get("start_time")) for about in (own, its)]
     if not np.isnan(starts).any():
         return abs(starts[0] - starts[1]) <= max(one.duration, other.duration)
@@ -184,11 +180,13 @@ def belong_together(one: Motion, other: Motion) -> bool:
              for about in (own, its)]  # fmt: skip
     if all(sites[0]) and sites[0] == sites[1]:
         return True
-    return not numbered(*names) and one.acceleration.size == other.acceleration.size
+    return (
+        not numbered(own["file"], its["file"]) and one.acceleration.size == other.acceleration.size
+    )
 
 
 def numbered(one: str, other: str) -> bool:
-    """Whether two names differ in numbers that need not be azimuths: 10 and 100, not 010 and 100."""
+    """Whether two names differ in numbers that need not be azimuths, as 10 and 100 do."""
     codes = ((a, b) for a in _CODE.finditer(one) for b in _CODE.finditer(other)
              if _frame(one, a) == _frame(other, b))  # fmt: skip
     return any(a[0].isdecimal() and b[0].isdecimal() and not a["sensor"]
@@ -202,49 +200,6 @@ def seconds(time: Any) -> float:
     except ValueError:
         return float("nan")
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
-
-
-def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
-    """Names of the earthquakes of records; none where a record is known to share none.
-
-    A name in a header or an index counts first. Without one, records share an earthquake if they
-    are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
-    minute apart, or if they overlap in time (``start`` and ``end`` [s]).
-    """
-    group = list(range(len(records)))
-
-    def join(members: Sequence[int]) -> None:
-        ends = {group[i] for i in members}
-        group[:] = [min(ends) if own in ends else own for own in group]
-
-    def names(members: Sequence[int]) -> list[str]:
-        return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
-
-    by_file: dict[str, list[int]] = {}
-    for i, record in enumerate(records):
-        for file in record["files"]:
-            by_file.setdefault(file, []).append(i)
-    for members in by_file.values():
-        join(members)
-    for first, last in (("origin", "origin"), ("start", "end")):
-        known = [i for i, record in enumerate(records) if not np.isnan(record[first])]
-        cluster, end = list[int](), -np.inf
-        for i in [*sorted(known, key=lambda i: records[i][first]), None]:
-            if i is None or records[i][first] > end:
-                if len(names(cluster)) < 2:  # else the times are not those of earthquakes
-                    join(cluster)
-                cluster = []
-            if i is not None:
-                cluster.append(i)
-                end = max(end, records[i][last], records[i][first] + APART)
-    found = []
-    for i, record in enumerate(records):
-        members = [k for k, own in enumerate(group) if own == group[i]]
-        name = record["event"] or (names(members) or [""])[0]
-        if not name and len(members) > 1:
-            name = f"earthquake of {records[members[0]]['id']}"
-        found.append(name)
-    return found
 
 
 def joined(motion: Motion, other: Motion, kind: str) -> Motion:

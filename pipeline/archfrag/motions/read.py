@@ -66,7 +66,8 @@ def read_motion(
     -------
     Motion
         In m/s2. Its log has every step from the file to it, its metadata what the header states,
-        what was ``accepted``, and the ``errors``: contradictions in the file.
+        what was ``accepted``, the ``errors`` (contradictions in the file) and the ``cautions``
+        (a sensor in a borehole, a polarity that is reversed, a doubtful StationXML).
 
     Raises
     ------
@@ -140,10 +141,9 @@ def motion_of_stream(
     for channel in channels:
         held, channel.stats._format = len(channel.data), "obspy"
         done = f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."
-        record = {"announced": held, "held": held, "unit_in_file": unit, "log": (done,)}
-        channel.stats.record = AttribDict(
-            {**record, "accept": words, "errors": (), "cautions": ()}
-        )
+        record: dict[str, Any] = {"announced": held, "held": held, "unit_in_file": unit}
+        record |= {"accept": words, "errors": (), "cautions": (), "log": (done,)}
+        channel.stats.record = AttribDict(record)
         channel.stats.record.accepted = accept_or_refuse(source, words, _warnings(channel))
         channel.data = np.asarray(channel.data, dtype=np.float64) * factor
     chosen, verticals = _chosen(channels, source, component)

@@ -31,8 +31,9 @@ _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _DIRECTION = re.compile(
-    r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.I
+    r"[\s,_-]+(\d{1,3}|[NSEWVZ]|NS|EW|UP|UD|[NS]\d+[EW])(\s*DEG\w*)?\W*$", re.IGNORECASE
 )
+_CLOCK = re.compile(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
@@ -161,7 +162,10 @@ def _keyed(
     # Such as 20010203_040510.250 or, of AFAD, 03/02/2001 04:05:10.250.
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
-    clock = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", start)
+    origin = f"{header.get('EVENT_DATE_YYYYMMDD', '')} {header.get('EVENT_TIME_HHMMSS', '')}"
+    clock, quake = (_CLOCK.match(text) for text in (start, origin))
+    if quake and (time := common.moment(*map(float, quake.groups()))):
+        record["origin_time"] = str(time)
     return Stream([common.trace_of(
         text.numbers(first), common.number(header["SAMPLING_INTERVAL_S"]),
         f"{text.name}, SAMPLING_INTERVAL_S", record, codes=codes,

@@ -65,13 +65,13 @@ class FileSet(Section):
     """StationXML with the response, for records in counts."""
     columns: str | None = None
     """Columns of plain text: time=1,acceleration=2 or acceleration=1,dt=0.01; dt=0.01 alone reads
-    all numbers, row after row; also vertical=COLUMN and skip=LINES."""
+    one motion, row after row; also vertical=COLUMN and skip=LINES."""
     accept: Annotated[
         list[Acceptable],
         BeforeValidator(lambda given: given.split() if isinstance(given, str) else given),
     ] = Field(default_factory=list)
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
-    header (its peak is off by a tenth)."""
+    header (its peak is off by a tenth, or it contradicts the unit or the channel code)."""
 
 
 class Motions(Section):

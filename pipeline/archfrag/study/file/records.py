@@ -17,14 +17,14 @@ from archfrag.errors import InputError, RecordError
 from archfrag.files import make_folder, sha256_of
 from archfrag.motions import index
 from archfrag.motions.calibrate import check_file
+from archfrag.motions.cautions import sample_cautions
+from archfrag.motions.earthquakes import earthquakes, recording_of
 from archfrag.motions.measures import measure, scale_factor
 from archfrag.motions.partners import (
     VERTICAL,
-    earthquakes,
     folder_names,
     numbered,
     partners,
-    seconds,
     vertical_files,
 )
 from archfrag.motions.process import REVERSED, both_senses
@@ -311,20 +311,17 @@ def _with_components(
                 found = read_horizontals(file, **source.options)
                 other = found[0] if len(found) == 1 else None
                 if other and source.entry is None and not partners.belong_together(own, other):
-                    alike = f"{file.name} has nearly the same name, but neither start, event and"
-                    also = (
-                        f"{alike} station nor number of samples show that it is of this record. "
-                    )
-                    other = None
+                    other, alike = None, f"{file.name} has nearly the same name, but neither"
+                    also = f"{alike} start, event and station nor length show that it belongs. "
         if other is None:
             component, how = "other horizontal", "leave this record out"
             if kind == "vertical":
                 component, how = kind, f"{how}, or set motions.vertical: false for all records"
             raise RecordError(
                 f"{source.path}: record {own.id} has no {component} component, which the study "
-                f"needs. {also}It must be in this file, in one whose name differs in the direction only "
-                "(N and E; 090, 180 and UP), or in the one other row of an index with this event "
-                f"and station. Without such a file, {how}"
+                f"needs. {also}It must be in this file, in one whose name differs in the "
+                "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
+                f"with this event and station. Without such a file, {how}"
             )
         if source.entry is not None:  # an index states what the headers may spell differently
             labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
@@ -352,36 +349,11 @@ def described(study: Study, motion: "Motion") -> PreparedRecord:
 
 def _cautions(motion: "Motion") -> list[str]:
     """Cautions on a motion as it moves an arch."""
-    from archfrag.motions.cautions import sample_cautions
-
-    found = [
-        *motion.metadata.get("cautions", ()),
-        *sample_cautions(motion.acceleration, motion.dt),
-    ]
+    dt, found = motion.dt, list(motion.metadata.get("cautions", ()))
+    found += sample_cautions(motion.acceleration, dt)
     if motion.vertical is not None:
-        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
+        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, dt)]
     return found
-
-
-def with_earthquakes(
-    records: Sequence[PreparedRecord], facts: Sequence[dict[str, Any]]
-) -> list[PreparedRecord]:
-    """Name the earthquakes that records share; `facts` are of `recording_of`."""
-    return [replace(record, event=event)
-            for record, event in zip(records, earthquakes(facts), strict=True)]  # fmt: skip
-
-
-def recording_of(motion: "Motion") -> dict[str, Any]:
-    """Facts by which records of one earthquake are recognised, see `earthquakes`."""
-    about = motion.metadata
-    start = seconds(about.get("start_time"))
-    keys = ("file_sha256", "source_sha256", "pair")
-    return {
-        "id": motion.id.removesuffix(REVERSED),
-        "event": str(about.get("event") or about.get("event_id") or ""),
-        "origin": seconds(about.get("origin_time")), "start": start,
-        "end": start + motion.duration, "files": [about[key] for key in keys if about.get(key)],
-    }  # fmt: skip
 
 
 def prepare_motions(study: Study) -> list[PreparedRecord]:
@@ -400,7 +372,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
         records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
         facts.append(recording_of(motion))
         os.replace(folder / "new.npz", study.work / records[-1].file)
-    records = with_earthquakes(records, facts)
+    records = [replace(record, event=name) for record, name in zip(records, earthquakes(facts))]
     if (select := study.motions.select) is not None:
         ends = ["", REVERSED][: 1 + study.motions.both_senses]
         order = [name + end for name in select for end in ends]
