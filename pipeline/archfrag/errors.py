@@ -93,7 +93,7 @@ def from_extra(module: str, extra: str) -> Any:
     except ModuleNotFoundError as error:
         raise InputError(
             f"this needs the package {module.partition('.')[0]}, which is not installed; install "
-            f'it with: pip install "archfrag[{extra}]"'
+            f'it with: pip install "archfrag[{extra}]", or in a checkout -e ".[{extra}]"'
         ) from error
 
 

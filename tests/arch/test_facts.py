@@ -11,6 +11,7 @@ from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.errors import StabilityError, UnitWarning
 from archfrag.study.file import parse_value
 from archfrag.study.file.arches import ArchEntry
+from tests.arch.test_arch import CHAINS
 from tests.study.small import ROOT, TEXT, command, small_study
 
 RING = {"span": 8.0, "rise": 2.0, "thickness": 0.5, "voussoirs": 9, "friction": 0.7}
@@ -46,6 +47,18 @@ class TestFacts:
         text = facts_text(tied)
         assert "the ring weighs 182 kN, piers " in text
         assert "the tie pulls with 20 kN and yields at 188 kN; springings at (-3.8, -0.15)" in text
+
+    @pytest.mark.parametrize("name", CHAINS)
+    def test_of_any_arch_weights_are_those_of_its_bodies(self, name):
+        arch = CHAINS[name]
+        total = arch.chain.mass.sum() * arch.chain.gravity
+        assert sum(facts_of(arch)["weights"].values()) == pytest.approx(total, rel=1e-12)
+        assert ("it stands from" in facts_text(arch)) == arch.free_end
+        assert unit_cautions(arch) == []
+
+    def test_of_ties_they_say_each(self):
+        tied = ring().tied(**TIE, prestress=2e4).tied(**{**TIE, "level": 0.8})
+        assert "; tie 1 pulls with 20 kN; tie 2 is not tight; springings" in facts_text(tied)
 
     def test_of_a_block_they_are_its_weight_and_base(self):
         text = facts_text(af.Block(width=0.4, height=2.0, friction=0.8))

@@ -123,6 +123,7 @@ def a_run_ends_with_its_answers(path, stdout):
     low, high, *ends = (*curve["theta_interval"], *curve["beta_interval"])
     assert f"slab median {curve['theta']:#.3g} g PGA (90 %: {low:#.3g}–{high:#.3g})" in told
     assert f" dispersion {curve['beta']:.2f} ({'–'.join(f'{end:.2f}' for end in ends)})" in told
+    assert "ring: the ring weighs 809 kN; springings at (-9.072, 1.805) and (9.072," in told
     assert (cautions := numbers["cautions"])
     assert all(told.count(f"! {caution}") == 1 for caution in cautions)
     assert max(map(len, lines)) <= 80

@@ -84,7 +84,10 @@ def facts_text(arch: Arch) -> str:
     for number, tie in enumerate(facts["ties"], 1):
         name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
         limit = "" if (most := tie["strength"]) is None else f" and yields at {force_text(most)}"
-        texts.append(f"{name} pulls with {force_text(tie['prestress'])}{limit}")
+        force = (
+            f"pulls with {force_text(tie['prestress'])}" if tie["prestress"] else "is not tight"
+        )
+        texts.append(f"{name} {force}{limit}")
     ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
     if free:
         return "; ".join([*texts, f"it stands from {ends[1]} to {ends[0]} m"])

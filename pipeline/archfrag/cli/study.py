@@ -104,13 +104,12 @@ def _summary(study: Any, named: Path, anything: bool) -> None:
         from archfrag.study.answer.fits import fit_lines, load_fits
         from archfrag.study.checks import arch_texts
 
-        for line in (line for text in arch_texts(study) for line in wrapped(text, 8)):
-            echo(line)
         fitted = load_fits(study)
         answers, cautions = fit_lines(study, fitted)
         for found in _rates(study, *fitted):
             answers, cautions = answers + found[0], cautions + found[1]
-        for line in (line for answer in answers for line in wrapped(answer, 8)):
+        texts = *answers, *arch_texts(study)
+        for line in (line for text in texts for line in wrapped(text, 8)):
             echo(line)
         for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
             click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))

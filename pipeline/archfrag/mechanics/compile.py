@@ -36,7 +36,7 @@ HOME = Path(__file__).resolve().parent.parent
 class KernelCache(NullCache):
     """Compiled versions of one kernel: a file for each, named after the types of its arguments.
 
-    Each file appears module_ir or not at all and names no other file, so that processes may
+    Each file appears whole or not at all and names no other file, so that processes may
     write at the same time. A file that is damaged, or is of something else, counts as missing.
     """
 

@@ -64,7 +64,7 @@ class Cause(IntEnum):
 
 
 class Count(IntEnum):
-    """Entries of ``Diagnostics.count``."""
+    """Entries of ``Results.count``."""
 
     STEPS = 0  # integration steps, of whatever method
     ITERATIONS = 1  # linear contact problems solved on all voussoirs
@@ -90,7 +90,7 @@ class Count(IntEnum):
 
 
 class Energy(IntEnum):
-    """Entries of ``Diagnostics.energy`` [J]."""
+    """Entries of ``Results.energy`` [J]."""
 
     GROUND = 0  # work of the inertia forces of the ground motion
     POTENTIAL = 1  # gained in gravity
@@ -104,7 +104,7 @@ class Energy(IntEnum):
 
 
 class Peak(IntEnum):
-    """Entries of ``Diagnostics.peak``."""
+    """Entries of ``Results.peak``."""
 
     ROTATION = 0  # of any body [rad]
     DISPLACEMENT = 1  # of any centroid [m]

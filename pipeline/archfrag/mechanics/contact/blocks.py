@@ -6,9 +6,9 @@ What a joint does not have is a row of zeros with a one on the diagonal, so that
 3 x 3 and only neighbours couple: a block-tridiagonal problem, eliminated from the first joint to
 the last and substituted back.
 
-The three reactions of a closed joint are not unique in an arch that is closed everywhere. A
-relative compliance of `COMPLIANCE` on each row picks those of joints that are equal springs in
-the limit of infinite stiffness.
+The three reactions of a closed joint are not unique in an arch that is closed everywhere. The
+relative `Precision.compliance` of each row picks those of joints that are equal springs in the
+limit of infinite stiffness.
 """
 
 from typing import NamedTuple

@@ -75,7 +75,7 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
 def ask_modes(model, work, slack, slack_force):
     """Set the modes that the laws ask for (Eqs 24, 25); return where one differs from its own.
 
-    The modes asked for are left in ``work.asked_touch`` and ``work.asked_slide``. `slack` and
+    The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. `slack` and
     `slack_force` of a law count as kept, in velocity and in force.
     """
     changed = False
