@@ -27,7 +27,8 @@ def states_of(design="stripes", events=(), left=0.004, **medians):
     cube = cube.assign(
         verdict=(dims, np.where(fell, Verdict.COLLAPSED, Verdict.STANDING).astype(np.int8)),
         openings=(dims, of["motion"].astype(int)), slides=(dims, 0 * of["motion"]),
-        impacts=(dims, of["impact"].astype(int)), lost_contact_time=(dims, np.where(fell, 1, np.nan)),
+        impacts=(dims, of["impact"].astype(int)),
+        lost_contact_time=(dims, np.where(fell, 1.0, np.nan)),
         residual_displacement=(dims, np.where(fell | of["residual"], 0.1, left)),
         peak_rotation=(dims, np.where(of["rotation"], 0.2, 0.0)),
         static_limit=("arch", [0.2]), joint_length=("arch", [1.0]),
