@@ -409,7 +409,7 @@ class Results:
     def to_pelicun(
         self, path: PathLike, members: bool = False, limit_states: Sequence[str] = ()
     ) -> list[Path]:
-        """Write the curves as a damage database of pelicun: a CSV, and beside it a JSON."""
+        """Write the curves into a folder as a damage database of pelicun: a CSV and a JSON."""
         return self._export("pelicun", path, members, limit_states)
 
     def to_incore(
@@ -431,9 +431,11 @@ class Results:
         from archfrag.export.command import export_study
 
         self._check_there()
-        path = Path(path)
+        path, single = Path(path), kind.startswith("nrml")
+        if not single and path.suffix in (".csv", ".json") and not path.is_dir():
+            how = f"such as {path.stem}; the files in it are named after the study"
+            raise InputError(f"{path}: {kind} is written into a folder; give the folder, {how}")
         with tempfile.TemporaryDirectory() as temporary:
-            single = kind.startswith("nrml")
             to = Path(temporary) if single else path
             made = export_study(self._study, [kind], to, members, limit_states)
             files = [Path(each["file"]) for each in made["files"]]

@@ -97,6 +97,21 @@ def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
     assert held[0] > 0.75 > held[-1]
 
 
+@pytest.mark.parametrize(
+    "name", ["limit state of 12 records", "limit state, 2 records an event",
+             "ida, single runs scatter by 0.2"],
+)  # fmt: skip
+def test_bands_of_limit_states_and_of_ida_hold(name):
+    held = bands.coverage_in(name, 20)
+    assert min(held.values()) >= 0.7  # of 18 of 20 that are expected
+    assert max(held.values()) > 0.8
+
+
+def test_the_interval_of_a_ratio_holds_with_three_earthquakes():
+    held = bands.coverage_of_ratios("3 events of 2", 20)
+    assert min(held.values()) >= 0.75  # a percentile bootstrap held 52 to 62 %
+
+
 def few_runs(folder, sizes, sets):
     return bands.few_runs(folder, sizes, sets).set_index("runs")
 

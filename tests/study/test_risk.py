@@ -201,7 +201,8 @@ class TestGridOfRuns:
         vertical = moving.assign(record_vertical=0 * moving["record_vertical"] + 1)
         delayed = moving.assign_attrs(archfrag_config='{"method": {"delay": 0.05}}')
         other = moving.assign(intensity=moving["intensity"].assign_attrs(measure="PGV"))
-        for each in (vertical, delayed, other):
+        slides = moving.assign(static_limit=("arch", [np.nan]))
+        for each in (vertical, delayed, other, slides):
             assert risk_of(each, {"ring": FIT}, HAZARD).arches["ring"].rate == whole.rate
 
     def test_a_rate_from_below_the_lowest_collapse_is_cautioned(self, data):

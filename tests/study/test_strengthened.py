@@ -63,7 +63,19 @@ def test_the_report_tells_the_ratios_with_their_intervals(results):
         assert re.search(rf"after {re.escape(what)} \S+ \S+ {re.escape(words)}", page)
 
 
-def test_messages(results):
+def test_the_same_arch_of_another_study_on_the_same_motions(results):
+    again = af.open(results.folder)
+    table = results.compare("before", "after", other=again)
+    assert table.equals(results.compare("before", "after"))
+
+
+def test_messages(results, tmp_path):
+    for write in (results.to_pelicun, results.to_csv, results.to_incore):
+        with pytest.raises(
+            af.errors.InputError, match="is written into a folder; give the folder"
+        ):
+            write(tmp_path / "curves.csv")
+    assert not list(tmp_path.iterdir())
     with pytest.raises(af.errors.InputError, match="no arch or class 'nobody'; the study"):
         results.compare("before", "nobody")
 

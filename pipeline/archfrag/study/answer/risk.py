@@ -44,8 +44,8 @@ ASSUMPTIONS = (
     "collapses: a Poisson process, the arch being put up again each time",
     "a class: the mean of the rates of its arches, if all of them have a curve",
     "by mechanism: as the collapses of this set of records, level by level",
-    "onset: in PGA and without vertical motion nothing moves below the onset of motion, and the "
-    "rate leaves out what the fitted curve has there",
+    "onset: in PGA, without vertical motion and sliding, nothing moves below the onset of motion, "
+    "and the rate leaves out what the fitted curve has there",
 )
 _SCATTERED_BINS = 10
 _N_MODE = len(CollapseMode)
