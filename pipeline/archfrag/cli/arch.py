@@ -122,6 +122,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     The figure shows the arch with hinges and thrust line at onset.
     """
     from archfrag.simulate import onset as find_onset
+    from archfrag.simulation.cautions import arch_cautions, inset_loss, inset_text, prestress_text
     from archfrag.study.files import finite, write_text
 
     start = find_onset(arch)
@@ -136,8 +137,13 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
-    text = "\n".join(lines) if start.stands else "does not stand under its own weight"
+    loss, cautions = inset_loss(arch), arch_cautions(arch, start)
+    lines += filter(None, [inset_text(arch, loss)])
+    text = "\n".join(lines)
+    if not start.stands:
+        text = prestress_text(arch) or "does not stand under its own weight"
     facts = {name: getattr(start, name) for name in names}
+    facts |= {"loss_10_mm": loss, "cautions": cautions}
     if start.stands and spread is not None:
         from archfrag.simulation.springings import springing_path
 
@@ -156,6 +162,8 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 
         write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite(facts), text, as_json)
+    for caution in () if as_json else cautions:
+        warn(f"caution: {caution}")
 
 
 @click.command()

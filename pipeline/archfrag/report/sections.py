@@ -16,6 +16,7 @@ from archfrag.report.arch import Example
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.simulate import Onset
+from archfrag.simulation.cautions import inset_loss, inset_text
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import lost_text
@@ -59,6 +60,8 @@ def arch_parts(
         yield from _measures(more["measures"], name, inputs.scale.measure)
     yield heading("The arch and its onset")
     yield arch_figures.arch_at_onset(arch, onset, name)
+    if inset := inset_text(arch, inset_loss(arch)):
+        yield paragraph(f"{inset[0].upper()}{inset[1:]}.")
     yield heading("Checks")
     yield curves.curve(results, answer)
     free = more.get("free", {})
