@@ -22,6 +22,7 @@ from archfrag.mechanics.types import Options, Results
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
+from archfrag.simulation.cautions import check_stands
 from archfrag.simulation.checks import LOSS_LIMIT
 from archfrag.simulation.response import (
     UNITS,
@@ -35,7 +36,6 @@ from archfrag.simulation.rest import (
     Onset,
     at_rest,
     check_initial,
-    check_stands,
     onset,
     own_time,
     warn_if_in_g,
@@ -50,6 +50,7 @@ __all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_man
 # The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
 # over the bound of the static theorem, and the displacement over that length that is a motion.
 RAMP, BEYOND_BOUND, MOVED = 200.0, 1.02, 1e-6
+LARGEST_LOAD = 10.0  # of chains that no load moves by the static theorem [g]
 CHECK_INTERVAL = 64
 LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
@@ -150,7 +151,8 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     Where joints slide, Coulomb's law is not associated: the load at which reactions that follow
     the ramp leave Coulomb's cones can lie below the limit of the static theorem (`onset`), which
     is an upper bound of it. From rest under self-weight the load grows to beyond that bound, and
-    the arch has started to move where a voussoir is displaced by a millionth of a joint.
+    the arch has started to move where a voussoir is displaced by a millionth of a joint. A chain
+    whose joints lock each other has no such bound; its load grows to 10 g.
 
     Parameters
     ----------
@@ -174,10 +176,9 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     >>> round(af.limit_load(block), 3)
     0.3
     """
-    start = check_stands(arch)
-    bound, _, _ = start.mechanism(towards)
-    if not math.isfinite(bound):
-        raise InputError(f"{arch!r}: no steady acceleration towards {towards} moves it")
+    bound, _, _ = check_stands(arch).mechanism(towards)
+    locks = math.isinf(bound)
+    bound = LARGEST_LOAD if locks else bound
     length = float(model_of(arch.chain).length.min())
     unit = math.sqrt(length / arch.chain.gravity)
     time = np.linspace(0.0, RAMP * unit, 2001)
@@ -188,6 +189,11 @@ def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -
     history: Any = run.history
     shifts = np.abs(history.displacement.values).max(axis=(1, 2))
     moved = shifts > MOVED * length
+    if locks and not moved.any():
+        least = f"{LARGEST_LOAD:g} g"
+        raise InputError(
+            f"{arch!r}: no steady acceleration towards {towards} up to {least} moves it"
+        )
     if not moved.any():
         raise ArchfragError(f"{arch!r}: method {method} does not move it beyond the static bound")
     return BEYOND_BOUND * bound * float(history.time[int(np.argmax(moved))]) / float(time[-1])

@@ -1,5 +1,6 @@
 """Ties: an independent equation of motion, rigid and powerless limits, energy, and methods."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -121,6 +122,137 @@ class TestLimits:
     def test_its_thrust_line_goes_through_contact_centres_alone(self):
         onset = af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=3e4))
         assert onset.thrust_line("+x").tolist() == onset.thrust_plus.tolist()
+
+
+class TestSway:
+    """A block that leans over its edge hangs on an elastic tie, whose sway nothing damps."""
+
+    LEAN = math.radians(-15.0)  # beyond the 11 degrees at which it would fall without the tie
+
+    def hanging(self):
+        """The block with a tie that holds it at rest there, and how it lies there."""
+        block, foot, top = TestBlock.BLOCK, TestBlock.FOOT, TestBlock.TOP
+        turn = np.array([[np.cos(self.LEAN), -np.sin(self.LEAN)],
+                         [np.sin(self.LEAN), np.cos(self.LEAN)]])  # fmt: skip
+        pivot = np.array([0.2, 0.0])
+        centre, end = turn @ ([0.0, 1.0] - pivot), turn @ (top - pivot)
+        line = foot - pivot - end
+        arm = (end[0] * line[1] - end[1] * line[0]) / np.hypot(*line)
+        length = np.hypot(*(top - foot))
+        force = 1600.0 * GRAVITY * centre[0] / arm
+        area = force / (np.hypot(*line) / length - 1.0) / 2e11
+        shift = np.array([[*(pivot + centre - [0.0, 1.0]), self.LEAN]])
+        tied = block.tied(ends=[(-1, *foot), (0, *top)], area=area)
+        return tied, shift, np.array([-centre[1], centre[0], 1.0])
+
+    @pytest.mark.parametrize("method", ["time_stepping", "event_driven"])
+    @pytest.mark.parametrize(("rate", "status"), [(0.01, "STANDING"), (0.05, "UNFINISHED")])
+    def test_it_stands_if_it_is_calm(self, method, rate, status):
+        tied, shift, way = self.hanging()
+        still = af.Motion(np.zeros(10), 0.01)
+        run = af.simulate(tied, still, initial=(shift, rate * way[None]), method=method)
+        assert run.status.name == status
+        assert run.energy["kinetic"] + run.energy["impacts"] < run.energy["largest_kinetic"]
+        assert run.residual_rotation == pytest.approx(abs(self.LEAN), abs=0.05)
+
+    def test_a_run_that_follows_for_less_than_the_calm_is_unfinished(self):
+        tied, shift, way = self.hanging()
+        start = shift, 0.01 * way[None]
+        still = af.Motion(np.zeros(10), 0.01)
+        run = af.simulate(tied, still, initial=start, method="time_stepping", follow=9.0)
+        assert run.status.name == "UNFINISHED"
+
+
+def pulled_slowly(spread, tie, parts=10):
+    """Where an arch comes to rest by contact dynamics under a tie that pulls more and more.
+
+    The tie is so soft that its pull does not depend on where the arch goes; None if it falls.
+    """
+    place, still = spread.chain.start.copy(), af.Motion(np.zeros(2), 0.005)
+    row = spread.tied(**{**tie, "prestress": 0.0}).chain.tie[0].copy()
+    for part in np.arange(1, parts + 1) / parts:
+        ends = []
+        for body, x, y in ((int(row[0]), *row[2:4]), (int(row[1]), *row[4:6])):
+            c, s = np.cos(place[body - 1, 2]), np.sin(place[body - 1, 2])
+            ends.append(place[body - 1, :2] + [c * x - s * y, s * x + c * y])
+        length = np.hypot(*np.subtract(*ends))
+        row[6], row[7] = part * tie["prestress"] / (1e3 * length), -999.0 * length
+        pulled = dataclasses.replace(spread, chain=spread.chain._replace(tie=row[None]))
+        start = place - spread.chain.start, np.zeros_like(place)
+        given = {"method": "time_stepping", "history": True}
+        run = af.simulate(pulled, still, initial=start, **given)
+        last = run.history.isel(time=-1)
+        place = spread.chain.start + np.column_stack([last.displacement, last.rotation])
+        if run.collapsed or np.abs(place - spread.chain.start).max() > 0.3:
+            return None
+    return place
+
+
+RING = af.Arch.segmental(span=8.0, rise=3.0, thickness=0.6, voussoirs=9, friction=0.6)
+ARCHES = {"ring": RING, "piers": RING.on_piers(4.0, [2.0, 2.6], courses=2)}
+
+
+class TestSpread:
+    """An arch that has spread follows the prestress of a tie."""
+
+    @pytest.mark.parametrize("arch", ARCHES.values(), ids=ARCHES)
+    @pytest.mark.parametrize("moved", [{"spread": 0.01}, {"spread": 0.01, "settlement": 0.02}])
+    def test_it_comes_to_rest_where_contact_dynamics_does(self, arch, moved):
+        spread = af.move_springing(arch, **moved)
+        for prestress in (2e4, 6e4):
+            tie = {"level": 1.0, "area": 3e-4, "prestress": prestress}
+            tied = spread.tied(**tie)
+            assert af.onset(tied).stands
+            assert np.abs(tied.chain.start - spread.chain.start).max() > 1e-4
+            expected = pulled_slowly(spread, tie)
+            assert tied.chain.start == pytest.approx(expected, abs=1e-4)
+            ((left, right),) = tied.tie_lines
+            *_, stiffness, free, _, _ = tied.chain.tie[0]
+            tension = stiffness * (np.hypot(*(right - left)) - free)
+            assert tension == pytest.approx(prestress, abs=0.1)
+
+    @pytest.mark.parametrize("arch", ARCHES.values(), ids=ARCHES)
+    def test_too_much_names_the_tie_and_the_largest_prestress(self, arch):
+        spread = af.move_springing(arch, spread=0.01)
+        tie = {"level": 1.0, "area": 3e-4}
+        with pytest.raises(
+            af.errors.StabilityError, match=r"tie 1 \(level 1 m\) .* up to"
+        ) as info:
+            spread.tied(**tie, prestress=2e5)
+        most = float(str(info.value).split("up to ")[1].split()[0])
+        assert af.onset(spread.tied(**tie, prestress=0.99 * most)).stands
+        assert pulled_slowly(spread, {**tie, "prestress": 1.1 * most}) is None
+
+    def test_a_second_tie_and_a_small_prestress(self):
+        spread = af.move_springing(RING, spread=0.01)
+        little = spread.tied(level=1.0, area=3e-4, prestress=1e3)
+        assert little.chain.start is spread.chain.start
+        both = spread.tied(level=1.0, area=3e-4, prestress=2e4)
+        both = both.tied(level=1.5, area=3e-4, prestress=3e4)
+        assert af.onset(both).stands
+        first = both.chain.tie[0, 6] * (np.hypot(*np.diff(both.tie_lines[0], axis=0)[0])
+                                        - both.chain.tie[0, 7])  # fmt: skip
+        assert 0.0 <= first < 2e4 + 1.0
+
+    def test_what_it_draws_moves_with_its_bodies(self):
+        tied = af.move_springing(RING, spread=0.03).tied(level=1.0, area=3e-4, prestress=6e4)
+        for outline, centre in zip(tied.outlines, tied.chain.start):
+            middle = outline.mean(axis=0)
+            assert np.hypot(*(middle - centre[:2])) < 0.05
+        assert tied.built is RING
+
+
+def test_too_much_prestress_of_an_arch_as_built_is_named():
+    tied = ARCH.tied(level=6.0, area=1e-3, prestress=2e6)
+    with pytest.raises(
+        af.errors.StabilityError, match=r"tie 1 .level 6 m.: 2e.06 N, at most"
+    ) as info:
+        af.simulate(tied, PULSE)
+    most = float(str(info.value).split("at most ")[1].split()[0])
+    stands = [af.onset(ARCH.tied(level=6.0, area=1e-3, prestress=part * most)).stands
+              for part in (0.99, 1.01)]  # fmt: skip
+    assert stands == [True, False]
+    assert "its own weight" not in str(info.value)
 
 
 SCENES = {

@@ -80,6 +80,21 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path, tmp_path):
         jsonschema.validate(raw, schema)
 
 
+def test_levels_of_an_arch_that_has_spread_are_compared_with_it_as_built(tmp_path):
+    spread = TEXT.replace("friction: 0.7", "friction: 0.7, springings: {spread: 0.01}")
+    near, far = (spread.replace("[0.1, 0.6, 1.2]", levels) for levels in ("[0.6, 1.2]", "[9, 20]"))
+    assert not check_study(load_study(small_study(tmp_path, near)))["cautions"]
+    found = check_study(load_study(small_study(tmp_path, far)))["cautions"]
+    assert any("ring: all levels are more than 10 times the onset of motion (0.37 g)" in text
+               for text in found)  # fmt: skip
+
+
+def test_hinges_inside_the_edges_of_a_thin_arch_are_a_caution(tmp_path):
+    thin = TEXT.replace("thickness: 1.5", "thickness: 1.1")
+    (caution,) = check_study(load_study(small_study(tmp_path, thin)))["cautions"]
+    assert caution.startswith("ring: hinges 10 mm inside the edges of the joints lower the onset")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [

@@ -84,6 +84,22 @@ def test_messages(results, tmp_path):
     ("keys", "message"),
     [
         ("springings: {spread: 9}", "falls at spread .* m of its right springing"),
+        (
+            "ties: [{level: 6, area: 0.001, prestress: 2.0e+6}]",
+            r"prestress of its ties \(tie 1 \(level 6 m\): 2e\+06 N, at most",
+        ),
+        (
+            "springings: {spread: 0.1}, ties: [{level: 6, area: 0.001, prestress: 2.0e+6}]",
+            r"falls when its tie 1 \(level 6 m\) gets a prestress of 2e\+06 N; it stands with",
+        ),
+        (
+            "ties: [{level: 6, area: 0.001, prestress: 2.0e+4, rupture: 0.001}]",
+            "rupture = 0.001 m is impossible; the tie is 0.00178. m longer at rest",
+        ),
+        (
+            "piers: {height: 4, width: 2}, depth: [1, 1, 1, .6, 1, 1, 1], strength: 1000",
+            "does not stand with a strength of 1000 N/m2",
+        ),
         ("strength: 1000", "does not stand with a strength of 1000 N/m2"),
         ("ties: [{level: 60, area: 0.001}]", "level = 60 m is impossible for a tie"),
         ("ties: [{area: 0.001}]", r"arches\[3\].ties\[0\].level must be given"),

@@ -138,6 +138,29 @@ class TestOnset:
         path.write_text(text.replace(ring, ""))
         assert command("onset", "--study", path).stdout == given.stdout
 
+    def test_it_says_what_hinges_inside_the_edges_do(self):
+        text = command("onset", *ARCH)
+        assert (
+            "\nhinges 10 mm inside the edges of the joints lower the onset of motion by 2.0 %"
+            in text.stdout
+        )
+        facts = json.loads(command("onset", *ARCH, "--json").stdout)
+        assert facts["loss_10_mm"] == pytest.approx(0.0196, abs=1e-4)
+        assert (facts["cautions"], text.stderr) == ([], "")
+        narrow = (
+            "onset",
+            "--profile",
+            "block",
+            "--width",
+            "0.1",
+            "--height",
+            "1",
+            "--friction",
+            "1",
+        )
+        assert "caution: hinges 10 mm inside the edges" in command(*narrow).stderr
+        assert len(json.loads(command(*narrow, "--json").stdout)["cautions"]) == 1
+
     def test_an_arch_that_does_not_stand_is_a_result(self):
         result = command("onset", *THIN)
         text, facts = result.output.splitlines()

@@ -87,6 +87,7 @@ class Arch:
     flipped: bool
     parameters: dict[str, Any]
     again: partial[dict[str, Any]]  # makes these fields anew, with other piers or fill
+    built: Arch | None = None  # as it was before a springing moved
 
     @property
     def n_voussoir(self) -> int:

@@ -103,7 +103,10 @@ class SlowArch:
             np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
             for ends in (arch.intrados, arch.extrados)
         )
-        return replace(arch, chain=chain, outlines=outlines, intrados=inner, extrados=outer)
+        return replace(
+            arch, chain=chain, outlines=outlines, intrados=inner, extrados=outer,
+            built=arch.built or arch,
+        )  # fmt: skip
 
     def tension(self, tie: int, prestress: float) -> float:
         """Tension a tie slowly; return the part of its prestress at which the arch falls, or inf.
@@ -158,6 +161,6 @@ def follow_tie(arch: Arch) -> Arch:
     if math.isfinite(part):
         raise StabilityError(
             f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a prestress of "
-            f"{part * prestress:.4g} N; {prestress:g} N is given"
+            f"{prestress:g} N; it stands with up to {part * prestress:.4g} N"
         )
     return slow.arch()

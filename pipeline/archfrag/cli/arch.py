@@ -132,6 +132,7 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     """
     from archfrag.arch.facts import facts_of, facts_text
     from archfrag.simulate import onset as find_onset
+    from archfrag.simulation.cautions import arch_cautions, inset_loss, inset_text, prestress_text
     from archfrag.study.files import finite, write_text
 
     start = find_onset(arch)
@@ -146,9 +147,14 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
         how = f": {', '.join(parts)}" if parts else ""
         moves = "never moves" if math.isinf(value) else f"moves from {value:.4f} g"
         lines.append(f"ground towards {sense}: {moves}{how}")
-    text = "\n".join(lines) if start.stands else "does not stand under its own weight"
+    loss, cautions = inset_loss(arch), arch_cautions(arch, start)
+    lines += filter(None, [inset_text(arch, loss)])
+    text = "\n".join(lines)
+    if not start.stands:
+        text = prestress_text(arch) or "does not stand under its own weight"
     text += f"\n{facts_text(arch)}"
     facts = {name: getattr(start, name) for name in names} | {"arch": facts_of(arch)}
+    facts |= {"loss_10_mm": loss, "cautions": cautions}
     if start.stands and spread is not None:
         from archfrag.simulation.springings import springing_path
 
@@ -167,6 +173,8 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
 
         write_text(figure, svg_of(start.plot().figure) + "\n")
     show(finite(facts), text, as_json)
+    for caution in () if as_json else cautions:
+        warn(f"caution: {caution}")
 
 
 @click.command()

@@ -21,6 +21,7 @@ from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, the
 from archfrag.report.limits import base_of
 from archfrag.report.moving import film
 from archfrag.simulate import Onset
+from archfrag.simulation.cautions import inset_loss, inset_text
 from archfrag.simulation.response import MODEL_WORDS
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import lost_text
@@ -67,6 +68,8 @@ def arch_parts(
     yield arch_figures.arch_at_onset(arch, onset, name)
     facts = facts_text(arch)
     yield paragraph(f"{facts[0].upper()}{facts[1:]}.")
+    if inset := inset_text(arch, inset_loss(arch)):
+        yield paragraph(f"{inset[0].upper()}{inset[1:]}.")
     yield heading("Checks")
     yield curves.curve(results, answer)
     free = more.get("free", {})

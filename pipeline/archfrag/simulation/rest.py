@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
-from archfrag.errors import STATUS_MESSAGE, InputError, StabilityError, UnitWarning
+from archfrag.errors import InputError, UnitWarning
 from archfrag.mechanics.contact.path import new_path, solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
-from archfrag.mechanics.status import Status
 from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
 from archfrag.methods.common import begin
 from archfrag.simulation.thrust import contact_centres, thrust_curve
@@ -191,18 +190,6 @@ def onset(arch: Arch) -> Onset:
         normal=normal if stands else None,
         arch=arch,
     )
-
-
-def check_stands(arch: Arch) -> Onset:
-    """See that an arch is at rest under its own weight, or raise `StabilityError`."""
-    start = onset(arch)
-    if not start.stands:
-        message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
-        if math.isfinite(start.plus):
-            ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
-            message += f" (rest would need a steady horizontal acceleration between {ends})"
-        raise StabilityError(message)
-    return start
 
 
 def stays_at_rest(peak: float, start: Onset) -> bool:

@@ -18,8 +18,8 @@ from archfrag.errors import InputError, StabilityError
 from archfrag.mechanics.model import Model
 from archfrag.mechanics.status import Tie
 from archfrag.motions.motion import Motion
+from archfrag.simulation.cautions import check_stands
 from archfrag.simulation.checks import check_number
-from archfrag.simulation.rest import check_stands
 
 Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]

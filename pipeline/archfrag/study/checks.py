@@ -79,6 +79,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
     """
     from archfrag.arch.facts import unit_cautions
     from archfrag.simulate import onset
+    from archfrag.simulation.cautions import arch_cautions
     from archfrag.simulation.rest import stays_at_rest
 
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
@@ -91,16 +92,20 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
         size, start = float(np.ptp(arch.centroids, axis=0).max()), onset(arch)
-        least = min(start.plus, start.minus)
-        where = f"the onset of motion ({least:.3g} g); is their unit right?"
+        # The smallest spread lowers the onset to almost nothing, and collapse hardly.
+        built = start if arch.built is None else onset(arch.built)
+        least, most = min(start.plus, start.minus), min(built.plus, built.minus)
+        where = "the onset of motion ({:.3g} g); is their unit right?"
         for wrong, text in (
             *((True, text) for text in unit_cautions(arch)),
             (friction > MOST_FRICTION, f"the coefficient of friction {friction:.3g} is greater "
              "than that of any masonry; was an angle meant?"),
             (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
-            (known and stays_at_rest(levels.max(), start), f"no level is above {where}"),
-            (known and levels.min() > FAR_BEYOND * least,
-             f"all levels are more than {FAR_BEYOND:.0f} times {where}"),
+            (known and stays_at_rest(levels.max(), start),
+             f"no level is above {where.format(least)}"),
+            (known and levels.min() > FAR_BEYOND * most,
+             f"all levels are more than {FAR_BEYOND:.0f} times {where.format(most)}"),
+            *((True, text) for text in arch_cautions(arch, start)),
         ):  # fmt: skip
             if wrong:
                 found_of.setdefault(text, []).append(member.id)

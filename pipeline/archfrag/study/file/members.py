@@ -218,9 +218,12 @@ def check_buildable(given: Members) -> None:
 def check_standing(given: Members) -> None:
     """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
     from archfrag.simulate import onset
+    from archfrag.simulation.cautions import prestress_text
 
     check_buildable(given)
     for member in given:
-        if not onset(member.entry.build()).stands:
+        arch = member.entry.build()
+        if not onset(arch).stands:
             how = "make it thicker, raise the friction, or narrow the distributions of what varies"
-            raise StabilityError(f"{member.place}: does not stand under its own weight; {how}")
+            why = prestress_text(arch) or f"does not stand under its own weight; {how}"
+            raise StabilityError(f"{member.place}: {why}")
