@@ -351,8 +351,9 @@ class Results:
             hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
         if hazard is None:
             raise InputError("the study has no hazard; give the file of a hazard curve")
-        files = [hazard] if isinstance(hazard, str | os.PathLike) else hazard
-        if not all(isinstance(each, str | os.PathLike) for each in files) or not len(files):
+        single = isinstance(hazard, str | os.PathLike)
+        files = [hazard] if single else list(hazard) if isinstance(hazard, list | tuple) else []
+        if not files or not all(isinstance(each, str | os.PathLike) for each in files):
             intensity = study.intensity
             return hazard_of_table(hazard, intensity.measure, unit or intensity.unit), years
         paths = [Path(each) for each in files]

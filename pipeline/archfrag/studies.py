@@ -50,7 +50,8 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Those of a list are named arch1, arch2 and so on. Arches that a study file can describe may be given as a mapping of its keys instead.
+        Those of a list are named arch1, arch2 and so on. Arches that a study file can describe may
+        be given as a mapping of its keys instead.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
         `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
