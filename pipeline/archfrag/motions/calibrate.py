@@ -150,7 +150,7 @@ def _scale(
         units = f"one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line)"
         need = f"does not state the unit of its samples; give `unit`, {units}, or for counts its"
         if record.get("unit") == "counts":
-            need = "states counts; give its"
+            need = "states counts and does not state the unit of one; give its"
         raise RecordError(
             f"{path}: the file {need} StationXML as {path.stem}.xml beside it or by `inventory` "
             "(--inventory on the command line)"
