@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -67,5 +66,5 @@ def crushed(arch: Arch, strength: float) -> Arch:
         if (np.abs(lost - before) < AGREE * length).all():
             if not onset(now).stands:
                 break
-            return replace(now, parameters={**given, "strength": strength})
+            return now.changed(parameters={**given, "strength": strength})
     raise StabilityError(f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2")
