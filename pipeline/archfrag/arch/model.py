@@ -449,10 +449,9 @@ class Arch:
         ties = [row] if self.chain.tie is None else [*self.chain.tie, row]
         told = {key: value for key, value in given.items() if value not in (None, math.inf)}
         ties_told = [*self.parameters.get("ties", ()), told]
-        tied = Arch(**{
-            **vars(self), "chain": self.chain._replace(tie=np.array(ties)),
-            "parameters": {**self.parameters, "ties": ties_told},
-        })._warned(f"ties[{len(ties) - 1}]")  # fmt: skip
+        chain = self.chain._replace(tie=np.array(ties))
+        tied = self.changed(chain=chain, parameters={**self.parameters, "ties": ties_told})
+        tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
             return tied
         from archfrag.arch.slow import follow_tie
@@ -503,7 +502,7 @@ class Arch:
         chain = self.chain._replace(face_before=before, face_after=after)
         recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
         given = {**self.parameters, "recess": recess}
-        return Arch(**{**vars(self), **ends, "chain": chain, "parameters": given})
+        return self.changed(**ends, chain=chain, parameters=given)
 
     def on_piers(self, height: ArrayLike, width: ArrayLike, **more: Any) -> Arch:
         """Return the arch on two piers or buttresses, which are further bodies of its chain.
@@ -565,6 +564,10 @@ class Arch:
         """
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
+
+    def changed(self, **fields: Any) -> Arch:
+        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
+        return Arch(**{**vars(self), **fields})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
         if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,8 +102,8 @@ class SlowArch:
             np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
             for ends in (arch.intrados, arch.extrados)
         )
-        return replace(
-            arch, chain=chain, outlines=outlines, intrados=inner, extrados=outer,
+        return arch.changed(
+            chain=chain, outlines=outlines, intrados=inner, extrados=outer,
             built=arch.built or arch,
         )  # fmt: skip
 

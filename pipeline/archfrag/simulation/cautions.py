@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -111,7 +110,7 @@ def _part_of_prestress(arch: Arch) -> float:
     def stands(part: float) -> bool:
         fewer = ties.copy()
         fewer[:, Tie.LENGTH] += (1.0 - part) * np.array(stretch)
-        return onset(replace(arch, chain=arch.chain._replace(tie=fewer))).stands
+        return onset(arch.changed(chain=arch.chain._replace(tie=fewer))).stands
 
     if stands(1.0) or not stands(0.0):
         return math.nan

@@ -6,7 +6,6 @@ An arch follows a slow movement of a springing in equilibrium, or falls.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,7 +134,7 @@ def move_springing(
         )  # fmt: skip
         raise StabilityError(f"{arch!r}: the arch falls at {far} of its {springing} springing")
     moved = {**given, "springing": springing}
-    return replace(path.arch, parameters={**arch.parameters, "springings": moved})
+    return path.arch.changed(parameters={**arch.parameters, "springings": moved})
 
 
 def _checked(

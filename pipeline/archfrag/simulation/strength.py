@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -68,7 +67,7 @@ def crushed(arch: Arch, strength: float) -> Arch:
         if (np.abs(lost - before) < AGREE * length).all():
             if not onset(now).stands:
                 break
-            weak = replace(now, parameters={**given, "strength": strength})
+            weak = now.changed(parameters={**given, "strength": strength})
             warn_of_units(weak, "strength")
             return weak
     message = f"{arch!r}: the arch does not stand with a strength of {strength:g} N/m2"
