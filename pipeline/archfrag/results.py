@@ -240,7 +240,9 @@ class Results:
         cube = in_unit(self._cube, self._study)
         verdict = cube["verdict"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
         decided = verdict.isin((Verdict.COLLAPSED, Verdict.STANDING))
-        return cube.assign(verdict=verdict, collapsed=(verdict == Verdict.COLLAPSED).where(decided))
+        return cube.assign(
+            verdict=verdict, collapsed=(verdict == Verdict.COLLAPSED).where(decided)
+        )
 
     @property
     def fractions(self) -> pd.DataFrame:
