@@ -86,7 +86,7 @@ COVERED = {
     **{f"limit state of {n} records": World(n, state=0.6) for n in (12, 24, 44)},
     "limit state, 2 records an event": World(30, per_event=2, state=0.6),
     **{f"ida, single runs scatter by {s:g}": World(30, s, design="ida") for s in (0.0, 0.2, 0.3)},
-    **{f"same records, single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
+    **{f"single runs scatter by {s:g}": World(30, s) for s in (0.2, 0.3)},
 }
 TOGETHER = 0.8  # correlation of ln capacities of two states, or of two arches
 # Two arches, the second with 1.3 times the median capacity, under the same motions.

@@ -10,6 +10,7 @@ import xarray as xr
 from archfrag.export import command as tables
 from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.limit_states import state_to_dict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
 
@@ -99,6 +100,9 @@ class TestRuns:
 
 def test_points_and_parameters():
     answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
+    for answer in answers.values():
+        states = [{"name": name, **state_to_dict(answer)} for name in ("rocking", "damage")]
+        answer.more["limit_states"] = {"states": states}
     curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
     points, parameters = tables.curve_tables(curves, answers, "g", "m s-2", G).values()
     frame, stated = full(points), full(parameters)

@@ -43,7 +43,7 @@ class Fragility:
     log_likelihood: float  #: with binomial coefficients, or the density of ln capacity
     n_levels: int  #: levels, distinct observed capacities or ends of brackets that were used
     n_total: int  #: runs (stripes) or records that were used
-    #: "stripes", "ida", "ida_truncated", "brackets", "ordered", "adjusted", "posterior", "mixture"
+    #: "stripes", "ida", "ida_truncated", "brackets", "adjusted", "posterior", "mixture"
     kind: str
     #: (n_arch, 2), theta and beta of each arch of a class: the curve is the mean of theirs.
     members: FloatArray | None = field(default=None, compare=False)
