@@ -105,7 +105,9 @@ def test_units_that_text_states_are_read(tmp_path):
         path = write(tmp_path / "a.txt", "TSPAIR", ascii={"unit": stated})
         assert pga(read_motion(path)) == pytest.approx(factor * np.abs(NORTH).max(), rel=1e-6)
     path = write(tmp_path / "a.txt", "SLIST", ascii={"unit": "COUNTS"})
-    refused(lambda: read_motion(path), "the file states counts and does not state the unit of one; give its")
+    refused(
+        lambda: read_motion(path), "states counts and does not state the unit of one; give its"
+    )
 
 
 @pytest.mark.parametrize(
