@@ -106,8 +106,7 @@ def test_units_that_text_states_are_read(tmp_path):
         assert pga(read_motion(path)) == pytest.approx(factor * np.abs(NORTH).max(), rel=1e-6)
     path = write(tmp_path / "a.txt", "SLIST", ascii={"unit": "COUNTS"})
     refused(
-        lambda: read_motion(path),
-        "the file states counts and does not state the unit of one; give its",
+        lambda: read_motion(path), "states counts and does not state the unit of one; give its"
     )
 
 
