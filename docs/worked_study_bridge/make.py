@@ -31,14 +31,14 @@ def main() -> None:
     program = Path(sys.executable).with_name("archfrag")
     subprocess.run([program, "run", STUDY, "--cores", "1", "--quiet"], check=True)
     wall_time = time.perf_counter() - start
+    results = af.open(out)  # before files of the checkout change, and with them its state
+    pairs = [(f"spread-{mm}", f"spread-{mm}-tied") for mm in SPREADS]
+    pairs += [("spread-0", f"spread-{mm}") for mm in SPREADS[1:]]
+    compared = {pair: results.compare(*pair).loc["theta"] for pair in pairs}
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir()
     for path in (out / "summary.json", out / "capacities.csv"):
         shutil.copy(path, RESULTS)
-    results = af.open(out)
-    pairs = [(f"spread-{mm}", f"spread-{mm}-tied") for mm in SPREADS]
-    pairs += [("spread-0", f"spread-{mm}") for mm in SPREADS[1:]]
-    compared = {pair: results.compare(*pair).loc["theta"] for pair in pairs}
     rows = [{"one": one, "other": other, **row} for (one, other), row in compared.items()]
     pd.DataFrame(rows).to_csv(RESULTS / "compared.csv", index=False)
     note = {
