@@ -90,7 +90,7 @@ def test_levels_of_an_arch_that_has_spread_are_compared_with_it_as_built(tmp_pat
 
 
 def test_hinges_inside_the_edges_of_a_thin_arch_are_a_caution(tmp_path):
-    thin = TEXT.replace("radius: 10.0, thickness: 1.5", "radius: 2.5, thickness: 0.3")
+    thin = TEXT.replace("radius: 10.0, thickness: 1.5", "radius: 1.0, thickness: 0.11")
     (caution,) = check_study(load_study(small_study(tmp_path, thin)))["cautions"]
     assert caution.startswith("ring: hinges 10 mm inside the edges of the joints lower the onset")
 

@@ -21,7 +21,7 @@ from archfrag.methods.time_stepping.slow import creep
 if TYPE_CHECKING:
     from archfrag.arch.model import Arch
 
-FALLEN = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
+LOST = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
 # inertia small beside weight. At the end, steps until nothing moves any more.
 STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
@@ -55,7 +55,7 @@ class SlowArch:
     def step(self) -> tuple[bool, float]:
         """Make a step; return whether it can be made, and how far a body moves in it [m]."""
         solved, moved, lost = creep(
-            self.model, self._state, self._work, self._path, self._time, FALLEN
+            self.model, self._state, self._work, self._path, self._time, LOST
         )
         return solved and not lost, moved
 
