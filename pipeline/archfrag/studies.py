@@ -7,6 +7,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -315,7 +316,10 @@ def _title(arches: Sequence[Mapping[str, Any]]) -> str:
 
 def _digest_of_motion(motion: Motion) -> str:
     """Digest of all that a study takes from a motion."""
-    parts = [None if part is None else part.tobytes().hex() for part in motion.components.values()]
+    parts = [
+        None if part is None else sha256(part.tobytes()).hexdigest()
+        for part in motion.components.values()
+    ]
     facts = {name: str(motion.metadata.get(name)) for pair in _FACTS.items() for name in pair}
     return digest_of([motion.id, motion.dt, parts, facts])
 
