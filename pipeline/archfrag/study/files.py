@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
-OWNER = "study.json"  # in the hidden folder
+OWNER, STAMPS = "study.json", "stamp.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
 NETCDF = threading.RLock()
@@ -122,17 +122,20 @@ def check_own(study: "Study") -> None:
     sweep(study.work)
 
 
-def stamp_file(study: "Study", step: str) -> Path:
-    """File that states that a step is done."""
-    return study.work / "steps" / f"{step}.json"
+def read_stamps(work: Path) -> dict[str, Any]:
+    """The stamp of a study, which states what steps are done; empty if it cannot be read."""
+    try:
+        return dict(read_json(work / STAMPS))
+    except (OSError, ValueError, TypeError):
+        return {}
 
 
 def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
-        stamp = read_json(stamp_file(study, step))
+        stamp = read_stamps(study.work)[step]
         return dict(stamp["from"]), dict(stamp["files"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None, {}
 
 

@@ -1,14 +1,15 @@
 """The steps of a study, one after the other: each does nothing where its result is current.
 
-A step that is done leaves a stamp: digests of what it was made from, and the SHA-256 of what it
-made. Times of modification decide nothing.
+A study has one stamp: of each step that is done digests of what it was made from, and the SHA-256
+of what it made; and one digest of all, if all is done. Times of modification decide nothing.
 """
 
 import contextlib
+import glob
 import os
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,19 @@ from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start
+from archfrag.study.done import digest_of_study, write_digest
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
+from archfrag.study.file.records import (
+    MANIFEST,
+    input_paths,
+    prepare_motions,
+    read_manifest,
+    study_inputs,
+)
 from archfrag.study.file.schema import Study
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
+from archfrag.study.text import read_keys
 
 if TYPE_CHECKING:
     from archfrag.study.answer.fits import Fitted
@@ -61,9 +70,19 @@ def products(study: Study, step: str) -> list[Path]:
     return [study.folder / name for name in names[step]]
 
 
+def _tables(study: Study) -> list[Path]:
+    """Tables of the runs of all batches."""
+    return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
+
+
+def _stamped(study: Study, step: str) -> list[Path]:
+    """Files of a step that the study's stamp states."""
+    return products(study, step) + _tables(study) * (step == "cube")
+
+
 def read_timings(study: Study) -> dict[str, list[float]]:
     """Wall times of the runs of each arch [s]; empty if their tables are not there."""
-    paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
+    paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
     import pandas as pd
@@ -89,8 +108,6 @@ def make_step(
         say(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
-    if compared is None and not out_of_date(study, step, plan):
-        return None
     if step.startswith("batch"):
         from archfrag.study.runs.execute import run_batch
 
@@ -105,7 +122,10 @@ def make_step(
             f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
             f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
         )
-    elif step == "cube":
+        return None
+    if compared is None and not out_of_date(study, step, plan):
+        return None
+    if step == "cube":
         say(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
@@ -120,19 +140,24 @@ def make_step(
 
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
-    """Leave the stamp of a step; remove figures that the step made before and not now."""
+    """Put a step into the study's stamp; remove figures that it made before and not now.
+
+    Batches are not in it: they may end at the same time, and the cube states their tables.
+    """
+    if step.startswith("batch"):
+        return
     made = {
         os.path.relpath(path, study.folder): files.sha256_if_there(path)
-        for path in products(study, step) if path.is_file()
+        for path in _stamped(study, step) if path.is_file()
     }  # fmt: skip
     for name, digest in files.read_stamp(study, step)[1].items():
         path = study.folder / name
         ours = name not in made and files.FIGURE.fullmatch(name) and not path.is_symlink()
         if ours and files.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
-    stamp = {"from": _made_from(study, step, plan), "files": made}
-    make_folder(files.stamp_file(study, step).parent)
-    files.write_text(files.stamp_file(study, step), files.canonical_json(stamp) + "\n")
+    stamps = files.read_stamps(study.work)
+    stamps[step] = {"from": _made_from(study, step, plan), "files": made}
+    files.write_text(study.work / files.STAMPS, files.canonical_json(stamps) + "\n")
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -159,15 +184,29 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
         plan = make_plan(study)
     except InputError as error:
         return names, [str(error)] if (study.work / MANIFEST).exists() else []
-    for i, step in enumerate(names):
+    for step in ("motions", *names[-3:]):
         if wrong := out_of_date(study, step, plan):
-            return names[i:], [wrong] if files.stamp_file(study, step).is_file() else []
+            known = files.read_stamp(study, step)[0]
+            if step == "cube" and not _runs_are_there(study, plan, known):
+                step = names[1]
+            return names[names.index(step) :], [wrong] * (known is not None)
     return [], []
+
+
+def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
+    """Whether all runs of a plan are made, and that of the cube `before`, if any, was the same."""
+    now = {name: files.digest_of(digest) for name, digest in plan.digests.items()}
+    if before is not None and not now.items() <= before.items():
+        return False
+    with contextlib.suppress(InputError):
+        gather(plan)
+        return all(path.is_file() for path in _tables(study))
+    return False
 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
-    own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
+    own = {os.path.relpath(path, study.folder): path for path in _stamped(study, step)}
     main = next(iter(own.values()))
     before, made = files.read_stamp(study, step)
     if before is None:
@@ -178,21 +217,12 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     now = _made_from(study, step, plan)
     if changed := [name for name in now | before if now.get(name) != before.get(name)]:
         return f"{main}: was made before these changed: {', '.join(changed)}"
-    if step.startswith("batch") and plan is not None and out_of_date(study, "cube", plan):
-        try:
-            gather(plan)
-        except InputError:
-            return f"results in {plan.parts} are missing or damaged"
     return ""
 
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
-    found: dict[str, Any] = {"step": step}
-    if step.startswith("batch"):
-        found |= (plan or make_plan(study)).digests
-    else:
-        found |= {"code": files.digest_of_code("**/*"), "packages": files.versions()}
+    found: dict[str, Any] = {"code": files.digest_of_code("**/*"), "packages": files.versions()}
     if step == "motions":
         found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
     elif step == "cube":
@@ -201,7 +231,6 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
             "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
             "parameters of arches": [(m.id, m.values) for m in plan.arches],
             "title": study.title, "institution": study.institution,
-            "levels": [plan.digests["levels"], study.intensity.given],
             "settings": attributes(study, plan),
         }  # fmt: skip
     elif step in ("fit", "report"):
@@ -225,9 +254,12 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
 
 def run_study(
     study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
-    cores: int | None = None, quiet: bool = False,
+    cores: int | None = None, quiet: bool = False, overrides: Sequence[str] | None = None,
 ) -> bool:  # fmt: skip
-    """Do all of a study that is not done yet; whether there was anything to do."""
+    """Do all of a study that is not done yet; whether there was anything to do.
+
+    If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
+    """
     files.check_own(study)
     owner = _owner(study, study_file)
     if not stale_steps(study)[0]:
@@ -256,11 +288,39 @@ def run_study(
                 # The answers are for the end of the run.
                 told = say if of_runs else lambda text: None
                 make_step(study, step, told, plan, report=report, cores=cores, quiet=quiet)
+        watched = _watched(study)
+        digest = ""  # before the last look at all that it is of
+        if overrides is not None:
+            digest = digest_of_study(study_file, read_keys(study_file, overrides)[0], watched)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
+        if digest and watched:
+            write_digest(study.work, digest, watched)
     return True
+
+
+def _watched(study: Study) -> list[str]:
+    """Files that a study reads and writes, and folders where more may appear.
+
+    Empty if records are in folders that are found by a pattern: new ones may appear anywhere.
+    """
+    asked, report, risk = study.motions, study.report, study.risk
+    if any(glob.has_magic(os.path.dirname(entry.path)) for entry in asked.files):
+        return []
+    inputs = [path for paths in input_paths(study).values() for path in paths]
+    given = [path for entry in study.arches for path in (entry.table, entry.drawing) if path]
+    given += [
+        report.logo or "",
+        risk.hazard if risk else "",
+        *(entry.path for entry in asked.files),
+    ]
+    prepared = [study.work / record.file for record in read_manifest(study)["records"]]
+    made = [path for step in step_names(study) for path in products(study, step)]
+    folders = {path.parent for path in inputs}
+    paths = map(str, (*inputs, *given, *prepared, *made, *folders))
+    return sorted(set(paths) - {""})
 
 
 def claim(study: Study, study_file: Path) -> None:
