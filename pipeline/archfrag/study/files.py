@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import archfrag
 from archfrag.errors import OutputError
 from archfrag.files import opened, replacing, sha256_of, sweep
+from archfrag.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
@@ -79,12 +80,22 @@ def digest_of_code(*patterns: str) -> str:
 def digest_of_syntax(*patterns: str) -> str:
     """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
 
-    Comments, docstrings, layout and the messages of errors do not count.
+    Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
+    so it is kept beside the kernels of this machine, by the bytes that it is of.
     """
+    known = [digest_of_code.__wrapped__(name) for name in (*patterns, "study/files.py")]
+    place = use_kernel_cache()
+    kept = place and place / f"syntax-{digest_of([known, platform.python_version()])}"
+    with contextlib.suppress(OSError, ValueError):
+        if kept and len(found := kept.read_text()) == 64:
+            return found
     digest = hashlib.sha256()
     for path in _files_of_code(*patterns):
         digest.update(path.relative_to(PACKAGE).as_posix().encode())
         digest.update(ast.dump(_without_words(ast.parse(path.read_bytes()))).encode())
+    with contextlib.suppress(OutputError):
+        if kept:
+            write_text(kept, digest.hexdigest())
     return digest.hexdigest()
 
 
@@ -181,6 +192,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     return lines
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results pass through."""
     found = {"archfrag": archfrag.__version__, "python": platform.python_version()}
