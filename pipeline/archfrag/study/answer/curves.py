@@ -67,7 +67,7 @@ def runs_of_cube(
             places.setdefault(name, []).append(place)
     found, ordered = [], cube.transpose("arch", "record", "level", ...)
     for name in of_class if names is None else names:
-        part = ordered.isel(arch=places[name])
+        part = ordered.isel(arch=places[name]) if len(places[name]) < len(of_class) else ordered
         verdict, level = part["verdict"].values.astype(np.int64), part["intensity"].values
         n_arch, _, n_level = verdict.shape
         if level.ndim == 3:

@@ -335,10 +335,15 @@ def _with_components(
     return motion
 
 
-def described(study: Study, motion: "Motion") -> PreparedRecord:
-    """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
+def described(
+    study: Study, motion: "Motion", compared: Sequence[str] = COMPARED
+) -> PreparedRecord:
+    """Facts of a motion that is not stored yet; InputError if it cannot be scaled.
+
+    Its `measures` are that of the study and those that are `compared` with it.
+    """
     own, about = study.intensity.measure, motion.metadata
-    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *COMPARED))}
+    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *compared))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
