@@ -141,6 +141,11 @@ def read_stamps(work: Path) -> dict[str, Any]:
         return {}
 
 
+def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
+    """Put what a step was made from, and what it made, into the stamp of a study."""
+    write_text(work / STAMPS, canonical_json(read_stamps(work) | {step: stamp}) + "\n")
+
+
 def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:

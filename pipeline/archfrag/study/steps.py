@@ -5,11 +5,13 @@ of what it made; and one digest of all, if all is done. Times of modification de
 """
 
 import contextlib
-import glob
 import os
 import sys
+import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,19 +20,12 @@ from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start
-from archfrag.study.done import digest_of_study, write_digest
+from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
-from archfrag.study.file.records import (
-    MANIFEST,
-    input_paths,
-    prepare_motions,
-    read_manifest,
-    study_inputs,
-)
+from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
-from archfrag.study.text import read_keys
 
 if TYPE_CHECKING:
     from archfrag.study.answer.fits import Fitted
@@ -75,11 +70,6 @@ def _tables(study: Study) -> list[Path]:
     return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
 
 
-def _stamped(study: Study, step: str) -> list[Path]:
-    """Files of a step that the study's stamp states."""
-    return products(study, step) + _tables(study) * (step == "cube")
-
-
 def read_timings(study: Study) -> dict[str, list[float]]:
     """Wall times of the runs of each arch [s]; empty if their tables are not there."""
     paths = _tables(study)
@@ -92,20 +82,21 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, say: Say, plan: Plan | None = None, *,
+    study: Study, step: str, say: Say | None, plan: Plan | None = None, *,
     report: Report | None = None, cores: int | None = None, quiet: bool = False,
     compared: Path | None = None,
 ) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `say` takes a line for the user; `plan` is that of the study, if it is known; `cores` take the
-    place of the study's workers; `compared` is another study's file, for the report.
+    `say`, if any, takes a line for the user; `plan` is that of the study, if known; `cores` take
+    the place of the study's workers; `compared` is another study's file, for the report.
     """
+    told: Say = say or (lambda text: None)
     if step == "motions":
         if "motions" not in stale_steps(study)[0]:
             return
         check_start(study)
-        say(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
+        told(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
     if step.startswith("batch"):
@@ -118,7 +109,7 @@ def make_step(
         write_csv(path, [table])
         name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
         seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
-        say(
+        told(
             f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
             f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
         )
@@ -126,38 +117,36 @@ def make_step(
     if compared is None and not out_of_date(study, step, plan):
         return None
     if step == "cube":
-        say(f"cube: {write_cube(study, plan)}")
+        told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
 
         require(study, "cube", plan)
-        answers, cautions = fit_lines(study, fit_cube(study))
+        fitted = fit_cube(study)
+        answers, cautions = fit_lines(study, fitted) if say else ([], [])
         for line in [*answers, *(f"caution: {each}" for each in cautions)]:
-            say(line)
+            told(line)
     elif report is not None:
-        say(f"report: {report(study, compared)}")
+        told(f"report: {report(study, compared)}")
     return finish(study, step, plan)
 
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
     """Put a step into the study's stamp; remove figures that it made before and not now.
 
-    Batches are not in it: they may end at the same time, and the cube states their tables.
+    Batches, which may end at the same time, are not in it: their runs are known by their parts.
     """
-    if step.startswith("batch"):
-        return
     made = {
         os.path.relpath(path, study.folder): files.sha256_if_there(path)
-        for path in _stamped(study, step) if path.is_file()
+        for path in products(study, step) if path.is_file()
     }  # fmt: skip
     for name, digest in files.read_stamp(study, step)[1].items():
         path = study.folder / name
         ours = name not in made and files.FIGURE.fullmatch(name) and not path.is_symlink()
         if ours and files.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
-    stamps = files.read_stamps(study.work)
-    stamps[step] = {"from": _made_from(study, step, plan), "files": made}
-    files.write_text(study.work / files.STAMPS, files.canonical_json(stamps) + "\n")
+    stamp = {"from": _made_from(study, step, plan), "files": made}
+    files.write_stamp(study.work, step, stamp)
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -206,7 +195,7 @@ def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
-    own = {os.path.relpath(path, study.folder): path for path in _stamped(study, step)}
+    own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
     before, made = files.read_stamp(study, step)
     if before is None:
@@ -261,7 +250,7 @@ def run_study(
     If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
     """
     files.check_own(study)
-    owner = _owner(study, study_file)
+    claim(study, study_file, note=False)
     if not stale_steps(study)[0]:
         return False
     check_start(study)
@@ -272,7 +261,7 @@ def run_study(
 
     make_folder(study.work)
     with only_run(study):
-        _write_owner(study, owner)
+        claim(study, study_file)
         stale, changed = stale_steps(study)
         for line in changed[:_MOST_LINES]:
             say(line)
@@ -283,65 +272,54 @@ def run_study(
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
+            if step.startswith("batch"):
+                _import_ahead()
             of_runs = step == "motions" or step.startswith("batch")
             with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
                 # The answers are for the end of the run.
-                told = say if of_runs else lambda text: None
+                told = say if of_runs else None
                 make_step(study, step, told, plan, report=report, cores=cores, quiet=quiet)
-        watched = _watched(study)
-        digest = ""  # before the last look at all that it is of
-        if overrides is not None:
-            digest = digest_of_study(study_file, read_keys(study_file, overrides)[0], watched)
+        stamp = {}
+        if overrides is not None:  # before the last look at all that it is of
+            made = chain.from_iterable(products(study, step) for step in step_names(study))
+            stamp = stamp_of_all(study, study_file, overrides, made)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
-        if digest and watched:
-            write_digest(study.work, digest, watched)
+        files.write_stamp(study.work, "all", stamp)
     return True
 
 
-def _watched(study: Study) -> list[str]:
-    """Files that a study reads and writes, and folders where more may appear.
+def _import_ahead() -> None:
+    """Import what follows the runs in a thread, which the kernels leave time for.
 
-    Empty if records are in folders that are found by a pattern: new ones may appear anywhere.
+    What the runs need is imported before, so that no two threads import the same.
     """
-    asked, report, risk = study.motions, study.report, study.risk
-    if any(glob.has_magic(os.path.dirname(entry.path)) for entry in asked.files):
-        return []
-    inputs = [path for paths in input_paths(study).values() for path in paths]
-    given = [path for entry in study.arches for path in (entry.table, entry.drawing) if path]
-    given += [
-        report.logo or "",
-        risk.hazard if risk else "",
-        *(entry.path for entry in asked.files),
-    ]
-    prepared = [study.work / record.file for record in read_manifest(study)["records"]]
-    made = [path for step in step_names(study) for path in products(study, step)]
-    folders = {path.parent for path in inputs}
-    paths = map(str, (*inputs, *given, *prepared, *made, *folders))
-    return sorted(set(paths) - {""})
+    for name in ("study.runs.execute", "warmup", "simulate"):
+        import_module(f"archfrag.{name}")
+
+    def ahead() -> None:
+        import_module("archfrag.study.answer.fits")
+        # Where dask is installed, the first variable imports its arrays.
+        import_module("xarray").Variable((), 0.0)
+
+    threading.Thread(target=ahead, daemon=True).start()
 
 
-def claim(study: Study, study_file: Path) -> None:
-    """Note whose results are in the folder; OutputError if they are of another study file."""
-    _write_owner(study, _owner(study, study_file))
+def claim(study: Study, study_file: Path, note: bool = True) -> None:
+    """See that results are not those of another study file (OutputError); `note` whose they are.
 
-
-def _write_owner(study: Study, owner: dict[str, str]) -> None:
-    files.write_text(make_folder(study.work) / files.OWNER, files.canonical_json(owner) + "\n")
-
-
-def _owner(study: Study, path: Path) -> dict[str, str]:
-    """Who owns the results: the id, and the file relative to them, so that both may be moved.
-
-    OutputError if they are those of another study file.
+    The file is noted relative to them, so that both may be moved.
     """
     before = files.read_owner(study).get("file")
     file = study.folder / (before or "")
-    if before is not None and file.is_file() and not file.samefile(path):
+    if before is not None and file.is_file() and not file.samefile(study_file):
         raise OutputError(
-            f"{study.folder}: holds the results of {file.resolve()}; give {path.name} another "
-            "output, or another id if it names none"
+            f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
+            "another output, or another id if it names none"
         )
-    return {"id": study.id, "file": os.path.relpath(path.resolve(), study.folder.resolve())}
+    if note:
+        here = os.path.relpath(study_file.resolve(), study.folder.resolve())
+        owner = files.canonical_json({"id": study.id, "file": here})
+        files.write_text(make_folder(study.work) / files.OWNER, owner + "\n")
