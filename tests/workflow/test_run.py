@@ -398,6 +398,7 @@ class TestNothingToDo:
             (still.parent / new).write_text("new")
             assert finished_folder(still, ()) is None, new
             (still.parent / new).unlink()
+        (still.parent / "notes.txt").write_text("of the user")
         assert finished_folder(still, ())
         monkeypatch.setattr("archfrag.study.files.digest_of_code", lambda *patterns: "edited")
         assert finished_folder(still, ()) is None

@@ -4,6 +4,7 @@ import glob
 import os
 import platform
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,11 +44,12 @@ def stamp_of_all(
     asked = [entry.path for entry in study.motions.files]
     if any(glob.has_magic(os.path.dirname(each)) for each in asked):
         return {}
-    inputs = [each for paths in input_paths(study).values() for each in paths]
+    inputs = input_paths(study)
     prepared = [study.work / record.file for record in read_manifest(study)["records"]]
     given = [each for entry in study.arches for each in (entry.table, entry.drawing)]
     given += [study.report.logo, study.risk.hazard if study.risk else None]
-    every = (*inputs, *prepared, *asked, *given, *made, *(each.parent for each in inputs))
+    folders = (each.parent for each in inputs["record"])
+    every = chain(*inputs.values(), folders, prepared, asked, given, made)
     watched = sorted({str(each) for each in every if each})
     return {"watched": watched, "digest": _digest(path, read_keys(path, overrides)[0], watched)}
 
