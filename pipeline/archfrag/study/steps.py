@@ -250,7 +250,7 @@ def run_study(
     If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
     """
     files.check_own(study)
-    claim(study, study_file, note=False)
+    claim(study, study_file, write=False)
     if not stale_steps(study)[0]:
         return False
     check_start(study)
@@ -307,10 +307,10 @@ def _import_ahead() -> None:
     threading.Thread(target=ahead, daemon=True).start()
 
 
-def claim(study: Study, study_file: Path, note: bool = True) -> None:
-    """See that results are not those of another study file (OutputError); `note` whose they are.
+def claim(study: Study, study_file: Path, write: bool = True) -> None:
+    """See that results are not those of another study file (OutputError); `write` whose they are.
 
-    The file is noted relative to them, so that both may be moved.
+    Its path is relative to them, so that both may be moved.
     """
     before = files.read_owner(study).get("file")
     file = study.folder / (before or "")
@@ -319,7 +319,7 @@ def claim(study: Study, study_file: Path, note: bool = True) -> None:
             f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
             "another output, or another id if it names none"
         )
-    if note:
+    if write:
         here = os.path.relpath(study_file.resolve(), study.folder.resolve())
         owner = files.canonical_json({"id": study.id, "file": here})
         files.write_text(make_folder(study.work) / files.OWNER, owner + "\n")
