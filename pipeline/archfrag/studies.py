@@ -23,11 +23,12 @@ from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.report import make_report
 from archfrag.results import Results
-from archfrag.study.file import check_text, schema, yaml_of
+from archfrag.study.file import check_text, schema
 from archfrag.study.file.arches import VARIABLE
 from archfrag.study.files import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
+from archfrag.study.text import LARGEST_FILE, yaml_of
 
 Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
@@ -327,7 +328,7 @@ def _digest_of_motion(motion: Motion) -> str:
 def _content_of(path: Path) -> str:
     """Digest of the content of the study that wrote a file; empty if there is no such file."""
     try:
-        lines = read_text(path, schema.LARGEST_FILE, InputError, "the study file").splitlines()
+        lines = read_text(path, LARGEST_FILE, InputError, "the study file").splitlines()
     except InputError:
         return ""
     known = [line.removeprefix(_CONTENT) for line in lines if line.startswith(_CONTENT)]

@@ -6,6 +6,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
+from archfrag.fragility import quoted
 from archfrag.fragility.counts import (
     clopper_pearson,
     count_verdicts,
@@ -201,3 +202,14 @@ class TestOfFit:
     def test_correlation_of_a_record_is_recovered(self, rho):
         found = shaped(np.random.default_rng(2), n=400, rho=rho)
         assert check_lognormal(found, seed=3, resamples=100)[1] == pytest.approx(rho, abs=0.07)
+
+
+def test_the_band_and_the_test_of_its_shape_fit_the_same_runs_once(monkeypatch):
+    """Records that contradict themselves, where a fit takes a tenth of a second."""
+    calls, fit = [], quoted.fit_capacity_posterior
+    monkeypatch.setattr(quoted, "fit_capacity_posterior", lambda *a: calls.append(a) or fit(*a))
+    rows = [[0, 1, 0, 1, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 1], [0, 1, 1, 1, 1]]
+    found = find_brackets(rows, FEW)
+    quoted_band(found, FEW)
+    check_lognormal(found, resamples=10)
+    assert len(calls) == 1

@@ -10,7 +10,7 @@ import yaml
 from archfrag.errors import InputError
 from archfrag.study.checks import check_study
 from archfrag.study.file.schema import load_study, study_schema
-from tests.study.small import ROOT, TEXT, dumped, small_study
+from tests.study.small import ROOT, TEXT, command, dumped, small_study
 
 
 def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
@@ -108,3 +108,10 @@ def test_what_a_mistaken_unit_gives_is_a_caution(tmp_path, old, new, part):
     assert not check_study(load_study(small_study(tmp_path)))["cautions"]
     found = check_study(load_study(small_study(tmp_path, TEXT.replace(old, new))))
     assert any(text.startswith("ring: ") and part in text for text in found["cautions"])
+
+
+def test_validate_computes_no_spectra_that_nobody_asks_for(tmp_path, monkeypatch):
+    path = small_study(tmp_path)
+    monkeypatch.setattr("archfrag.motions.measures._spectrum", None)
+    assert command("validate", path).exit_code == 0
+    assert isinstance(command("motions", path).exception, TypeError)

@@ -11,6 +11,7 @@ import pytest
 from archfrag.errors import OutputError
 from archfrag.files import replacing, sweep, temporary_prefix, write_csv
 from archfrag.motions.index import load_index, write_index
+from archfrag.study import files
 from archfrag.study.files import write_text
 from tests.study.small import command, files_below, write_at2
 
@@ -93,3 +94,15 @@ def test_what_a_terminal_would_obey_is_shown(tmp_path):
         shown = command("records", *more, tmp_path / name).output
         assert not set("\x1b\x07\u202e\x9b") & set(shown)
     assert "\\u001b]0;owned" in command("records", "inspect", tmp_path / name).output
+
+
+def test_the_digest_of_syntax_is_kept_for_the_next_process(monkeypatch):
+    own = "study/file/*.py"
+    known = files.digest_of_syntax(own)
+    files.digest_of_syntax.cache_clear()
+    monkeypatch.setattr("ast.parse", None)
+    assert files.digest_of_syntax(own) == known
+    files.digest_of_syntax.cache_clear()
+    monkeypatch.setattr("archfrag.study.files.use_kernel_cache", lambda: None)
+    with pytest.raises(TypeError):
+        files.digest_of_syntax(own)

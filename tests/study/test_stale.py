@@ -131,11 +131,13 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     assert stale_steps(study)[0] == ["cube", "fit", "report"]
     next(copied.plan.parts.glob("*.npy")).unlink()
     assert stale_steps(study)[0][0] == "batch-0of1"
+    for step in ("batch-0of1", "cube"):
+        make_step(study, step, print)
     monkeypatch.setattr("archfrag.study.runs.store.code_identity", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
     stale, (why,) = stale_steps(changed(study, "intensity", levels=(0.1, 0.2)))
     assert stale[0] == "batch-0of1"
-    assert why.endswith("batch-0of1.csv: was made before these changed: archfrag, levels")
+    assert why.endswith("cube.nc: was made before these changed: archfrag, levels, settings")
 
 
 EVERY = Path(__file__).with_name("every.yaml").read_text()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from archfrag.study.file.records import MANIFEST
-from archfrag.study.files import sha256_of
+from archfrag.study.files import STAMPS, sha256_of
 from tests.study.small import command, files_below, small_study
 
 PRECIOUS = b"years of work\n"
@@ -49,7 +49,7 @@ class Folder:
         self.mark = place / "it ran"
         self.user = place / "user"
         for name in ("lock", "snakemake.log", "a.json", "motions/0123456789ab/wave.npz",
-                     "logs/snakemake.log", "parts/0123456789ab/mine.npy", "steps/motions.json",
+                     "logs/snakemake.log", "parts/0123456789ab/mine.npy",
                      f"parts/0123456789ab/{'0' * 32}.npy", ".study.yaml.swp"):  # fmt: skip
             path = self.user / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -89,8 +89,10 @@ class Folder:
         path.write_bytes(content.getvalue())
 
     def stamps(self, name):
+        known = json.loads((self.work / STAMPS).read_text())
         for step in ("motions", "cube", "fit", "report"):
-            self.json(f"steps/{step}.json", files={name: "0" * 64})
+            known[step]["files"] = {name: "0" * 64}
+        self.json(STAMPS, **known)
 
     def motions(self, elsewhere=False):
         manifest = json.loads((self.work / MANIFEST).read_text())
@@ -116,9 +118,9 @@ ATTACKS = {
     "motions is a link": lambda f: f.link(".archfrag/motions", f.user / "motions"),
     "parts of others is a link": lambda f: f.link(".archfrag/parts/0123456789ab",
                                                   f.user / "parts/0123456789ab"),
-    "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
-    "stamp is a pipe": lambda f: f.pipe(".archfrag/steps/motions.json"),
-    "stamp too deep": lambda f: f.write(".archfrag/steps/motions.json", content=DEEP),
+    "stamp is a link": lambda f: f.link(".archfrag/stamp.json", f.user / "a.json"),
+    "stamp is a pipe": lambda f: f.pipe(".archfrag/stamp.json"),
+    "stamp too deep": lambda f: f.write(".archfrag/stamp.json", content=DEEP),
     "stamps of a device": lambda f: f.stamps("/dev/zero"),
     "stamps with ..": lambda f: f.stamps("../../user/lock"),
     "stamps of a pipe": lambda f: (f.pipe("pipe"), f.stamps("pipe")),

@@ -21,6 +21,7 @@ import xarray as xr
 import archfrag as af
 from archfrag import kernel_cache
 from archfrag.study.checks import shipped_folder
+from archfrag.study.done import finished_folder
 from archfrag.study.file.schema import load_study
 from archfrag.study.files import sha256_of
 from archfrag.study.running import only_run
@@ -355,3 +356,62 @@ def test_records_of_ones_own_of_odd_names_and_a_home_that_cannot_be_written(tmp_
     )  # fmt: skip
     assert stderr == ""
     assert (folder / "mine" / "report.html").is_file()
+
+
+@pytest.fixture(scope="module")
+def still(finished, tmp_path_factory):
+    """A study with a table of arches, run where it is."""
+    place = tmp_path_factory.mktemp("done") / "copy"
+    path = shutil.copytree(finished[0].parent, place) / finished[0].name
+    path.with_name("table.csv").write_text("id,width\nlast,0.6\n")
+    many = "  - {id: many, table: table.csv, profile: block, height: 2, friction: .inf}"
+    path.write_text(path.read_text().replace("motions:", f"{many}\nmotions:"))
+    assert command("run", path).exit_code == 0
+    return path
+
+
+class TestNothingToDo:
+    """One digest tells it, before numpy and pydantic are imported."""
+
+    def test_nothing_heavy_is_imported_for_it(self, still):
+        blocked = "import sys; sys.modules.update(dict.fromkeys(['numpy', 'pydantic', 'numba']))"
+        code = f"{blocked}; from archfrag.cli import main; main(['run', {str(still)!r}])"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.stderr == f"archfrag: reading {still}\n{NOTHING}"
+
+    def test_all_that_counts_is_in_it(self, still, monkeypatch):
+        """Files that change, are gone or are new; keys that are given; another code."""
+        (work,) = still.parent.glob("out/.archfrag")
+        folder = finished_folder(still, ())
+        assert folder == still.parent / "out"
+        assert finished_folder(still, ["title=Other"]) is None
+        for path in (
+            still, still.with_name("table.csv"), *still.parent.glob("records/*"),
+            *folder.glob("[!.]*"), work / "motions.json", *work.glob("motions/*"),
+            *work.glob("runs/*"),
+        ):  # fmt: skip
+            content = path.read_bytes()
+            path.write_bytes(content.replace(b"1", b"2"))
+            assert (finished_folder(still, ()) is None) == (content != path.read_bytes()), path
+            path.write_bytes(content)
+        for new in ("records/index.csv", "index.csv", "records/wave0.xml", "records/wave9.AT2"):
+            (still.parent / new).write_text("new")
+            assert finished_folder(still, ()) is None, new
+            (still.parent / new).unlink()
+        (still.parent / "notes.txt").write_text("of the user")
+        assert finished_folder(still, ())
+        monkeypatch.setattr("archfrag.study.files.digest_of_code", lambda *patterns: "edited")
+        assert finished_folder(still, ()) is None
+
+    def test_a_damaged_stamp_is_no_answer(self, still):
+        path = still.parent / "out" / ".archfrag" / "stamp.json"
+        content = path.read_text()
+        whole = json.loads(content)
+        for damage in ({}, [], "text", {"watched": 3}, {"watched": [[]]}, {"watched": ["\0"]}):
+            own = {**whole["all"], **damage} if isinstance(damage, dict) and damage else damage
+            path.write_text(json.dumps({**whole, "all": own}))
+            assert finished_folder(still, ()) is None
+            path.write_text(json.dumps(damage))
+            assert finished_folder(still, ()) is None
+        path.write_text(content)
+        assert finished_folder(still, ())

@@ -75,6 +75,10 @@ def run(
     """
     if not quiet:  # before the imports, which take a second or more
         warn(f"reading {study_file}")
+    from archfrag.study.done import finished_folder
+
+    if (folder := finished_folder(study_file, overrides)) is not None:
+        return None if quiet else _point_to(folder, folder if overrides else study_file, False)
     from archfrag.study.file.schema import load_study
     from archfrag.study.running import stoppable, without_dask
     from archfrag.study.steps import run_study
@@ -84,9 +88,11 @@ def run(
             study = load_study(study_file, overrides)
             if study.execution.scheduler is None:
                 stack.enter_context(without_dask())
-            anything = run_study(study, study_file, check, make_report, cores, quiet)
+            anything = run_study(study, study_file, check, make_report, cores, quiet, overrides)
             if not quiet:
-                _summary(study, study.folder if overrides else study_file, anything)
+                if anything:
+                    _summary(study)
+                _point_to(study.folder, study.folder if overrides else study_file, anything)
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
         words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
@@ -95,27 +101,28 @@ def run(
         raise
 
 
-def _summary(study: Any, named: Path, anything: bool) -> None:
-    """Print the answers of a finished study if there was anything to do, and its report's path."""
+def _summary(study: Any) -> None:
+    """Print the answers of a finished study."""
     from archfrag.files import printable
-    from archfrag.study.steps import REPORT_FILES
+    from archfrag.study.answer.fits import fit_lines, load_fits
+    from archfrag.study.checks import arch_texts
 
-    if anything:
-        from archfrag.study.answer.fits import fit_lines, load_fits
-        from archfrag.study.checks import arch_texts
+    fitted = load_fits(study)
+    answers, cautions = fit_lines(study, fitted)
+    for found in _rates(study, *fitted):
+        answers, cautions = answers + found[0], cautions + found[1]
+    texts = *answers, *arch_texts(study)
+    for line in (line for text in texts for line in wrapped(text, 8)):
+        echo(line)
+    for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
+        click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
 
-        fitted = load_fits(study)
-        answers, cautions = fit_lines(study, fitted)
-        for found in _rates(study, *fitted):
-            answers, cautions = answers + found[0], cautions + found[1]
-        texts = *answers, *arch_texts(study)
-        for line in (line for text in texts for line in wrapped(text, 8)):
-            echo(line)
-        for first, *others in (wrapped(f"! {printable(each)}", 2) for each in cautions):
-            click.echo("\n".join([click.style("!", fg="yellow") + first[1:], *others]))
-    else:  # at once: reading the answers takes a second
+
+def _point_to(folder: Path, named: Path, anything: bool) -> None:
+    """Print the path of the report, and that there was nothing to do if so."""
+    if not anything:
         warn("nothing to do: all results are up to date")
-    report = study.folder / REPORT_FILES[0]
+    report = folder / "report.html"
     if report.is_relative_to(Path.cwd()):
         report = report.relative_to(Path.cwd())
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")

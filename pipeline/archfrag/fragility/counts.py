@@ -102,7 +102,7 @@ def draws_of_records(
     return generator.multinomial(n, np.full(n, 1.0 / n), resamples)[:, group]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Brackets:
     """Two levels between which the capacity of each record lies, and the runs that show it."""
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
 
 from archfrag.errors import FitError, InputError
 
@@ -71,7 +71,7 @@ class Fragility:
         """Probability of collapse at intensities >= 0 (else InputError), same shape."""
         theta, beta = self.parts.T
         deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta
-        return ndtr(deviation).mean(axis=-1)
+        return scipy.special.ndtr(deviation).mean(axis=-1)
 
     __call__ = probability
 
@@ -85,12 +85,12 @@ class Fragility:
             raise InputError(f"quantile: {p.tolist()} must lie between 0 and 1")
         theta, beta = self.parts.T
         if len(theta) == 1:
-            return np.asarray(theta[0] * np.exp(beta[0] * ndtri(p)))
+            return np.asarray(theta[0] * np.exp(beta[0] * scipy.special.ndtri(p)))
 
         from scipy.optimize import brentq  # which takes a tenth of a second to import
 
         def of(one: float) -> float:
-            ends = np.log(theta) + beta * ndtri(one)
+            ends = np.log(theta) + beta * scipy.special.ndtri(one)
             low, high = ends.min() - 1e-9, ends.max() + 1e-9
             return float(np.exp(brentq(lambda x: self.probability(np.exp(x)) - one, low, high)))
 
@@ -108,23 +108,25 @@ class Fragility:
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
         """Pointwise band of the curve at intensities >= 0, by the delta method."""
-        quantile = ndtri(tails(confidence)[1])
+        quantile = scipy.special.ndtri(tails(confidence)[1])
         z = (log_intensity(im) - np.log(self.theta)) / self.beta
         # var z = g C g with g = -(1, z) / beta.
         (var_theta, cov), (_, var_beta) = self.covariance
         with np.errstate(invalid="ignore"):
             reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / self.beta
-            lower, upper = np.where(np.isneginf(z), 0.0, [ndtr(z - reach), ndtr(z + reach)])
+            ends = scipy.special.ndtr([z - reach, z + reach])
+            lower, upper = np.where(np.isneginf(z), 0.0, ends)
         return lower, upper
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Interval of the median from the covariance, normal in ln theta."""
-        reach = np.exp(ndtri(tails(confidence)[1]) * self.standard_errors[0])
+        reach = np.exp(scipy.special.ndtri(tails(confidence)[1]) * self.standard_errors[0])
         return float(self.theta / reach), float(self.theta * reach)
 
     def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Interval of the dispersion from the covariance, normal in ln beta."""
-        reach = np.exp(ndtri(tails(confidence)[1]) * self.standard_errors[1] / self.beta)
+        z = scipy.special.ndtri(tails(confidence)[1])
+        reach = np.exp(z * self.standard_errors[1] / self.beta)
         return float(self.beta / reach), float(self.beta * reach)
 
     def to_dict(self) -> dict[str, Any]:

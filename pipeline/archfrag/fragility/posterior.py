@@ -217,9 +217,11 @@ def _with_scatter(found: Brackets, share: float) -> Posterior:
     def by_scatter(log_theta: FloatArray, beta: FloatArray) -> FloatArray:
         logs = []
         for s, own in zip(scatter, cells):
-            of_records = np.sqrt(np.maximum(beta**2 - s**2, (1e-6 * s) ** 2))
-            each = _of_cells(*own, power, log_theta, of_records) + np.log(step * s / beta)
-            logs.append(np.where(beta > s, each, -np.inf))
+            each, some = np.full(log_theta.shape, -np.inf), beta[:, 0] > s
+            of_records = np.sqrt(np.maximum(beta[some] ** 2 - s**2, (1e-6 * s) ** 2))
+            each[some] = _of_cells(*own, power, log_theta[some], of_records)
+            each[some] += np.log(step * s / beta[some])
+            logs.append(each)
         return np.array(logs)
 
     def terms(log_theta: FloatArray, beta: FloatArray) -> Summands:

@@ -5,6 +5,7 @@ docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,15 @@ def capacity_posterior(
     number = float(known.lower.size)
     if groups is not None:
         number = independent_records(known, np.asarray(groups)[found.decided > 0])
+    if number == known.lower.size:
+        return _of_independent(found), number
     return fit_capacity_posterior(known, number), number
+
+
+@lru_cache(maxsize=1)
+def _of_independent(found: Brackets) -> Posterior:
+    """Posterior of independent records, which both the band and the test of its shape ask for."""
+    return fit_capacity_posterior(found.known())
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
@@ -231,8 +240,7 @@ def check_lognormal(
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if found.contradictions.any():
-            scatter = fit_capacity_posterior(found.known()).scatter
-            rho = max(0.0, 1.0 - (scatter * b) ** 2)
+            rho = max(0.0, 1.0 - (_of_independent(found).scatter * b) ** 2)
         (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]

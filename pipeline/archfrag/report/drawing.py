@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import wraps
 from html import escape
 from itertools import groupby, pairwise
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -313,7 +314,8 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
 
 def trace(x: FloatArray, y: FloatArray) -> str:
     """Path through points, with a gap where one is not finite."""
-    points = [f"{number(a)} {number(b)}" if np.isfinite(a + b) else "" for a, b in zip(x, y)]
+    pairs = np.stack([x, y], axis=1).tolist()
+    points = [f"{number(a)} {number(b)}" if isfinite(a + b) else "" for a, b in pairs]
     lines = ("M" + " ".join(line) for seen, line in groupby(points, bool) if seen)
     return "".join(lines).replace(" -", "-")
 

@@ -301,8 +301,9 @@ def _motion_parts(inputs: ReportInputs) -> Iterable[Any]:
 
 def _motion_table(inputs: ReportInputs) -> Markup:
     rows = []
+    cube = inputs.cube[["scale_factor", "magnitude", "distance"]]
     for motion in inputs.motions:
-        own = inputs.cube.sel(record=motion.id)
+        own = cube.sel(record=motion.id)
         factor = own["scale_factor"].values[np.isfinite(own["scale_factor"].values)]
         rows.append([
             motion.id, measured(own["magnitude"].item(), ".2f"),

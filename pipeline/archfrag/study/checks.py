@@ -243,7 +243,7 @@ def _read_records(study: Study, records: list[PreparedRecord], partners: list[st
     partnered = {source.path.name for source in find_sources(every, study.intensity.measure)
               if "vertical" in source.others}  # fmt: skip
     for motion in read_sources(study.motions, study.intensity.measure):
-        records.append(described(study, motion))
+        records.append(described(study, motion, ()))
         about = motion.metadata
         others = [about.get("file_transverse"), about.get("vertical_file")]
         if used := " and ".join(name for name in others if name and name != about["file"]):

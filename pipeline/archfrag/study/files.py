@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING, Any
 import archfrag
 from archfrag.errors import OutputError
 from archfrag.files import opened, replacing, sha256_of, sweep
+from archfrag.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
 
 PACKAGE = Path(archfrag.__file__).resolve().parent
 CUBE = "cube.nc"
-OWNER = "study.json"  # in the hidden folder
+OWNER, STAMPS = "study.json", "stamp.json"  # in the hidden folder
 FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
 # netCDF's C library is not safe in threads, and xarray's own lock does not hold for attributes.
 NETCDF = threading.RLock()
@@ -79,12 +80,22 @@ def digest_of_code(*patterns: str) -> str:
 def digest_of_syntax(*patterns: str) -> str:
     """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
 
-    Comments, docstrings, layout and the messages of errors do not count.
+    Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
+    so it is kept beside the kernels of this machine, by the bytes that it is of.
     """
+    known = [digest_of_code.__wrapped__(name) for name in (*patterns, "study/files.py")]
+    place = use_kernel_cache()
+    kept = place and place / f"syntax-{digest_of([known, platform.python_version()])}"
+    with contextlib.suppress(OSError, ValueError):
+        if kept and len(found := kept.read_text()) == 64:
+            return found
     digest = hashlib.sha256()
     for path in _files_of_code(*patterns):
         digest.update(path.relative_to(PACKAGE).as_posix().encode())
         digest.update(ast.dump(_without_words(ast.parse(path.read_bytes()))).encode())
+    with contextlib.suppress(OutputError):
+        if kept:
+            write_text(kept, digest.hexdigest())
     return digest.hexdigest()
 
 
@@ -122,17 +133,25 @@ def check_own(study: "Study") -> None:
     sweep(study.work)
 
 
-def stamp_file(study: "Study", step: str) -> Path:
-    """File that states that a step is done."""
-    return study.work / "steps" / f"{step}.json"
+def read_stamps(work: Path) -> dict[str, Any]:
+    """The stamp of a study, which states what steps are done; empty if it cannot be read."""
+    try:
+        return dict(read_json(work / STAMPS))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
+    """Put what a step was made from, and what it made, into the stamp of a study."""
+    write_text(work / STAMPS, canonical_json(read_stamps(work) | {step: stamp}) + "\n")
 
 
 def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
-        stamp = read_json(stamp_file(study, step))
+        stamp = read_stamps(study.work)[step]
         return dict(stamp["from"]), dict(stamp["files"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None, {}
 
 
@@ -178,6 +197,7 @@ def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
     return lines
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results pass through."""
     found = {"archfrag": archfrag.__version__, "python": platform.python_version()}

@@ -1,14 +1,17 @@
 """The steps of a study, one after the other: each does nothing where its result is current.
 
-A step that is done leaves a stamp: digests of what it was made from, and the SHA-256 of what it
-made. Times of modification decide nothing.
+A study has one stamp: of each step that is done digests of what it was made from, and the SHA-256
+of what it made; and one digest of all, if all is done. Times of modification decide nothing.
 """
 
 import contextlib
 import os
 import sys
+import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +20,7 @@ from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import files
 from archfrag.study.answer.cube import attributes, write_cube
 from archfrag.study.checks import check_start
+from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
@@ -61,9 +65,14 @@ def products(study: Study, step: str) -> list[Path]:
     return [study.folder / name for name in names[step]]
 
 
+def _tables(study: Study) -> list[Path]:
+    """Tables of the runs of all batches."""
+    return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
+
+
 def read_timings(study: Study) -> dict[str, list[float]]:
     """Wall times of the runs of each arch [s]; empty if their tables are not there."""
-    paths = [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
+    paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
     import pandas as pd
@@ -73,24 +82,23 @@ def read_timings(study: Study) -> dict[str, list[float]]:
 
 
 def make_step(
-    study: Study, step: str, say: Say, plan: Plan | None = None, *,
+    study: Study, step: str, say: Say | None, plan: Plan | None = None, *,
     report: Report | None = None, cores: int | None = None, quiet: bool = False,
     compared: Path | None = None,
 ) -> None:  # fmt: skip
     """Make one step of `step_names`, whose inputs are there, unless it is current.
 
-    `say` takes a line for the user; `plan` is that of the study, if it is known; `cores` take the
-    place of the study's workers; `compared` is another study's file, for the report.
+    `say`, if any, takes a line for the user; `plan` is that of the study, if known; `cores` take
+    the place of the study's workers; `compared` is another study's file, for the report.
     """
+    told: Say = say or (lambda text: None)
     if step == "motions":
         if "motions" not in stale_steps(study)[0]:
             return
         check_start(study)
-        say(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
+        told(f"motions: {counted(len(prepare_motions(study)), 'record')} ready")
         return finish(study, step)
     plan = plan or make_plan(study)
-    if compared is None and not out_of_date(study, step, plan):
-        return None
     if step.startswith("batch"):
         from archfrag.study.runs.execute import run_batch
 
@@ -101,26 +109,33 @@ def make_step(
         write_csv(path, [table])
         name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
         seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
-        say(
+        told(
             f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
             f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
         )
-    elif step == "cube":
-        say(f"cube: {write_cube(study, plan)}")
+        return None
+    if compared is None and not out_of_date(study, step, plan):
+        return None
+    if step == "cube":
+        told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines
 
         require(study, "cube", plan)
-        answers, cautions = fit_lines(study, fit_cube(study))
+        fitted = fit_cube(study)
+        answers, cautions = fit_lines(study, fitted) if say else ([], [])
         for line in [*answers, *(f"caution: {each}" for each in cautions)]:
-            say(line)
+            told(line)
     elif report is not None:
-        say(f"report: {report(study, compared)}")
+        told(f"report: {report(study, compared)}")
     return finish(study, step, plan)
 
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
-    """Leave the stamp of a step; remove figures that the step made before and not now."""
+    """Put a step into the study's stamp; remove figures that it made before and not now.
+
+    Batches, which may end at the same time, are not in it: their runs are known by their parts.
+    """
     made = {
         os.path.relpath(path, study.folder): files.sha256_if_there(path)
         for path in products(study, step) if path.is_file()
@@ -131,8 +146,7 @@ def finish(study: Study, step: str, plan: Plan | None = None) -> None:
         if ours and files.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
     stamp = {"from": _made_from(study, step, plan), "files": made}
-    make_folder(files.stamp_file(study, step).parent)
-    files.write_text(files.stamp_file(study, step), files.canonical_json(stamp) + "\n")
+    files.write_stamp(study.work, step, stamp)
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -159,10 +173,24 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
         plan = make_plan(study)
     except InputError as error:
         return names, [str(error)] if (study.work / MANIFEST).exists() else []
-    for i, step in enumerate(names):
+    for step in ("motions", *names[-3:]):
         if wrong := out_of_date(study, step, plan):
-            return names[i:], [wrong] if files.stamp_file(study, step).is_file() else []
+            known = files.read_stamp(study, step)[0]
+            if step == "cube" and not _runs_are_there(study, plan, known):
+                step = names[1]
+            return names[names.index(step) :], [wrong] * (known is not None)
     return [], []
+
+
+def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
+    """Whether all runs of a plan are made, and that of the cube `before`, if any, was the same."""
+    now = {name: files.digest_of(digest) for name, digest in plan.digests.items()}
+    if before is not None and not now.items() <= before.items():
+        return False
+    with contextlib.suppress(InputError):
+        gather(plan)
+        return all(path.is_file() for path in _tables(study))
+    return False
 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
@@ -178,21 +206,12 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     now = _made_from(study, step, plan)
     if changed := [name for name in now | before if now.get(name) != before.get(name)]:
         return f"{main}: was made before these changed: {', '.join(changed)}"
-    if step.startswith("batch") and plan is not None and out_of_date(study, "cube", plan):
-        try:
-            gather(plan)
-        except InputError:
-            return f"results in {plan.parts} are missing or damaged"
     return ""
 
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
-    found: dict[str, Any] = {"step": step}
-    if step.startswith("batch"):
-        found |= (plan or make_plan(study)).digests
-    else:
-        found |= {"code": files.digest_of_code("**/*"), "packages": files.versions()}
+    found: dict[str, Any] = {"code": files.digest_of_code("**/*"), "packages": files.versions()}
     if step == "motions":
         found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
     elif step == "cube":
@@ -201,7 +220,6 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
             "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
             "parameters of arches": [(m.id, m.values) for m in plan.arches],
             "title": study.title, "institution": study.institution,
-            "levels": [plan.digests["levels"], study.intensity.given],
             "settings": attributes(study, plan),
         }  # fmt: skip
     elif step in ("fit", "report"):
@@ -225,11 +243,14 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
 
 def run_study(
     study: Study, study_file: Path, check_stopped: Callable[[], None], report: Report,
-    cores: int | None = None, quiet: bool = False,
+    cores: int | None = None, quiet: bool = False, overrides: Sequence[str] | None = None,
 ) -> bool:  # fmt: skip
-    """Do all of a study that is not done yet; whether there was anything to do."""
+    """Do all of a study that is not done yet; whether there was anything to do.
+
+    If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
+    """
     files.check_own(study)
-    owner = _owner(study, study_file)
+    claim(study, study_file, write=False)
     if not stale_steps(study)[0]:
         return False
     check_start(study)
@@ -240,7 +261,7 @@ def run_study(
 
     make_folder(study.work)
     with only_run(study):
-        _write_owner(study, owner)
+        claim(study, study_file)
         stale, changed = stale_steps(study)
         for line in changed[:_MOST_LINES]:
             say(line)
@@ -251,37 +272,54 @@ def run_study(
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
+            if step.startswith("batch"):
+                _import_ahead()
             of_runs = step == "motions" or step.startswith("batch")
             with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
                 # The answers are for the end of the run.
-                told = say if of_runs else lambda text: None
+                told = say if of_runs else None
                 make_step(study, step, told, plan, report=report, cores=cores, quiet=quiet)
+        stamp = {}
+        if overrides is not None:  # before the last look at all that it is of
+            made = chain.from_iterable(products(study, step) for step in step_names(study))
+            stamp = stamp_of_all(study, study_file, overrides, made)
         still, changed = stale_steps(study)
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
+        files.write_stamp(study.work, "all", stamp)
     return True
 
 
-def claim(study: Study, study_file: Path) -> None:
-    """Note whose results are in the folder; OutputError if they are of another study file."""
-    _write_owner(study, _owner(study, study_file))
+def _import_ahead() -> None:
+    """Import what follows the runs in a thread, which the kernels leave time for.
+
+    What the runs need is imported before, so that no two threads import the same.
+    """
+    for name in ("study.runs.execute", "warmup", "simulate"):
+        import_module(f"archfrag.{name}")
+
+    def ahead() -> None:
+        import_module("archfrag.study.answer.fits")
+        # Where dask is installed, the first variable imports its arrays.
+        import_module("xarray").Variable((), 0.0)
+
+    threading.Thread(target=ahead, daemon=True).start()
 
 
-def _write_owner(study: Study, owner: dict[str, str]) -> None:
-    files.write_text(make_folder(study.work) / files.OWNER, files.canonical_json(owner) + "\n")
+def claim(study: Study, study_file: Path, write: bool = True) -> None:
+    """See that results are not those of another study file (OutputError); `write` whose they are.
 
-
-def _owner(study: Study, path: Path) -> dict[str, str]:
-    """Who owns the results: the id, and the file relative to them, so that both may be moved.
-
-    OutputError if they are those of another study file.
+    Its path is relative to them, so that both may be moved.
     """
     before = files.read_owner(study).get("file")
     file = study.folder / (before or "")
-    if before is not None and file.is_file() and not file.samefile(path):
+    if before is not None and file.is_file() and not file.samefile(study_file):
         raise OutputError(
-            f"{study.folder}: holds the results of {file.resolve()}; give {path.name} another "
-            "output, or another id if it names none"
+            f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
+            "another output, or another id if it names none"
         )
-    return {"id": study.id, "file": os.path.relpath(path.resolve(), study.folder.resolve())}
+    if write:
+        here = os.path.relpath(study_file.resolve(), study.folder.resolve())
+        owner = files.canonical_json({"id": study.id, "file": here})
+        files.write_text(make_folder(study.work) / files.OWNER, owner + "\n")

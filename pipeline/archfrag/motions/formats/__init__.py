@@ -65,6 +65,7 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     )
 
 
+@functools.cache
 def plug_in(name: str, task: str) -> Callable[[str], Any]:
     """Return what tests (``is``) or reads (``read``) a format: a function here or obspy's."""
     if name in OWN or (name, task) == ("KNET", "read"):

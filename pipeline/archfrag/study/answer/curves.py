@@ -41,8 +41,14 @@ class Runs:
     # (n_record,): what rows have in common: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
     unit: str = "event"  # which of the two
-    cube: Any = None  # of these arches
     worded: Worded = str
+    whole: Any = None  # cube of the study
+    arches: Sequence[int] = ()  # places in it
+
+    @cached_property
+    def cube(self) -> Any:
+        """Cube of these arches."""
+        return self.whole.isel(arch=self.arches)
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -66,15 +72,14 @@ def runs_of_cube(
         for name in set(both):
             places.setdefault(name, []).append(place)
     found, ordered = [], cube.transpose("arch", "record", "level", ...)
+    verdict, levels = ordered["verdict"].values.astype(np.int64), ordered["intensity"].values
+    n_level = verdict.shape[-1]
     for name in of_class if names is None else names:
-        part = ordered.isel(arch=places[name])
-        verdict, level = part["verdict"].values.astype(np.int64), part["intensity"].values
-        n_arch, _, n_level = verdict.shape
-        if level.ndim == 3:
-            level = level.reshape(-1, n_level)
-        group, unit = (event, "event") if n_arch == 1 else (np.tile(record, n_arch), "record")
-        rows = verdict.reshape(-1, n_level)
-        found.append(Runs(name, design, rows, level, group, unit, part, worded))
+        own = places[name]
+        level = levels[own].reshape(-1, n_level) if levels.ndim == 3 else levels
+        group, unit = (event, "event") if len(own) == 1 else (np.tile(record, len(own)), "record")
+        rows = verdict[own].reshape(-1, n_level)
+        found.append(Runs(name, design, rows, level, group, unit, worded, ordered, own))
     return found
 
 

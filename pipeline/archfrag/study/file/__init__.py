@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
+from archfrag.study.text import CONTROL, absolute
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {
     "union_tag_not_found": "must be given",
@@ -103,7 +102,7 @@ def _absolute(value: str, info: Any) -> str:
     path = os.path.expanduser(value)
     if path.startswith("~"):
         raise refuse("names the home folder of a user who does not exist")
-    return os.path.abspath(os.path.join(info.context["folder"], path)) if info.context else path
+    return absolute(path, info.context["folder"]) if info.context else path
 
 
 PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
@@ -158,41 +157,6 @@ def at(
         raise kind(f"{place}: {why}") from error
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML in which no key is given twice, and a number may be written as 2e-3."""
-
-    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
-        if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
-            problem = "text must hold no control characters"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
-        return super().construct_scalar(node)
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set[str]()
-        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            if key.value in seen:
-                problem = f"the key {key.value[:40]} is given twice"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
-class _Dumper(yaml.SafeDumper):
-    """YAML that the loader reads as it was: text such as 1e3 is quoted."""
-
-
-for _of in (_Loader, _Dumper):
-    _of.add_implicit_resolver(
-        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-        list("-+.0123456789"),
-    )  # fmt: skip
-
-
-def yaml_of(keys: Any) -> str:
-    """Write keys of a study file as YAML, in their order."""
-    return yaml.dump(keys, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
-
-
 def check_text(value: Any, key: str) -> None:
     """Refuse control characters in the texts of a value, as the loader does in a file."""
     if isinstance(value, Mapping):
@@ -201,16 +165,5 @@ def check_text(value: Any, key: str) -> None:
     elif isinstance(value, list):
         for inner in value:
             check_text(inner, key)
-    elif isinstance(value, str) and _CONTROL.search(value):
+    elif isinstance(value, str) and CONTROL.search(value):
         raise InputError(f"{key} = {value!r} must hold no control characters")
-
-
-def parse_value(text: str, place: str) -> Any:
-    """Read a value in YAML; InputError with the `place` and the line if it is not valid."""
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        why = " ".join(str(getattr(error, "problem", None) or error).split())[:200]
-        mark = getattr(error, "problem_mark", None)
-        line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
-        raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error

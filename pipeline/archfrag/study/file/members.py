@@ -12,8 +12,9 @@ import numpy as np
 
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
-from archfrag.study.file import at, meant, parse_value
+from archfrag.study.file import at, meant
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.study.text import parse_value
 from archfrag.tables import check_decimals, parse_table, table_of
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them

@@ -121,11 +121,8 @@ def find_sources(asked: Motions, measure: str) -> list[Source]:
     return found
 
 
-def study_inputs(study: Study) -> Inputs:
-    """All files that the motions of a study follow from.
-
-    Paths are relative to the folder of the results, so that a study may be moved with them.
-    """
+def input_paths(study: Study) -> dict[str, list[Path]]:
+    """Files that the motions of a study follow from, by kind, and those that would count too."""
     sources = find_sources(study.motions, study.intensity.measure)
     given = study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
@@ -139,11 +136,19 @@ def study_inputs(study: Study) -> Inputs:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         every = sorted(place.glob("*.xml"))
         inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
-    inputs: Inputs = {}
-    for kind, paths in (("record", records), ("index", indices), ("inventory", inventories)):
-        digests = {os.path.relpath(path, study.folder): sha256_if_there(path) for path in paths}
-        inputs[kind] = {path: digest for path, digest in digests.items() if digest is not None}
-    return inputs
+    return {"record": records, "index": indices, "inventory": inventories}
+
+
+def study_inputs(study: Study) -> Inputs:
+    """All files that the motions of a study follow from, with their digests.
+
+    Paths are relative to the folder of the results, so that a study may be moved with them.
+    """
+    return {
+        kind: {os.path.relpath(path, study.folder): digest for path in paths
+               if (digest := sha256_if_there(path)) is not None}
+        for kind, paths in input_paths(study).items()
+    }  # fmt: skip
 
 
 def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
@@ -330,10 +335,15 @@ def _with_components(
     return motion
 
 
-def described(study: Study, motion: "Motion") -> PreparedRecord:
-    """Facts of a motion that is not stored yet; InputError if it cannot be scaled."""
+def described(
+    study: Study, motion: "Motion", compared: Sequence[str] = COMPARED
+) -> PreparedRecord:
+    """Facts of a motion that is not stored yet; InputError if it cannot be scaled.
+
+    Its `measures` are that of the study and those that are `compared` with it.
+    """
     own, about = study.intensity.measure, motion.metadata
-    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *COMPARED))}
+    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *compared))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)

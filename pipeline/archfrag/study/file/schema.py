@@ -1,7 +1,6 @@
 """A study file as a whole: what is allowed in it, how it is read, and its schema for editors."""
 
 import json
-import os
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -10,15 +9,15 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from archfrag.errors import InputError
-from archfrag.files import WORK, read_text
+from archfrag.files import WORK
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
-from archfrag.study.file import PathText, Section, at, parse_value, refuse
+from archfrag.study.file import PathText, Section, at, refuse
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
+from archfrag.study.text import read_keys
 
-LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 MOST_LEVELS = 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -228,14 +227,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     `overrides` are texts ``key.key=value``, the value as the file would give it. InputError is one
     message with file, key, value and what is allowed.
     """
-    path = Path(path)
-    folder = Path(os.path.realpath(path)).parent
-    given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
-    if not isinstance(given, dict):
-        raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
-    for text in overrides:
-        _override(given, text)
-    return study_of(given, folder, path)
+    return study_of(*read_keys(Path(path), overrides), path)
 
 
 def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
@@ -265,21 +257,3 @@ def study_schema() -> str:
     blocks = {key: design.pop(key) for key in ("discriminator", "oneOf")}
     design["anyOf"] = [{"enum": names, "type": "string"}, blocks]
     return json.dumps(schema, indent=2, ensure_ascii=False, sort_keys=True) + "\n"
-
-
-def _override(given: dict[str, Any], text: str) -> None:
-    key, equals, value_text = text.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
-    block: Any = given
-    place: Any = parts[0]
-    value = parse_value(value_text, f"--set {key}")
-    try:
-        for part in parts[1:]:
-            block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
-            place = int(part) if isinstance(block, list) else part
-        block[place] = value
-    except (LookupError, TypeError, ValueError):
-        what = "only a block has keys, and a list items, numbered from 0"
-        raise InputError(f"--set {text}: the study has no such place; {what}") from None

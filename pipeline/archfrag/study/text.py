@@ -1,0 +1,98 @@
+"""The text of a study file: YAML with rules of its own, and keys that a command overrides."""
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from archfrag.errors import InputError
+from archfrag.files import read_text
+
+LARGEST_FILE = 500_000  # [bytes] read in about three seconds
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which no key is given twice, and a number may be written as 2e-3."""
+
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        if isinstance(node, yaml.ScalarNode) and CONTROL.search(node.value):
+            problem = "text must hold no control characters"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        return super().construct_scalar(node)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[str]()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                problem = f"the key {key.value[:40]} is given twice"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML that the loader reads as it was: text such as 1e3 is quoted."""
+
+
+for _of in (_Loader, _Dumper):
+    _of.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        list("-+.0123456789"),
+    )  # fmt: skip
+
+
+def yaml_of(keys: Any) -> str:
+    """Write keys of a study file as YAML, in their order."""
+    return yaml.dump(keys, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
+
+
+def parse_value(text: str, place: str) -> Any:
+    """Read a value in YAML; InputError with the `place` and the line if it is not valid."""
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        why = " ".join(str(getattr(error, "problem", None) or error).split())[:200]
+        mark = getattr(error, "problem_mark", None)
+        line = "is not valid YAML" if mark is None else f"line {mark.line + 1}"
+        raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error
+
+
+def absolute(path: str, folder: Path) -> str:
+    """Make a path of a study file absolute, whose folder is given."""
+    return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
+
+
+def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any], Path]:
+    """Read the keys of a study file as they are written, with its folder.
+
+    `overrides` are texts ``key.key=value``. InputError names the file or the override, and why.
+    """
+    folder = Path(os.path.realpath(path)).parent
+    given = parse_value(read_text(path, LARGEST_FILE, InputError, "the study file"), str(path))
+    if not isinstance(given, dict):
+        raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
+    for text in overrides:
+        _override(given, text)
+    return given, folder
+
+
+def _override(given: dict[str, Any], text: str) -> None:
+    key, equals, value_text = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
+    block: Any = given
+    place: Any = parts[0]
+    value = parse_value(value_text, f"--set {key}")
+    try:
+        for part in parts[1:]:
+            block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
+            place = int(part) if isinstance(block, list) else part
+        block[place] = value
+    except (LookupError, TypeError, ValueError):
+        what = "only a block has keys, and a list items, numbered from 0"
+        raise InputError(f"--set {text}: the study has no such place; {what}") from None
