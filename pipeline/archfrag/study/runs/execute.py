@@ -20,7 +20,7 @@ from archfrag.study.files import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, in_order
 from archfrag.study.runs.store import Plan, Table, places
-from archfrag.study.runs.workers import Cluster, Threads, make_runs, workers_of
+from archfrag.study.runs.workers import Cluster, Threads, workers_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,7 +157,7 @@ class _Maker:
         if new:
             self._chunks |= new
             self._waiting = np.concatenate([np.empty(0, CASE), *cut])
-            workers.send({key: (make_runs, workers.plan, chunk) for key, chunk in new.items()})
+            workers.send(new)
 
     def _take(self, made: list[tuple[Any, Table]]) -> tuple[Cases, Verdicts]:
         """Store rows, and return their runs and those that are the same."""

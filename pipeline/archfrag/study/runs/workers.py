@@ -3,13 +3,16 @@
 import contextlib
 import importlib
 import json
+import operator
+import pickle
 import socket
 import sys
 import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,10 +28,10 @@ if TYPE_CHECKING:
     from distributed import Client
 
 ANSWER_WITHIN = 10.0  # of a scheduler [s]
+HEARD_WITHIN = 0.5  # of Ctrl-C [s]
 # What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
 NEEDED_LATER = ("xarray", "dask.array", "distributed")
 _GO_ON = "finished parts are kept, the same command goes on"
-Graph = dict[Any, Any]
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
 
 
@@ -65,17 +68,20 @@ class Threads:
     spare = 0  # chunks that may wait while all threads are busy
 
     def __init__(self, plan: Plan, count: int) -> None:
-        self.plan, self.count = "plan", count
-        self._given, self._made = plan, SimpleQueue[Made | Future]()
+        self.count = count
+        self._plan, self._made = plan, SimpleQueue[Made | Future]()
         self._pool = ThreadPoolExecutor(count)
         self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
 
-    def send(self, graph: Graph) -> None:
-        """Begin with the runs of a graph."""
+    def send(self, chunks: dict[Any, Cases]) -> None:
+        """Begin with some chunks of runs, by key."""
         import dask.threaded
 
+        graph: dict[Any, Any] = {"plan": self._plan}
+        graph |= {key: (make_runs, "plan", chunk) for key, chunk in chunks.items()}
+
         def keep(key: Any, rows: Any, *_: Any) -> None:
-            if key != self.plan:
+            if key != "plan":
                 self._made.put((key, rows))
 
         def end(whole: Future) -> None:
@@ -83,7 +89,7 @@ class Threads:
                 self._made.put(whole)
 
         self._graphs.submit(
-            dask.threaded.get, graph | {self.plan: self._given}, list(graph), pool=self._pool,
+            dask.threaded.get, graph, list(chunks), pool=self._pool,
             callbacks=[(None, None, None, keep, None)],  # after each task
         ).add_done_callback(end)  # fmt: skip
         with contextlib.suppress(ImportError):  # distributed is an extra
@@ -92,7 +98,10 @@ class Threads:
 
     def made(self) -> list[Made]:
         """Wait for the next chunk."""
-        found = self._made.get()
+        found: Made | Future | None = None
+        while found is None:  # a signal may come just before a wait, and is heard after it
+            with contextlib.suppress(Empty):
+                found = self._made.get(timeout=HEARD_WITHIN)
         return [found.result() if isinstance(found, Future) else found]
 
     def close(self) -> None:
@@ -114,9 +123,11 @@ class Cluster:
         key = f"plan-{uuid.uuid4().hex}"  # others may use the scheduler too
         with self._worded():
             self._futures = as_completed(with_results=True, loop=client.loop)
+            # As bytes, so that neither a scheduler nor a worker without our code ends by them.
+            content = pickle.dumps(partial(make_runs, plan.with_motions()))
             # The scheduler keeps this graph: motions are sent anew if their worker is lost.
             with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-                (self.plan,) = client.get({key: plan.with_motions()}, [key], sync=False)
+                (self._plan,) = client.get({key: (pickle.loads, content)}, [key], sync=False)
 
     @property
     def count(self) -> int:
@@ -124,8 +135,9 @@ class Cluster:
         with self._worded():
             return sum(self._client.nthreads().values())
 
-    def send(self, graph: Graph) -> None:
-        """Begin with the runs of a graph."""
+    def send(self, chunks: dict[Any, Cases]) -> None:
+        """Begin with some chunks of runs, by key."""
+        graph = {key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()}
         with self._worded():
             self._futures.update(self._client.get(graph, list(graph), sync=False))
 
@@ -140,7 +152,7 @@ class Cluster:
     def close(self) -> None:
         """Begin nothing more."""
         with contextlib.suppress(Exception):  # of a scheduler that is gone
-            self._client.cancel([self.plan, *self._futures.futures])
+            self._client.cancel([self._plan, *self._futures.futures])
 
     @contextlib.contextmanager
     def _worded(self) -> Iterator[None]:
@@ -158,7 +170,7 @@ class Cluster:
             raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
         except (CancelledError, OSError, TimeoutError) as error:
             raise WorkerError(f"{self._name}: the scheduler is gone; {_GO_ON}") from error
-        except (ImportError, AttributeError, TypeError) as error:  # of other modules than ours
+        except (ImportError, NameError, AttributeError, TypeError) as error:  # of other modules
             what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
             raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
 
@@ -205,12 +217,12 @@ def _client_of(given: str) -> "Client":
     except ImportError:
         how = "which comes with `pip install archfrag[cluster]`"
         raise WorkerError(f"execution.scheduler: {given} needs distributed, {how}") from None
-    place = {"scheduler_file" if given.endswith(".json") else "address": given}
     try:
-        if "scheduler_file" in place:
-            json.loads(Path(given).read_bytes())  # for dask would wait for it without end
-        return Client(**place, timeout=ANSWER_WITHIN, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, RuntimeError, LookupError) as error:
+        # Of a file that is not there dask would wait without end.
+        read = given.endswith(".json")
+        address = json.loads(Path(given).read_bytes())["address"] if read else given
+        return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, RuntimeError, LookupError, TypeError) as error:
         what = f"{given} cannot be used: {error or type(error).__name__}"
         raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
 
