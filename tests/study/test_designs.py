@@ -15,7 +15,7 @@ from archfrag.study.answer.cube import in_si
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.design import CASE, Grid, ask, drive, in_order
+from archfrag.study.runs.design import CASE, Grid, ask, drive, order_of
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import NEAR, Ida
 from archfrag.study.runs.store import COLUMNS, Plan
@@ -160,7 +160,7 @@ def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed
 
     every = ask(requests(), lambda cases: table[cases["record"], cases["place"]].astype(np.int8))
     asked = drive(requests(), some)
-    np.testing.assert_array_equal(in_order(asked[0]), in_order(every[0]))
+    np.testing.assert_array_equal(*(cases[order_of(cases)] for cases in (asked[0], every[0])))
     assert asked[1] == every[1]
 
 

@@ -209,6 +209,6 @@ def drive(
         answers = dict(zip(arches.tolist(), pairs))
 
 
-def in_order(cases: Cases) -> Cases:
-    """Sort runs by arch, record and place."""
-    return cases[np.lexsort([cases[name] for name in ("place", "record", "arch")])]
+def order_of(cases: Cases) -> IntArray:
+    """Return the order of runs by arch, record and place."""
+    return np.lexsort([cases[name] for name in ("place", "record", "arch")])

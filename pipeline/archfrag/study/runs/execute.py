@@ -18,7 +18,7 @@ from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.files import add_to_log, machine
 from archfrag.study.runs import store
-from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, in_order
+from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
 
@@ -60,12 +60,14 @@ def run_batch(
     bar.estimate = estimate if study.design.adaptive and not quiet else 0
     with bar, contextlib.ExitStack() as stack:
         maker = _Maker(known, table, workers or study.execution.workers, bar, stack)
-        cases = in_order(drive(requests, maker.answer)[0])
+        cases = drive(requests, maker.answer)[0]
         bar.finish(maker.log["runs"])
         bar.leave = False  # the caller tells what was done
-    table = store.joined([table, *maker.made])
+    if maker.made:
+        table = store.joined([table, *maker.made])
     log = maker.log | {"wall_time": time.perf_counter() - started}
     add_to_log(study.work, {"step": "runs", "batch": batch, **log, **machine()})
+    cases = cases[order_of(cases)]
     at = places(table, known.keys(cases))
     names = np.array([member.name.lower() for member in Verdict], object)
     return log, pd.DataFrame({

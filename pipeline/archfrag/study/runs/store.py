@@ -30,7 +30,7 @@ from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_syntax
-from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, in_order
+from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -227,10 +227,20 @@ def read_part(path: Path) -> Table | None:
         content = path.read_bytes()
         if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
             return None
-        table: Table = np.load(io.BytesIO(content), allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+        start = content.index(b"\n") + 1
+        if _dtype_of(content[:start]) != ROW:
+            return None
+        return np.frombuffer(content, ROW, offset=start)
+    except (OSError, ValueError):
         return None
-    return table if table.dtype == ROW else None
+
+
+@lru_cache
+def _dtype_of(header: bytes) -> np.dtype:
+    """Read the header of a part; to read those of many takes longer than their rows."""
+    file = io.BytesIO(header)
+    np.lib.format.read_magic(file)
+    return np.lib.format.read_array_header_1_0(file)[2]
 
 
 def read_parts(folder: Path) -> Table:
@@ -257,7 +267,7 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
-    table = read_parts(plan.parts)
+    table, found = read_parts(plan.parts), list[NDArray[np.int64]]()
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
@@ -265,12 +275,13 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
             what = f"{missing} of {at.size} runs are missing or damaged"
             how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
             raise InputError(f"{plan.parts.parent}: {what}; {how}")
+        found.append(at)
         verdicts: Verdicts = table["verdict"][at]
         return verdicts
 
     cases, facts = ask(plan.requests(), known)
-    cases = in_order(cases)
-    return cases, table[places(table, plan.keys(cases))], facts
+    order = order_of(cases)
+    return cases[order], table[np.concatenate(found)[order]], facts
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:
