@@ -7,10 +7,11 @@ import operator
 import pickle
 import socket
 import sys
+import threading
 import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,8 @@ HEARD_WITHIN = 0.5  # of Ctrl-C [s]
 NEEDED_LATER = ("xarray", "dask.array", "distributed")
 _GO_ON = "finished parts are kept, the same command goes on"
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
+_identity = cache(store.code_identity)
+_ONE_AT_A_TIME = threading.Lock()  # as Python's parser asks for, up to 3.11 at least
 
 
 def make_runs(plan: Plan, cases: Cases) -> Table:
@@ -42,7 +45,9 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
     """
     from archfrag.simulate import results_of_runs
 
-    if store.code_identity() != plan.identity:
+    with _ONE_AT_A_TIME:
+        same = _identity() == plan.identity
+    if not same:
         raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
     motions = [plan.motion(record) for record in cases["record"].tolist()]
     method = plan.study.method
