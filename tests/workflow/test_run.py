@@ -208,6 +208,17 @@ def test_the_first_line_comes_before_anything_heavy_is_imported():
     assert done.stderr.startswith("archfrag: reading lost.yaml\nTraceback")
 
 
+def test_a_command_with_nothing_to_do_imports_neither_dask_nor_xarray(finished):
+    code = "import sys; from archfrag.cli import main; main(sys.argv[1:], standalone_mode=False)"
+    code += "; print('loaded', *sys.modules)"
+    asked = [sys.executable, "-c", code, "run", finished[0]]
+    done = subprocess.run(asked, capture_output=True, text=True)
+    assert NOTHING in done.stderr
+    loaded = set(done.stdout.split("loaded")[1].split())
+    assert "archfrag.study.steps" in loaded
+    assert not loaded & {"dask", "distributed", "xarray"}
+
+
 def test_info_describes_a_cube_by_its_file_its_folder_and_its_study(finished, tmp_path):
     path, _, _, cube = finished
     out = path.parent / "out"

@@ -25,9 +25,9 @@ from archfrag.study.runs.workers import Cluster, Threads, workers_of
 if TYPE_CHECKING:
     import pandas as pd
 
-# A chunk is one call: four of its runs go side by side to near its end. Many runs are cut so that
-# what a worker loses, or the others wait for at the end, is a small part of all.
-LANES, LARGEST_CHUNK, CHUNKS_EACH = 4, 64, 4
+# A chunk is one call: four of its runs go side by side to near its end, so that chunks of 4 cost
+# half as much again as those of 64. Many make the others wait less for the last one.
+SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 8, 64, 8
 # Of an adaptive design a worker that is free takes its share of what waits.
 LARGEST_SHARE = 16
 
@@ -149,11 +149,11 @@ class _Maker:
         threads = workers.count
         self.log["workers"] = max(self.log["workers"], threads)
         room = max(threads + workers.spare - len(self._chunks), 0) if adaptive else len(waiting)
+        share = -(-len(waiting) // max(room if adaptive else threads, 1))
         if adaptive:
-            size = min(-(-len(waiting) // max(room, 1)), LARGEST_SHARE)
+            size = min(share, LARGEST_SHARE)
         else:
-            lanes = len(waiting) // (LANES * CHUNKS_EACH * max(threads, 1))
-            size = LANES * int(np.clip(lanes, 1, LARGEST_CHUNK // LANES))
+            size = min(max(share // CHUNKS_EACH, SMALLEST_CHUNK), share, LARGEST_CHUNK)
         cut = chunks(waiting, self._plan.study.execution.chunk or size)
         new = {(self._name, next(self._number)): chunk for chunk in islice(cut, room)}
         if new:
