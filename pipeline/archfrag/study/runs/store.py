@@ -102,7 +102,7 @@ class Plan:
     study: Study
     arches: Members
     records: tuple[PreparedRecord, ...]
-    identity: str = field(default_factory=code_identity)  # of the code that makes runs
+    identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
     motions: tuple["Motion", ...] = ()  # of the records, where the study's folder is not at hand
 
     def with_motions(self) -> "Plan":
