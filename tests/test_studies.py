@@ -264,19 +264,6 @@ def test_a_script_uses_all_that_is_public_and_its_types_are_known(folder):
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_workers_do_not_run_the_script_that_starts_them(folder):
-    script = folder / "script.py"
-    script.write_text(
-        "import archfrag as af\nfrom archfrag.study.runs import execute\n"
-        "execute.IN_PROCESS = 0.0\nprint('once')\n"
-        "study = af.Study(af.Block(0.4, 2.0, 0.8), 'records/?-N.AT2', levels=[0.3, 0.6, 1.2],\n"
-        "                 execution={'chunk': 1})\n"
-        "study.run(progress=False, cores=2)\nprint('done')\n"
-    )
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
-    assert done.stdout.split() == ["once", "done"], done.stderr
-
-
 def small(width, **given):
     """A study of a block under two motions, made at once."""
     wave = np.sin(np.arange(150) / 10.0) * np.hanning(150)

@@ -170,12 +170,15 @@ class Study:
     ) -> Results:  # fmt: skip
         """Do all of the study that is not done yet, as `archfrag run` does, and open its results.
 
+        The workers of the dask client that is current make the runs, if there is one and no
+        number of cores is given; else threads of this process.
+
         Parameters
         ----------
         progress : bool
             Show what is done, with a progress bar.
         cores, workers : int, optional
-            Number of processes, by either name; all cores by default.
+            Number of threads, by either name; all cores by default.
         replace : bool
             Replace the results of another study with this id. Runs that both have are kept.
 

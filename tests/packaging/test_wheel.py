@@ -85,7 +85,7 @@ def test_citation_has_the_package_version():
     assert f"## {archfrag.__version__}" in (ROOT / "CHANGELOG.md").read_text()
 
 
-CONDA_NAMES = {"matplotlib": "matplotlib-base"}
+CONDA_NAMES = {"dask": "dask-core", "matplotlib": "matplotlib-base"}
 
 
 def test_conda_recipe_has_the_dependencies_of_the_package():

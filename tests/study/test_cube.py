@@ -16,7 +16,7 @@ from archfrag.fragility.quoted import Answer
 from archfrag.hazard import load_hazard
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
-from archfrag.study.answer.cube import build_cube, write_cube
+from archfrag.study.answer.cube import _variable, build_cube, write_cube
 from archfrag.study.answer.curves import Runs, dispersion_split
 from archfrag.study.answer.fits import (
     arch_cautions,
@@ -32,7 +32,7 @@ from archfrag.study.file.schema import load_study
 from archfrag.study.files import finite
 from archfrag.study.runs import Stripes
 from archfrag.study.runs.ida import Ida
-from archfrag.study.runs.store import COLUMNS, gather
+from archfrag.study.runs.store import COLUMNS, VARIABLES, gather
 from tests.study.small import ROOT, TEXT, fitted, made, small_study
 
 
@@ -73,6 +73,19 @@ class TestContent:
         everything = json.dumps({key: str(value) for key, value in cube.attrs.items()})
         assert str(done.study.folder) not in everything
         assert "workers" not in everything
+
+
+@pytest.mark.parametrize(
+    ("shape", "stored"),
+    [((2, 2, 3), (2, 2, 3)), ((400, 30, 15), (291, 30, 15)), ((3, 900, 1000), (1, 131, 1000))],
+)
+def test_a_cube_opens_in_chunks_of_up_to_a_megabyte(tmp_path, shape, stored):
+    """Of few arches and of many, neither of which dask would like one by one."""
+    variable = _variable(VARIABLES["verdict"], np.zeros(shape, np.int8))
+    xr.Dataset({"verdict": variable}).to_netcdf(tmp_path / "cube.nc", engine="netcdf4")
+    with xr.open_dataset(tmp_path / "cube.nc", chunks={}) as cube:
+        assert tuple(sizes[0] for sizes in cube["verdict"].chunks) == stored
+        assert int(cube["verdict"].sum().compute()) == 0
 
 
 def test_another_study_and_missing_runs_are_refused(copied):

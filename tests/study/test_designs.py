@@ -15,7 +15,7 @@ from archfrag.study.answer.cube import in_si
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
-from archfrag.study.runs.design import Grid, ask
+from archfrag.study.runs.design import CASE, Grid, ask, drive, order_of
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import NEAR, Ida
 from archfrag.study.runs.store import COLUMNS, Plan
@@ -139,6 +139,50 @@ def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(don
         )
         asked.append(cases.tolist())
     assert asked[0] == asked[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed):
+    generator = np.random.default_rng(seed)
+    table = (0.4 * np.exp(0.5 * generator.standard_normal((40, 15))) <= LEVELS).astype(np.int8)
+    table[generator.random(table.shape) < 0.1] = Verdict.SOLVER_FAILURE
+    waiting = np.empty(0, CASE)
+
+    def some(cases):
+        nonlocal waiting
+        waiting = generator.permutation(np.concatenate([waiting, cases]))
+        made, waiting = np.split(waiting, [generator.integers(1, len(waiting) + 1)])
+        return made, table[made["record"], made["place"]].astype(np.int8)
+
+    def requests():
+        grid = Grid(0, np.arange(40), LEVELS, np.ones(40), 1.0)
+        return {0: Ida(kind="ida", seed=seed).requests(grid)}
+
+    every = ask(requests(), lambda cases: table[cases["record"], cases["place"]].astype(np.int8))
+    asked = drive(requests(), some)
+    np.testing.assert_array_equal(*(cases[order_of(cases)] for cases in (asked[0], every[0])))
+    assert asked[1] == every[1]
+
+
+def test_a_record_does_not_wait_for_the_runs_of_another():
+    """The runs of the first record are made last: meanwhile the nine others are searched."""
+    waiting, order = np.empty(0, CASE), []
+
+    def last(cases):
+        nonlocal waiting
+        waiting = np.concatenate([waiting, cases])
+        chosen = waiting["record"] != 0
+        if not chosen.any():
+            chosen = ~chosen
+        made, waiting = waiting[chosen], waiting[~chosen]
+        order.extend(made["record"].tolist())
+        return made, (made["place"] >= 7).astype(np.int8)
+
+    grid = Grid(0, np.arange(10), LEVELS, np.ones(10), 1.0)
+    _, facts = drive({0: Ida(kind="ida", checks=0).requests(grid)}, last)
+    alone = order.count(0)
+    assert (facts[0]["runs"], order.count(9), order[-alone:]) == (10 * alone, alone, [0] * alone)
+    assert alone > 2
 
 
 DESIGNS = {

@@ -1,6 +1,5 @@
-"""Batches here and in worker processes: the same results, losses and signals survived."""
+"""Batches on threads: the same results whatever their number, and signals survived."""
 
-import contextlib
 import io
 import os
 import re
@@ -10,15 +9,17 @@ import sys
 import threading
 import time
 
+import dask.threaded
 import numpy as np
+import pandas as pd
 import psutil
 import pytest
 
-from archfrag.errors import WorkerError
+from archfrag.errors import InputError
 from archfrag.motions.formats import one_reader, read_apart
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
-from archfrag.study.runs import execute
+from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
 from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
@@ -31,69 +32,19 @@ def assert_same(results, expected):
         np.testing.assert_array_equal(results[1][name], expected[1][name])
 
 
-def worker_processes():
-    """Workers of this process; not the trackers of multiprocessing."""
-    found = []
-    for child in psutil.Process().children(recursive=True):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            if "spawn_main" in " ".join(child.cmdline()):
-                found.append(child)
-    return found
-
-
-@contextlib.contextmanager
-def killer(folder, every):
-    """Kill workers once the first part is there: one of them, or whoever comes; given are all."""
-    killed, stop = [], threading.Event()
-
-    def kill():
-        while not stop.wait(0.05) and (every or not killed):
-            if list(folder.glob("parts/*/*.npy")):
-                for process in worker_processes()[: None if every else 1]:
-                    with contextlib.suppress(psutil.NoSuchProcess):
-                        process.kill()
-                        killed.append(process)
-
-    thread = threading.Thread(target=kill, daemon=True)
-    thread.start()
-    try:
-        yield killed
-    finally:
-        stop.set()
-        thread.join(10.0)
-
-
-def cleared(study, step):
-    """The same study without parts; with steps so short that there is time to kill somebody."""
+def cleared(study):
+    """The same study without parts."""
     for path in study.work.glob("parts/*/*.npy"):
         path.unlink()
-    return changed(study, "method", dt=step)
+    return study
 
 
-@pytest.mark.parametrize(
-    ("code", "printed"),
-    [
-        (
-            "import sys, archfrag.study.runs.execute, archfrag.simulate\n"
-            "print({'obspy', 'matplotlib', 'xarray', 'netCDF4', 'dask'} & set(sys.modules))",
-            "set()",
-        ),
-        (
-            "import sys; from archfrag.study.running import without_dask\n"
-            "for _ in range(2):\n"
-            "    with without_dask():\n"
-            "        import xarray; xarray.Dataset({'a': ('x', [1.0])}).to_netcdf(sys.argv[1])\n"
-            "    print('dask' in sys.modules)\n"
-            "    import dask.base\n",
-            "False\nTrue",
-        ),
-    ],
-    ids=["a worker", "a run without a scheduler, which hides dask from nobody else"],
-)
-def test_what_is_heavy_is_not_loaded(tmp_path, code, printed):
-    asked = [sys.executable, "-c", code, tmp_path / "a.nc"]
-    found = subprocess.run(asked, capture_output=True, text=True)
-    assert found.stdout.strip() == printed, found.stderr
+def test_a_worker_loads_nothing_that_is_heavy():
+    code = "import sys, archfrag.study.runs.workers, archfrag.simulate; print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    heavy = {"obspy", "matplotlib", "xarray", "netCDF4", "dask", "distributed"}
+    assert not heavy & set(found.stdout.split()), found.stderr
+    assert "archfrag.simulate" in found.stdout
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
@@ -169,36 +120,76 @@ def test_only_the_kernels_that_the_runs_need(done):
         assert method_to_compile(make_plan(done.study.model_copy(update=changes))) == expected
 
 
-def test_workers_make_the_same_runs_and_one_that_is_killed_costs_only_time(copied, monkeypatch):
-    monkeypatch.setattr(execute, "IN_PROCESS", 0.0)  # workers are started for the first run
-    study = cleared(copied.study, 1e-4)
-    with killer(study.work, every=False) as killed:
-        log, _ = run_batch(study, workers=2, quiet=True)
-    assert (len(killed), log["workers"]) == (1, 2)
-    assert not worker_processes()
-    plan = make_plan(study)
-    disturbed = gather(plan)
-    run_batch(cleared(study, 1e-4), workers=1, quiet=True)
-    assert_same(gather(plan), disturbed)
+@pytest.mark.parametrize("design", ["stripes", "ida"])
+def test_threads_and_chunks_change_no_bit_and_start_no_process(copied, monkeypatch, design):
+    study = copied.study
+    if design == "ida":
+        study = study.model_copy(update={"design": Ida(kind="ida", checks=1)})
+    graphs, get = [], dask.threaded.get
+    monkeypatch.setattr(
+        "dask.threaded.get", lambda graph, *a, **k: [graphs.append(graph), get(graph, *a, **k)]
+    )
+    before, found = set(psutil.Process().children(recursive=True)), []
+    for threads, chunk in ((1, None), (2, 1), (16, 3)):
+        changes = {"chunk": chunk, "workers": threads}
+        log, table = run_batch(changed(cleared(study), "execution", **changes), quiet=True)
+        assert (log["kept"], log["workers"]) == (0, threads)
+        found.append((*gather(copied.plan if design == "stripes" else make_plan(study)), table))
+    for each in found[1:]:
+        assert_same(each, found[0])
+        pd.testing.assert_frame_equal(each[3].drop(columns="wall_time"),
+                                      found[0][3].drop(columns="wall_time"))  # fmt: skip
+    assert set(psutil.Process().children(recursive=True)) <= before
+    made = sum(len(task[2]) for graph in graphs for key, task in graph.items() if key != "plan")
+    assert made == 3 * len(found[0][0])
+    assert all(graph["plan"].digests == make_plan(study).digests for graph in graphs)
 
 
-def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
-    monkeypatch.setattr(execute, "IN_PROCESS", 0.0)
-    study = cleared(copied.study, 1e-5)
-    killed = pytest.raises(WorkerError, match="killed or ran out of memory 4 times")
-    with killer(study.work, every=True), killed as caught:
-        run_batch(study, workers=2, quiet=True)
-    assert caught.value.exit_code == 5
-    parts = list(make_plan(study).parts.glob("*.npy"))
-    assert 1 <= len([path for path in parts if read_part(path) is not None]) < 6
+def test_what_two_arches_have_in_common_is_made_once(copied):
+    one = copied.study.arches[0]
+    twins = [one, one.model_copy(update={"id": "twin"})]
+    for design in (copied.study.design, Ida(kind="ida", checks=0)):
+        study = cleared(copied.study.model_copy(update={"arches": twins, "design": design}))
+        log, table = run_batch(study, workers=3, quiet=True)
+        stored = [len(read_part(path)) for path in make_plan(study).parts.glob("*.npy")]
+        assert (log["runs"], log["kept"], sum(stored)) == (len(table), 0, len(table) / 2)
+        own = [table[table["arch"] == each.id]["steps"].tolist() for each in twins]
+        assert own[0] == own[1]
 
 
-def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
-    monkeypatch.setattr(execute, "ANSWER_WITHIN", 0.5)
-    next(copied.plan.parts.glob("*.npy")).unlink()
-    study = changed(copied.study, "execution", scheduler="tcp://127.0.0.1:1")
-    with pytest.raises(WorkerError, match=r"execution.scheduler: tcp://.*cannot be used"):
-        run_batch(study, quiet=True)
+def test_an_error_of_a_run_ends_the_batch_at_once(copied, monkeypatch):
+    def fail(*_, **__):
+        raise InputError("this arch has no key stone")
+
+    monkeypatch.setattr(workers, "make_runs", fail)
+    for threads in (1, 4):
+        with pytest.raises(InputError, match="this arch has no key stone"):
+            run_batch(cleared(copied.study), workers=threads, quiet=True)
+
+
+def test_ctrl_c_in_python_returns_at_once_and_ends_no_process(copied, monkeypatch):
+    """A thread that waits stands for a kernel."""
+    begun, end = threading.Event(), threading.Event()
+
+    def wait(*_, **__):
+        begun.set()
+        end.wait(20.0)
+        raise InputError("too late")
+
+    def interrupt():
+        begun.wait(20.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(workers, "make_runs", wait)
+    presser = threading.Thread(target=interrupt)
+    presser.start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(cleared(copied.study), workers=2, quiet=True)
+    assert time.monotonic() - started < 10.0
+    assert not end.is_set()
+    end.set()
+    presser.join()
 
 
 class TestStop:

@@ -2,8 +2,11 @@
 
 import contextlib
 import functools
+import os
 import shlex
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -80,25 +83,33 @@ def run(
     if (folder := finished_folder(study_file, overrides)) is not None:
         return None if quiet else _point_to(folder, folder if overrides else study_file, False)
     from archfrag.study.file.schema import load_study
-    from archfrag.study.running import stoppable, without_dask
     from archfrag.study.steps import run_study
 
+    words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
+    with _stoppable(f"continue with `{shlex.join(words)} --resume`") as check:
+        study = load_study(study_file, overrides)
+        anything = run_study(study, study_file, check, make_report, cores, quiet, overrides)
+        if not quiet:
+            if anything:
+                _summary(study)
+            _point_to(study.folder, study.folder if overrides else study_file, anything)
+
+
+@contextlib.contextmanager
+def _stoppable(again: str) -> Iterator[Callable[[], None]]:
+    """Stop at a signal, say how to go on, and end the process, whose kernels would go on."""
+    from archfrag.study.running import stoppable
+
     try:
-        with stoppable() as check, contextlib.ExitStack() as stack:
-            study = load_study(study_file, overrides)
-            if study.execution.scheduler is None:
-                stack.enter_context(without_dask())
-            anything = run_study(study, study_file, check, make_report, cores, quiet, overrides)
-            if not quiet:
-                if anything:
-                    _summary(study)
-                _point_to(study.folder, study.folder if overrides else study_file, anything)
+        with stoppable() as check:
+            yield check
     except SystemExit as stopped:
         by = signal.Signals(int(stopped.code or 0) - 128).name
-        words = ["archfrag", "run", str(study_file), *(f"--set={each}" for each in overrides)]
-        again = f"continue with `{shlex.join(words)} --resume`"
         warn(f"stopped by {by}; what is finished is kept; {again}")
-        raise
+        if threading.active_count() == sum(each.daemon for each in threading.enumerate()) + 1:
+            raise
+        sys.stdout.flush()
+        os._exit(int(stopped.code or 0))  # a thread in a kernel cannot be stopped
 
 
 def _summary(study: Any) -> None:
@@ -185,7 +196,8 @@ def _step(name: str, help_: str, *options: Callable) -> None:
         if name == "motions":  # the first step, of one process
             claim(study, click.get_current_context().params["study_file"])
         step = batch_step(batch, study.execution.batches) if name == "batch" else name
-        make_step(study, step, warn, report=make_report, **given)
+        with _stoppable("the same command goes on"):
+            make_step(study, step, warn, report=make_report, **given)
         for path in filter(Path.is_file, products(study, step)):
             path.touch()
         if as_json:

@@ -83,19 +83,6 @@ def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def without_dask() -> Iterator[None]:
-    """Hide dask from xarray, which would take half a second to import it."""
-    hidden = not {"dask", "xarray"} & sys.modules.keys()
-    if hidden:
-        sys.modules["dask"] = None  # type: ignore[assignment]  # imports of it fail
-    try:
-        yield
-    finally:
-        if hidden:
-            del sys.modules["dask"]
-
-
-@contextlib.contextmanager
 def only_run(study: Study) -> Iterator[None]:
     """Hold the lock of a study's folder, which the system takes back whatever ends the process.
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 COMPRESSION = 4
+CHUNK = 2**17  # cells of a variable that the file stores together: whole arches, up to 1 MB
 _ARCH_UNITS = dict.fromkeys(VARIABLE, "m") | {
     "embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N",
 }  # fmt: skip
@@ -224,10 +225,12 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
         meanings = {code: text for code, text in meanings.items() if code != fill}
         attrs["flag_values"] = np.array(sorted(meanings), dtype=about.dtype)
         attrs["flag_meanings"] = " ".join(meanings[code] for code in sorted(meanings))
-    # One arch at a time, so that who reads one reads no more.
-    sizes = (1, *array.shape[1:]) if about.dimensions.startswith("run") else array.shape
+    sizes, cells = list[int](), CHUNK
+    for size in reversed(array.shape):
+        sizes.insert(0, min(size, cells))
+        cells = max(cells // size, 1)
     encoding |= {
-        "zlib": True, "complevel": COMPRESSION, "chunksizes": sizes,
+        "zlib": True, "complevel": COMPRESSION, "chunksizes": tuple(sizes),
         "_FillValue": fill,
     }  # fmt: skip
     return xr.Variable(dimensions, array, attrs, encoding)

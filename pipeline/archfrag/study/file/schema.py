@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, TypeAdapter, model_validator
 
 from archfrag.errors import InputError
 from archfrag.files import WORK
@@ -165,14 +165,22 @@ class RiskKeys(Section):
     """Longitude and latitude, if the file has several sites [degrees]."""
 
 
+def _place(scheduler: str, info: Any) -> str:
+    """Make the path of a scheduler's file absolute; an address stays as it is."""
+    if not scheduler.endswith(".json"):
+        return scheduler
+    return TypeAdapter[str](PathText).validate_python(scheduler, context=info.context)
+
+
 class Execution(Section):
     """Workers and portions of the run; they never change a result."""
 
     workers: Annotated[int, Field(ge=1)] | None = None
-    """Number of one-thread processes; as many as cores by default."""
-    scheduler: str | None = None
-    """Address of a running dask scheduler, to use instead of own workers. It executes any code
-    sent to it: use tls:// with the certificates of dask's configuration, or a private network."""
+    """Number of threads of this process; as many as cores by default."""
+    scheduler: Annotated[str, Field(min_length=1), AfterValidator(_place)] | None = None
+    """Address of a running dask scheduler, or its scheduler file (.json), to use instead of
+    threads. It executes any code sent to it: use tls:// with the certificates of dask's
+    configuration, or a private network."""
     chunk: Annotated[int, Field(ge=1)] | None = None
     """Runs in one part file; depends on the number of runs if not given."""
     batches: Annotated[int, Field(ge=1, le=999)] = 1

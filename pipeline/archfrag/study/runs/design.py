@@ -2,9 +2,10 @@
 
 Here are the two that ask for all runs at once; `ida` has a module of its own.
 
-It asks by a generator for each arch, which yields the runs requested, is sent their verdicts and
-returns facts for the report. What it asks for follows from the verdicts alone: the same study asks
-for the same runs whatever the workers, and a study that was stopped goes on by asking again.
+It asks by a generator for each arch. The generator yields new requests, is sent the verdicts of
+some runs that it requested, in whatever order they come, and returns facts for the report. What it
+asks for follows from the verdicts alone: the same study asks for the same runs whatever the
+workers, and a study that was stopped goes on by asking again.
 """
 
 from abc import ABC, abstractmethod
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.study.file import Section
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
-Requests = Generator[Cases, Verdicts, dict[str, Any]]
+Requests = Generator[Cases, tuple[Cases, Verdicts], dict[str, Any]]
 
 
 @dataclass
@@ -36,7 +37,7 @@ class Grid:
     """Records and levels of one arch's part of a study, and verdicts of the runs made."""
 
     arch: int
-    records: NDArray[np.int64]  # (n_record,): their numbers
+    records: IntArray  # (n_record,): their numbers, which increase
     levels: FloatArray  # (n_level,): [SI]
     unscaled: FloatArray  # (n_record,): factors that bring the study's measure to 1
     power: float  # a level grows with the factor to the power 1 / `power`
@@ -46,19 +47,31 @@ class Grid:
         self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
 
     def run(
-        self, rows: NDArray[np.int64], places: NDArray[np.int64]
-    ) -> Generator[Cases, Verdicts, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-        """Request runs of some rows, and note them; which collapsed, and which survived."""
-        verdicts = yield self.cases(rows, places)
-        self.seen[rows, places] = verdicts
-        return verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
+    ) -> Generator[Cases, tuple[Cases, Verdicts], Verdicts]:
+        """Request runs of some rows, wait for all of them and return their verdicts."""
+        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
+        cases, waiting = self.cases(row, place, level), row.size
+        while waiting:
+            _, _, verdicts = yield from self.some(cases)
+            cases, waiting = cases[:0], waiting - verdicts.size
+        return self.seen[row, place]
+
+    def some(
+        self, cases: Cases
+    ) -> Generator[Cases, tuple[Cases, Verdicts], tuple[IntArray, IntArray, Verdicts]]:
+        """Request runs, and return rows, places and verdicts of the first that are made."""
+        made, verdicts = yield cases
+        row, place = np.searchsorted(self.records, made["record"]), made["place"]
+        self.seen[row, place] = verdicts
+        return row, place, verdicts
 
     def cases(self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None) -> Cases:
         """Runs of some rows at some of the study's levels, or each at its own, (n,) of `CASE`."""
-        row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
+        row = np.asarray(rows, dtype=np.int64)
         cases = np.empty(row.size, CASE)
-        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], place
-        cases["level"] = self.levels[place] if level is None else level
+        cases["arch"], cases["record"], cases["place"] = self.arch, self.records[row], places
+        cases["level"] = self.levels[cases["place"]] if level is None else level
         return cases
 
 
@@ -113,7 +126,7 @@ class Stripes(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         n_record, n_level = grid.records.size, grid.levels.size
-        verdicts = yield grid.cases(*np.divmod(np.arange(n_record * n_level), n_level))
+        verdicts = yield from grid.run(*np.divmod(np.arange(n_record * n_level), n_level))
         return {"runs": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -133,7 +146,7 @@ class Cloud(Design):
     def requests(self, grid: Grid) -> Requests:
         """Ask for all runs at once."""
         level = (self.factor / grid.unscaled) ** (1.0 / grid.power)
-        verdicts = yield grid.cases(np.arange(level.size), 0, level)
+        verdicts = yield from grid.run(np.arange(level.size), np.zeros(level.size), level)
         return {"runs": len(verdicts), "records": len(verdicts)}
 
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
@@ -163,25 +176,39 @@ def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
 def ask(
     requests: Mapping[int, Requests], decide: Callable[[Cases], Verdicts]
 ) -> tuple[Cases, dict[int, dict[str, Any]]]:
+    """As `drive`, where `decide` returns the verdicts of all runs that it is given, in order."""
+    return drive(requests, lambda cases: (cases, decide(cases)))
+
+
+def drive(
+    requests: Mapping[int, Requests], answer: Callable[[Cases], tuple[Cases, Verdicts]]
+) -> tuple[Cases, dict[int, dict[str, Any]]]:
     """Ask the designs of all arches, by `Design.requests`, until none requests a run.
 
-    `decide` takes the runs of one iteration and returns their verdicts in the same order. Returned
-    are all runs requested, and what each design returned, by arch.
+    `answer` takes new requests, which may be none, and returns some runs of all those requested
+    so far with their verdicts. Returned are all runs requested, and what each design returned, by
+    arch.
     """
-    requested, facts = [np.empty(0, CASE)], {}
-    answers: list[tuple[int, Verdicts | None]] = [(arch, None) for arch in requests]
+    requested, facts = [], {}
+    answers = dict[int, Any].fromkeys(requests)  # None starts a generator
     while True:
-        iteration: dict[int, Cases] = {}
-        for arch, verdicts in answers:
+        new = [np.empty(0, CASE)]
+        for arch, verdicts in answers.items():
             try:
-                cases = requests[arch].send(verdicts)  # type: ignore[arg-type]  # None starts it
-                while not len(cases):
-                    cases = requests[arch].send(np.empty(0, np.int8))
-                iteration[arch] = cases
+                new.append(requests[arch].send(verdicts))  # type: ignore[arg-type]  # None starts it
             except StopIteration as over:
                 facts[arch] = over.value
-        if not iteration:
+        requested.append(np.concatenate(new))
+        if len(facts) == len(requests):
             return np.concatenate(requested), facts
-        requested.append(np.concatenate(list(iteration.values())))
-        ends = np.cumsum([len(cases) for cases in iteration.values()])
-        answers = list(zip(iteration, np.split(decide(requested[-1]), ends[:-1])))
+        cases, verdicts = answer(requested[-1])
+        order = np.argsort(cases["arch"], kind="stable")
+        cases, verdicts = cases[order], verdicts[order]
+        arches, first = np.unique(cases["arch"], return_index=True)
+        pairs = zip(np.split(cases, first[1:]), np.split(verdicts, first[1:]))
+        answers = dict(zip(arches.tolist(), pairs))
+
+
+def order_of(cases: Cases) -> IntArray:
+    """Return the order of runs by arch, record and place."""
+    return np.lexsort([cases[name] for name in ("place", "record", "arch")])

@@ -66,7 +66,8 @@ class Ida(Design):
         generator = np.random.default_rng([self.seed, grid.arch])
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
-        collapsed, survived = yield from grid.run(row, place)
+        verdicts = yield from grid.run(row, place)
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
         runs = int((grid.seen != Verdict.NOT_SIMULATED).sum())
@@ -105,14 +106,15 @@ class Ida(Design):
 
 def search(
     grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, rows: ArrayLike
-) -> Generator[Cases, Verdicts, None]:
+) -> Generator[Cases, tuple[Cases, Verdicts], None]:
     """Narrow the brackets of some rows, from `low` to `high`, until neighbouring levels are left.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
-    the cost expected. Levels where a run had no verdict are not tried again.
+    the cost expected. Levels where a run had no verdict are not tried again. A row goes on when
+    its own run is made: it waits for no other.
     """
-    left, place = np.asarray(rows, dtype=np.int64), np.arange(grid.levels.size)
-    while left.size:
+    left, place, waiting = np.asarray(rows, dtype=np.int64), np.arange(grid.levels.size), 0
+    while True:
         below, above = low[left, None], high[left, None]
         within = (np.arange(place.size + 1) > below) & (np.arange(place.size + 1) <= above)
         mass = np.cumsum(np.where(within, expected[left], 0.0), axis=1)
@@ -121,8 +123,12 @@ def search(
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
         free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_SIMULATED)
         best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
-        left, places = left[some], best[some]
-        collapsed, survived = yield from grid.run(left, places)
+        waiting += int(some.sum())
+        if not waiting:
+            return
+        left, places, verdicts = yield from grid.some(grid.cases(left[some], best[some]))
+        waiting -= left.size
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
 

@@ -12,8 +12,8 @@ import io
 import re
 from collections import namedtuple
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,13 +27,15 @@ from archfrag.kernel_cache import kernel_platform
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
 from archfrag.motions.measures import scaling_exponent
 from archfrag.study.file.members import Members
-from archfrag.study.file.records import PreparedRecord, load_prepared
+from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.files import digest_of, digest_of_syntax
-from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask
+from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
+    from archfrag.arch import Arch
     from archfrag.mechanics.types import Results
+    from archfrag.motions.motion import Motion
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
@@ -89,6 +91,10 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     return columns
 
 
+# A motion of a minute with its vertical takes 0.2 MB.
+_stored_motion = lru_cache(maxsize=64)(load_record)
+
+
 @dataclass(frozen=True)
 class Plan:
     """The study, arches and records that decide what its runs are."""
@@ -96,11 +102,30 @@ class Plan:
     study: Study
     arches: Members
     records: tuple[PreparedRecord, ...]
+    identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
+    motions: tuple["Motion", ...] = ()  # of the records, where the study's folder is not at hand
+
+    def with_motions(self) -> "Plan":
+        """Return the plan for workers that do not have the study's folder."""
+        found = (load_record(self.study.work, record) for record in self.records)
+        return replace(self, motions=tuple(found))
+
+    def motion(self, record: int) -> "Motion":
+        """Return the motion of a record, by its number."""
+        if self.motions:
+            return self.motions[record]
+        return _stored_motion(self.study.work, self.records[record])
 
     @cached_property
-    def identity(self) -> str:
-        """Identity of the code that makes runs, see `code_identity`."""
-        return code_identity()
+    def built(self) -> "dict[int, Arch]":
+        """Arches built so far, by their number."""
+        return {}
+
+    def arch(self, number: int) -> "Arch":
+        """Return an arch, built once."""
+        if number not in self.built:
+            self.built[number] = self.arches[number].entry.build()
+        return self.built[number]
 
     @property
     def parts(self) -> Path:
@@ -176,11 +201,16 @@ def make_plan(study: Study) -> Plan:
     return Plan(study, study.members, tuple(load_prepared(study)))
 
 
-def write_part(folder: Path, keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Path:
-    """Write runs, from their keys and all other columns, under the name of their content."""
+def table_of(keys: NDArray[np.bytes_], columns: Mapping[str, Any]) -> Table:
+    """Return rows of runs, from their keys and all other columns."""
     table = np.zeros(len(keys), ROW)
     for name, values in {"key": keys, **columns}.items():
         table[name] = values
+    return table
+
+
+def write_part(folder: Path, table: Table) -> Path:
+    """Write rows under the name of their content."""
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
     name = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
@@ -197,10 +227,20 @@ def read_part(path: Path) -> Table | None:
         content = path.read_bytes()
         if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
             return None
-        table: Table = np.load(io.BytesIO(content), allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+        start = content.index(b"\n") + 1
+        if _dtype_of(content[:start]) != ROW:
+            return None
+        return np.frombuffer(content, ROW, offset=start)
+    except (OSError, ValueError):
         return None
-    return table if table.dtype == ROW else None
+
+
+@lru_cache
+def _dtype_of(header: bytes) -> np.dtype:
+    """Read the header of a part; to read those of many takes longer than their rows."""
+    file = io.BytesIO(header)
+    np.lib.format.read_magic(file)
+    return np.lib.format.read_array_header_1_0(file)[2]
 
 
 def read_parts(folder: Path) -> Table:
@@ -227,7 +267,7 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
     Returned with their results, and with what the design returned by arch. InputError if results
     are missing.
     """
-    table = read_parts(plan.parts)
+    table, found = read_parts(plan.parts), list[NDArray[np.int64]]()
 
     def known(cases: Cases) -> Verdicts:
         at = places(table, plan.keys(cases))
@@ -235,12 +275,13 @@ def gather(plan: Plan) -> tuple[Cases, Table, dict[int, dict[str, Any]]]:
             what = f"{missing} of {at.size} runs are missing or damaged"
             how = f"`archfrag run` with the file of study {plan.study.id!r} makes them"
             raise InputError(f"{plan.parts.parent}: {what}; {how}")
+        found.append(at)
         verdicts: Verdicts = table["verdict"][at]
         return verdicts
 
     cases, facts = ask(plan.requests(), known)
-    cases = cases[np.lexsort([cases[name] for name in ("place", "record", "arch")])]
-    return cases, table[places(table, plan.keys(cases))], facts
+    order = order_of(cases)
+    return cases[order], table[np.concatenate(found)[order]], facts
 
 
 def superfluous(plan: Plan) -> dict[str, list[Path]]:

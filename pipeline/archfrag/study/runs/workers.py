@@ -1,0 +1,241 @@
+"""Runs fanned out by dask: on threads of this process, or on the workers of a cluster."""
+
+import contextlib
+import importlib
+import json
+import operator
+import pickle
+import socket
+import sys
+import threading
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from functools import cache, partial
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from archfrag.errors import WorkerError
+from archfrag.files import counted
+from archfrag.study.files import available_cores, commit, versions
+from archfrag.study.runs import store
+from archfrag.study.runs.design import Cases
+from archfrag.study.runs.store import Plan, Table
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+ANSWER_WITHIN = 10.0  # of a scheduler [s]
+HEARD_WITHIN = 0.5  # of Ctrl-C [s]
+# What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
+NEEDED_LATER = ("xarray", "dask.array", "distributed")
+_GO_ON = "finished parts are kept, the same command goes on"
+Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
+_identity = cache(store.code_identity)
+_ONE_AT_A_TIME = threading.Lock()  # as Python's parser asks for, up to 3.11 at least
+
+
+def make_runs(plan: Plan, cases: Cases) -> Table:
+    """Make some runs of one arch and return their rows.
+
+    WorkerError if this process has other code than the one that made the plan.
+    """
+    from archfrag.simulate import results_of_runs
+
+    with _ONE_AT_A_TIME:
+        same = _identity() == plan.identity
+    if not same:
+        raise WorkerError(f"a worker on {socket.gethostname()} runs {describe_code()}")
+    motions = [plan.motion(record) for record in cases["record"].tolist()]
+    method = plan.study.method
+    options = method.model_dump(exclude={"name", "delay"})
+    options |= {"method": method.name, "far": method.delay}
+    arch, factors = plan.arch(int(cases["arch"][0])), plan.factors(cases).tolist()
+    results, wall_time = results_of_runs(arch, motions, factors, **options)
+    columns = store.columns_of(results) | {"wall_time": wall_time}
+    return store.table_of(plan.keys(cases), columns)
+
+
+def describe_code() -> str:
+    """Name the code of this process: version, commit, identity, and what it is compiled with."""
+    found = versions()
+    packages = ", ".join(f"{name} {found.get(name)}" for name in ("numba", "numpy"))
+    own = f"identity {store.code_identity()[:12]}, {packages}"
+    return f"archfrag {found['archfrag']} (commit {commit()[:12]}, {own})"
+
+
+class Threads:
+    """Threads of this process: kernels run side by side, for they do not hold the GIL."""
+
+    spare = 0  # chunks that may wait while all threads are busy
+
+    def __init__(self, plan: Plan, count: int) -> None:
+        self.count = count
+        self._plan, self._made = plan, SimpleQueue[Made | Future]()
+        self._pool = ThreadPoolExecutor(count)
+        self._graphs = ThreadPoolExecutor(count)  # each thread waits for a graph
+
+    def send(self, chunks: dict[Any, Cases]) -> None:
+        """Begin with some chunks of runs, by key."""
+        import dask.threaded
+
+        graph: dict[Any, Any] = {"plan": self._plan}
+        graph |= {key: (make_runs, "plan", chunk) for key, chunk in chunks.items()}
+
+        def keep(key: Any, rows: Any, *_: Any) -> None:
+            if key != "plan":
+                self._made.put((key, rows))
+
+        def end(whole: Future) -> None:
+            if not whole.cancelled() and whole.exception():
+                self._made.put(whole)
+
+        self._graphs.submit(
+            dask.threaded.get, graph, list(chunks), pool=self._pool,
+            callbacks=[(None, None, None, keep, None)],  # after each task
+        ).add_done_callback(end)  # fmt: skip
+        with contextlib.suppress(ImportError):  # distributed is an extra
+            for name in NEEDED_LATER:  # kernels leave the GIL to it
+                importlib.import_module(name)
+
+    def made(self) -> list[Made]:
+        """Wait for the next chunk."""
+        found: Made | Future | None = None
+        while found is None:  # a signal may come just before a wait, and is heard after it
+            with contextlib.suppress(Empty):
+                found = self._made.get(timeout=HEARD_WITHIN)
+        return [found.result() if isinstance(found, Future) else found]
+
+    def close(self) -> None:
+        """Begin nothing more. A kernel that runs goes on to the end of its chunk."""
+        for pool in (self._pool, self._graphs):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+class Cluster:
+    """The workers of a dask client, which need nothing of this machine's files."""
+
+    spare = 1
+
+    def __init__(self, plan: Plan, client: "Client", name: str) -> None:
+        import dask
+        from distributed import as_completed
+
+        self._client, self._name = client, name
+        key = f"plan-{uuid.uuid4().hex}"  # others may use the scheduler too
+        with self._worded():
+            self._futures = as_completed(with_results=True, loop=client.loop)
+            # As bytes, so that neither a scheduler nor a worker without our code ends by them.
+            content = pickle.dumps(partial(make_runs, plan.with_motions()))
+            # The scheduler keeps this graph: motions are sent anew if their worker is lost.
+            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+                (self._plan,) = client.get({key: (pickle.loads, content)}, [key], sync=False)
+
+    @property
+    def count(self) -> int:
+        """Threads of the workers that there are now."""
+        with self._worded():
+            return sum(self._client.nthreads().values())
+
+    def send(self, chunks: dict[Any, Cases]) -> None:
+        """Begin with some chunks of runs, by key."""
+        graph = {key: (operator.call, self._plan, chunk) for key, chunk in chunks.items()}
+        with self._worded():
+            self._futures.update(self._client.get(graph, list(graph), sync=False))
+
+    def made(self) -> list[Made]:
+        """Wait for the next chunks."""
+        with self._worded():
+            found = [(future.key, rows) for future, rows in self._futures.next_batch()]
+            if not all(isinstance(rows, np.ndarray) for _, rows in found):
+                raise CancelledError
+            return found
+
+    def close(self) -> None:
+        """Begin nothing more."""
+        with contextlib.suppress(Exception):  # of a scheduler that is gone
+            self._client.cancel([self._plan, *self._futures.futures])
+
+    @contextlib.contextmanager
+    def _worded(self) -> Iterator[None]:
+        """Say what is wrong with the workers or their scheduler."""
+        from distributed.scheduler import KilledWorker
+
+        try:
+            yield
+        except WorkerError as error:
+            how = "install the same code for all workers, and start them anew"
+            mine = f"the study is run by {describe_code()}"
+            raise WorkerError(f"{error}; {mine}; {how}") from error
+        except KilledWorker as error:
+            lost = "workers were killed or ran out of memory again and again"
+            raise WorkerError(f"{self._name}: {lost} ({error}); {_GO_ON}") from error
+        except (CancelledError, OSError, TimeoutError) as error:
+            raise WorkerError(f"{self._name}: the scheduler is gone; {_GO_ON}") from error
+        except (ImportError, NameError, AttributeError, TypeError) as error:  # of other modules
+            what = f"{type(error).__name__}: {error}; all workers must have {describe_code()}"
+            raise WorkerError(f"a worker failed: {what}; {_GO_ON}") from error
+
+
+@contextlib.contextmanager
+def workers_of(
+    plan: Plan, count: int | None, say: Callable[[str], object]
+) -> Iterator[Threads | Cluster]:
+    """Give what makes a plan's runs: the study's cluster, the client that is current, or threads.
+
+    If the number of threads is given, a current client does not count. A line on a cluster is
+    said. WorkerError if it cannot be used.
+    """
+    given = plan.study.execution.scheduler
+    with contextlib.ExitStack() as stack:
+        workers: Threads | Cluster
+        client = None if given or count else _current_client()
+        if given:
+            client = stack.enter_context(_client_of(given))
+        if client is None:
+            workers = Threads(plan, count or available_cores())
+        else:
+            name = given or client.scheduler.address
+            workers = Cluster(plan, client, name)
+            say(f"archfrag: {_about(client, name)}")
+        stack.callback(workers.close)
+        yield workers
+
+
+def _current_client() -> "Client | None":
+    """Return the dask client that a script has made, if it has."""
+    if "distributed" in sys.modules:
+        from distributed import default_client
+
+        with contextlib.suppress(ValueError):  # there is none
+            return default_client()
+    return None
+
+
+def _client_of(given: str) -> "Client":
+    """Connect to the scheduler that a study names by its address or its file."""
+    try:
+        from distributed import Client
+    except ImportError:
+        how = "which comes with `pip install archfrag[cluster]`"
+        raise WorkerError(f"execution.scheduler: {given} needs distributed, {how}") from None
+    try:
+        # Of a file that is not there dask would wait without end.
+        read = given.endswith(".json")
+        address = json.loads(Path(given).read_bytes())["address"] if read else given
+        return Client(address, timeout=ANSWER_WITHIN, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, RuntimeError, LookupError, TypeError) as error:
+        what = f"{given} cannot be used: {error or type(error).__name__}"
+        raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
+
+
+def _about(client: "Client", name: str) -> str:
+    """Say how many threads a cluster has, and where it shows what they do."""
+    threads, link = sum(client.nthreads().values()), ""
+    with contextlib.suppress(KeyError):  # without a dashboard
+        link = client.dashboard_link
+    have = counted(threads, "thread") if threads else "no worker yet; runs begin when one comes"
+    return f"cluster {name}: {have}{f'; dashboard {link}' if link else ''}"
