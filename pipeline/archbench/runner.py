@@ -21,7 +21,7 @@ import psutil
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.kernel_cache import kernel_hash
+from archfrag.kernels.cache import kernel_hash
 from archfrag.simulation.checks import available_methods
 from archfrag.study.files import commit, machine, strict_json, versions
 from archfrag.warmup import warmup

@@ -9,18 +9,16 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.files import read_text
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import LEVEL_UNITS, Measure, measure_unit, parse_measure
 from archfrag.tables import check_thousands, check_years, parse_table, table_of, with_points
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 LARGEST = 100_000_000  # [bytes] of a file
@@ -154,7 +152,7 @@ def _nearest(sites: Any, requested: Sequence[float] | None) -> int:
     return int(away.argmin())
 
 
-def _openquake(text: str, table: "pd.DataFrame", site: Sequence[float] | None) -> _Stated:
+def _openquake(text: str, table: pd.DataFrame, site: Sequence[float] | None) -> _Stated:
     """OpenQuake's CSV: probabilities of one measure, with a site in each row."""
     about = dict(re.findall(r"\b(\w+)=[\"']*([^\s,\"']+)", text.lstrip().split("\n", 1)[0]))
     if not {"imt", "investigation_time"} <= about.keys():
@@ -177,7 +175,7 @@ def _with_unit(head: str) -> tuple[str, str | None]:
     return found[1], found[2].strip().casefold()
 
 
-def _plain(table: "pd.DataFrame") -> _Stated:
+def _plain(table: pd.DataFrame) -> _Stated:
     """A column of intensities, and one or several of rates, probabilities or return periods."""
     first, *others = table.columns
     if not others:

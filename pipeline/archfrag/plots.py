@@ -95,14 +95,8 @@ def plot_arch(arch: Any, ax: Axes | None = None, numbers: bool = True) -> Axes:
     scale = min(6.0 / width, 3.6 / height)
     ax = axes_of(ax, (max(4.8, scale * width + 0.6), scale * height + 0.6))
     ax.add_collection(PolyCollection(arch.outlines, facecolor=STONE, edgecolor=EDGE, lw=0.8))
-    under: dict[str, Any] = {
-        "facecolor": EARTH,
-        "edgecolor": EDGE,
-        "ls": "--",
-        "lw": 0.8,
-        "zorder": 0.5,
-    }
-    ax.add_collection(PolyCollection(fill, **under))
+    under = PolyCollection(fill, facecolor=EARTH, edgecolor=EDGE, ls="--", lw=0.8, zorder=0.5)
+    ax.add_collection(under)
     for tie in arch.tie_lines:
         ax.plot(*tie.T, color=BLUE, lw=1.6)
     ax.set_aspect("equal")

@@ -12,26 +12,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from markupsafe import escape
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, InputError
+from archfrag.export.command import export_study
 from archfrag.files import WORK, make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
+from archfrag.hazard import hazard_of_table, load_hazard
 from archfrag.report import make_report
+from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import in_unit
 from archfrag.study.answer.curves import capacities, fractions, quoted
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
+from archfrag.study.answer.risk import risk_facts, risk_of
 from archfrag.study.file.schema import Intensity, Study, load_study
-from archfrag.study.files import OWNER, read_json, read_stamp, write_text
+from archfrag.study.files import OWNER, read_stamp, read_state, write_text
 from archfrag.study.steps import finished, make_step
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
     from matplotlib.axes import Axes
 
     from archfrag.plots import Film
@@ -68,12 +72,11 @@ def open(path: PathLike) -> Results:
     (1, 2, 3)
     """
     file = given = Path(path)
-    try:
-        if given.is_dir():
-            file = given / str(read_json(given / WORK / OWNER)["file"])
-    except (OSError, ValueError, LookupError, TypeError):
-        what = "is not a folder with the results of a study; give results/ID, or the study file"
-        raise InputError(f"{given}: {what}") from None
+    if given.is_dir():
+        if "file" not in (owner := read_state(given / WORK / OWNER)):
+            what = "is not a folder with the results of a study"
+            raise InputError(f"{given}: {what}; give results/ID, or the study file")
+        file = given / str(owner["file"])
     study = load_study(file)
     if given.is_dir() and not study.folder.samefile(given):  # of Snakemake, or by --set output
         study = load_study(file, [f"output={json.dumps(str(given.resolve()))}"])
@@ -136,8 +139,6 @@ class Curve:
 
         `im`, (n,), are the intensities; the levels of the study if not given.
         """
-        import pandas as pd
-
         at = np.asarray(self.intensity.given if im is None else im, float)
         columns = at, self(at), *self.band(at)
         intensity = f"{self.intensity.measure} [{self.intensity.unit}]"
@@ -287,10 +288,6 @@ class Results:
         pandas.DataFrame
             Rates in 1/year, periods in years; in ``attrs`` what `archfrag risk --json` prints.
         """
-        import pandas as pd
-
-        from archfrag.study.answer.risk import risk_facts, risk_of
-
         study = self._study
         curve, years = self._hazard(hazard, years=years, unit=unit, site=site)
         fits = {name: found.curve for name, found in self._quoted.items()}
@@ -330,10 +327,6 @@ class Results:
         pandas.DataFrame
             Rows theta and, with a hazard, rate; columns before, after, ratio, lower, upper.
         """
-        import pandas as pd
-
-        from archfrag.study.answer.compare import compare
-
         second, site = other or self, None
         if hazard is not None or self._study.risk is not None:
             site = self._hazard(hazard, **given)[0].main
@@ -348,8 +341,6 @@ class Results:
         unit: str | None = None, site: Sequence[float] | None = None,
     ) -> tuple[Any, float]:  # fmt: skip
         """Hazard curve that is given, or else that of the study; years of its probabilities."""
-        from archfrag.hazard import hazard_of_table, load_hazard
-
         study = self._study
         if (given := study.risk) is not None and hazard is None:
             hazard, unit, site, years = given.hazard, given.unit, given.site, given.years
@@ -433,8 +424,6 @@ class Results:
         self, kind: str, path: PathLike, members: bool, limit_states: Sequence[str]
     ) -> list[Path]:
         """Export to a folder, or a single file to the path of a file."""
-        from archfrag.export.command import export_study
-
         self._check_there()
         path, single = Path(path), kind.startswith("nrml")
         if not single and path.suffix in (".csv", ".json") and not path.is_dir():

@@ -28,7 +28,7 @@ from archfrag.study.file.arches import VARIABLE
 from archfrag.study.files import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
-from archfrag.study.text import LARGEST_FILE, yaml_of
+from archfrag.study.text import LARGEST_FILE, relative, yaml_of
 
 Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
@@ -38,7 +38,6 @@ _FACTS = {"event": "event_id", "station": "", "component": "", "Mw": "magnitude"
           "distance_km": "", "Vs30_mps": "vs30_mps", "level": "", "unit_in_file": "",
           "start_time": "", "origin_time": "", "source_sha256": "file_sha256"}  # fmt: skip
 _COLUMNS = ("", "acceleration=1", "acceleration=1 vertical=2")  # by their number
-_PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")
 _CONTENT = "# Content: "
 _NAMED = 3  # arches in a heading
 _HEAD = "# Written by archfrag {version}. Run it with: archfrag run {name}\n"
@@ -111,8 +110,13 @@ class Study:
             with contextlib.suppress(InputError):  # which the schema words, with the key
                 unit = next(iter(schema.LEVEL_UNITS.get(measure_unit(measure), "g")))
         arches = _arches(arch, id or "arch", vary)
+        heading = "Fragility of the arch"
+        if arches[1:]:
+            names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
+            more = len(arches) - _NAMED
+            heading = f"Fragility of {names}" + f" and {more} more" * (more > 0)
         given = {
-            "title": title or id or _title(arches), "arches": arches, "motions": found,
+            "title": title or id or heading, "arches": arches, "motions": found,
             "intensity": {"measure": measure, "unit": unit, "levels": levels},
             "design": {"kind": design} if isinstance(design, str) else design, **keys,
         }  # fmt: skip
@@ -159,7 +163,7 @@ class Study:
         if self._motions:
             place = make_folder(folder / f"{path.stem}-motions")
             keys["motions"]["index"] = str(_write_motions(self._motions, place))
-        text = yaml_of(_relative(keys, "", folder))
+        text = yaml_of(relative(keys, folder))
         head = _HEAD.format(version=__version__, name=path.name)
         write_text(path, head + f"{_CONTENT}{self._content}\n" * bool(self._content) + text)
         return path
@@ -298,24 +302,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise InputError(f"Study: {value!r} cannot be written to a study file")
-
-
-def _relative(value: Any, key: str, folder: Path) -> Any:
-    """A value of a study file, with its paths below a folder."""
-    if isinstance(value, dict):
-        return {name: _relative(inner, name, folder) for name, inner in value.items()}
-    if isinstance(value, list):
-        return [_relative(inner, key, folder) for inner in value]
-    path = isinstance(value, str) and key in _PATHS
-    return os.path.relpath(value, os.path.realpath(folder)) if path else value
-
-
-def _title(arches: Sequence[Mapping[str, Any]]) -> str:
-    """Heading of the report of a study that has neither title nor id."""
-    if len(arches) == 1:
-        return "Fragility of the arch"
-    names = ", ".join(str(each["id"]) for each in arches[:_NAMED])
-    return f"Fragility of {names}" + f" and {len(arches) - _NAMED} more" * (len(arches) > _NAMED)
 
 
 def _digest_of_motion(motion: Motion) -> str:

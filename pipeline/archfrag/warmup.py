@@ -1,93 +1,80 @@
-"""Compiling ahead of a run: on a second core, with a message that says how long it takes."""
+"""Kernels made ready ahead of a run, with a message that says how long it takes."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import subprocess
-import sys
+import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from pathlib import Path
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any
 
-import llvmlite.binding
 import numpy as np
-from numba.core import config
 
 from archfrag.arch import Arch
-from archfrag.kernel_cache import use_kernel_cache
+from archfrag.arch.slow import SlowArch
+from archfrag.kernels import load
+from archfrag.kernels.__main__ import make_all_ready
+from archfrag.mechanics.oscillator import largest_response
 from archfrag.motions.motion import Motion
 from archfrag.simulate import simulate, simulate_many
 from archfrag.simulation.checks import check_method, method_names
+from archfrag.simulation.rest import onset
 
-# What the compilation of a method takes on two cores [s].
-EXPECTED = 80.0
 TICK = 1.0
+# What compiling takes on two cores, and making machine code of LLVM code [s].
+COMPILING, EMITTING = 60.0, 5.0
 
 
 def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
-    """Compile the kernels, or load them from the cache, once for this machine; seconds it took.
+    """Make the kernels ready, or load them, once for this machine; seconds it took.
 
-    Two processes divide the work where there are two cores. `method` is that to compile for; all
+    Machine code is made of the LLVM code that comes with archfrag, or else the kernels are
+    compiled, by two processes where there are two cores. `method` is that to make ready; all
     installed methods if not given. `progress` is called with a message such as "loading kernels"
-    or "compiling kernels (first run only): 12 s of about 80 s", first at once, then about every
+    or "compiling kernels (first run only): 12 s of about 60 s", first at once, then about every
     second from another thread.
     """
-    started, methods = time.perf_counter(), _methods_of(method)
-    compiled = kernels_are_compiled(method) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+    started = time.perf_counter()
+    ready, names = kernels_are_compiled(), method_names() if method is None else (method,)
+    names = tuple(check_method(name).name for name in names)
+    what, expected = ("compiling kernels", COMPILING)
+    if is_shipped():
+        what, expected = "making machine code of the kernels", EMITTING
 
     def report() -> None:
-        passed, expected = time.perf_counter() - started, EXPECTED * len(methods)
-        text = f"compiling kernels (first run only): {passed:.0f} s"
+        passed = time.perf_counter() - started
+        text = f"{what} (first run only): {passed:.0f} s"
         text += f" of about {expected:.0f} s" if passed <= expected else ""
         if progress is not None:
-            progress("loading kernels" if compiled else text)
+            progress("loading kernels" if ready else text)
 
     report()
-    with contextlib.ExitStack() as meanwhile:
-        if not compiled:
-            meanwhile.enter_context(every(TICK, report))
-            meanwhile.enter_context(_second_process(methods))
-        _compile(methods)
-    with contextlib.suppress(OSError):  # only the next message depends on stamps
-        for stamp in () if compiled else _stamps(method):
-            stamp.touch()
+    with contextlib.nullcontext() if ready else every(TICK, report):
+        make_all_ready()
+        for name in names:
+            _use(name)
     return time.perf_counter() - started
+
+
+def is_shipped() -> bool:
+    """Whether archfrag has LLVM code of the kernels as they are, for this kind of processor."""
+    return all(load.is_shipped(name) for name in load.SETS)
 
 
 def kernels_are_compiled(method: str | None = None) -> bool:
     """Whether `warmup` has only to load kernels; `method` as there."""
-    stamps = _stamps(method)
-    return bool(stamps) and all(stamp.is_file() for stamp in stamps)
+    return all(load.is_ready(name) for name in load.SETS)
 
 
-def _methods_of(method: str | None) -> tuple[str, ...]:
-    return method_names() if method is None else (check_method(method).name,)
-
-
-def _stamps(method: str | None) -> list[Path]:
-    """Files that a complete warm-up of each method leaves beside the kernels; none without cache.
-
-    Machine code is for one kind of processor; a home folder may serve several.
-    """
-    folder, processor = use_kernel_cache(), llvmlite.binding.get_host_cpu_name()
-    names = _methods_of(method)
-    return [folder / f"compiled-{name}-{processor}" for name in names if folder is not None]
-
-
-def _compile(methods: Sequence[str], second: bool = False) -> None:
-    """Call the kernels of some methods; a second process begins with what the first needs late."""
+def _use(method: str) -> None:
+    """Call the kernels of a method."""
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    motion, calls = Motion(np.zeros(3), dt=0.01), list[Callable[[], object]]()
-    for method in methods:
-        if check_method(method).load_many is not None:
-            calls.append(partial(simulate_many, arch, motion, [1.0], method=method))
-        # The kernels of events, which auto may need, are those of event_driven.
-        calls.append(partial(simulate, arch, motion, method=method))
-    for call in reversed(calls) if second else calls:
-        call()
+    motion = Motion(np.zeros(3), dt=0.01)
+    if check_method(method).load_many is not None:
+        simulate_many(arch, motion, [1.0], method=method)
+    simulate(arch, motion, method=method)
 
 
 @contextlib.contextmanager
@@ -108,35 +95,37 @@ def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
         ticker.join()
 
 
-@contextlib.contextmanager
-def _second_process(methods: Sequence[str]) -> Iterator[None]:
-    """A process that compiles what this one needs late; none on one core.
+def used_kernels() -> dict[str, list[Any]]:
+    """Kernels that studies call, by set; each with the types of its arguments."""
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+    sets, known = dict[str, list[Any]](), set[Any]()
+    motion = Motion(np.sin(np.arange(50.0)), dt=0.01)
+    moving = np.zeros((2, 3, 3))
 
-    It only fills the cache: what it does not do, or does not end, this process does.
-    """
-    cores = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
-    places, process = [str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH")], None
-    if cores > 1 and use_kernel_cache() is not None:
-        with contextlib.suppress(OSError):
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "archfrag.warmup", *methods],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
-                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
-    try:
-        yield
-    finally:
-        if process is not None:
-            process.kill()
-            process.communicate()
+    def rest() -> None:
+        onset(arch)
+        slow = SlowArch(arch.tied(level=6.0, area=5e-4, prestress=100.0))
+        slow.tension(0, 200.0)
+        for wave in (motion.acceleration, motion.acceleration * 1j):
+            largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
 
+    def steps() -> None:
+        simulate_many(arch, motion, [0.5], method="time_stepping")
 
-def _end_with_parent() -> None:
-    """End this process when the other end of its standard input is closed, by whatever end."""
-    sys.stdin.buffer.read()
-    os._exit(0)
+    def events() -> None:
+        for name in ("time_stepping", "event_driven"):
+            simulate_many(arch, motion, [0.5], method=name)
+            for start in (None, (moving[0], moving[1])):
+                simulate(arch, motion, method=name, initial=start)
+
+    for name, call in (("rest", rest), ("steps", steps), ("events", events)):
+        load.called.clear()
+        call()
+        new = sorted(set(load.called) - known, key=repr)
+        sets[name], known = new, known.union(new)
+    return sets
 
 
 if __name__ == "__main__":
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    _compile(sys.argv[1:], second=True)
+    warnings.simplefilter("ignore")
+    print(json.dumps(used_kernels()))

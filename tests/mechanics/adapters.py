@@ -130,7 +130,13 @@ def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
 
 def views_of(mega):
     """Arrays of assembled mega-voussoirs cut to their size; as Python, for a kernel's are not."""
-    return getattr(assemble.in_use, "py_func", assemble.in_use)(mega)
+    n, m = mega.count[0] + 2, mega.count[1]
+    cut = {name: getattr(mega.work, name)[:m] for name in assemble.COUNTED}
+    cut |= {name: getattr(mega.work, name)[:n] for name in ("free", "solved")}
+    bodies = ("position", "velocity", "next_position", "next_velocity")
+    return mega._replace(
+        work=mega.work._replace(**cut), **{name: getattr(mega, name)[:n] for name in bodies}
+    )
 
 
 class Posed:

@@ -5,7 +5,7 @@ import pytest
 
 import archfrag as af
 from archfrag.mechanics import ground
-from archfrag.mechanics.model import N_CLOCK, Clock, model_of
+from archfrag.mechanics.model import Clock, model_of
 
 DT = 0.02
 SAMPLES = np.random.default_rng(2).normal(size=(3, 50))
@@ -15,7 +15,7 @@ MODEL = model_of(af.Block(0.4, 1.0, friction=0.6).chain)._replace(gravity=10.0)
 
 
 def clock_at(time, motion=0, factor=1.0):
-    clock = np.zeros(N_CLOCK)
+    clock = np.zeros(len(Clock))
     clock[Clock.TIME], clock[Clock.MOTION], clock[Clock.FACTOR] = time, motion, factor
     return clock
 

@@ -8,9 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from archfrag.kernels import numbers as pairs
+from archfrag.kernels.kernel import kernel
+from archfrag.kernels.numbers import LANES, lane_array, runs_of
 from archfrag.mechanics import numbers
-from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.lanes import LANES, lane_array, runs_of
 
 
 @kernel
@@ -18,15 +19,15 @@ def everything(a, b, limit, out):
     for i in range(a.shape[0]):
         x, y = a[i, 0], a[i, 1]
         sine, cosine = numbers.sine_cosine(x)
-        low = (x < b[i]) & numbers.opposite(y >= limit)
+        low = (x < b[i]) & pairs.opposite(y >= limit)
         either = low | (x == y) ^ (y <= 0.0)
         out[i, 0], out[i, 1] = sine, cosine
-        out[i, 2] = numbers.select(either, math.sqrt(abs(x)) / (1.0 + y * y), -y)
+        out[i, 2] = pairs.select(either, math.sqrt(abs(x)) / (1.0 + y * y), -y)
         out[i, 3] = numbers.larger(x, y) + numbers.smaller(x, 2.0) - numbers.flag(x != y)
-        out[i, 4] = numbers.fused(x, y, b[i]) + numbers.nearest(x)
+        out[i, 4] = pairs.fused(x, y, b[i]) + numbers.nearest(x)
         out[i, 5] = 0.0
-        if numbers.some(either):
-            out[i, 5] = numbers.select(either, 1.0, 0.0)
+        if pairs.some(either):
+            out[i, 5] = pairs.select(either, 1.0, 0.0)
 
 
 def test_every_lane_has_the_bits_of_a_float():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics.compile import kernel
+from archfrag.kernels.kernel import kernel
 from archfrag.mechanics.contact.path import solve_with_fallback
 from archfrag.mechanics.contact.placing import move_faces, relative_velocity
 from archfrag.mechanics.energy import energies_of

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.ground import Grounds
 from archfrag.mechanics.model import Clock, Model, State, Work, model_of
@@ -18,6 +19,7 @@ from archfrag.methods.time_stepping.service import handle
 BY_REST = int(Cause.REST)
 
 
+@struct()
 class Case(NamedTuple):
     """All that one run takes."""
 

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archbench.baselines.common import Case, case_of, end_at_rest, stands, write_rows
-from archfrag.mechanics.compile import allocating, kernel
+from archfrag.kernels.kernel import kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.placing import AFTER, BEFORE, COINCIDENT, relative_velocity
 from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
 from archfrag.mechanics.laws import MINUS, PLUS
@@ -34,6 +35,7 @@ STILL = 1e-5
 REST_SPAN = 0.25
 
 
+@struct()
 class Corners(NamedTuple):
     """Two contacts at each joint; coordinates are those of the bodies before and after it."""
 
@@ -116,7 +118,7 @@ def gather_joints(case, corners):
     relative_velocity(work.position, work.solved, work.pivot, work.relative)
 
 
-@allocating
+@kernel
 def accept_corners(case, corners, impulse, converged):
     """Make a step whose contact problem is solved, and leave in the clock how it goes on."""
     model, state, options = case.model, case.state, case.options

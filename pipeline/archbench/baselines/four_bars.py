@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.model import Model
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
 
@@ -25,6 +26,7 @@ from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
 OPENS = 1e-9
 
 
+@struct()
 class Linkage(NamedTuple):
     """One mechanism of a chain."""
 
@@ -70,7 +72,8 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     if not (opens > OPENS * np.abs(rate).max()).all():
         return None
     unit = bars / np.abs(bars)
-    return Linkage(joint, sense, rest, (unit[1:] * unit[:-1].conj()).imag, contact)
+    sine = np.ascontiguousarray((unit[1:] * unit[:-1].conj()).imag)
+    return Linkage(joint, sense, rest, sine, contact)
 
 
 @kernel

@@ -33,13 +33,14 @@ from archbench.baselines.four_bars import (
     place_linkage,
     speed_after_impact,
 )
-from archfrag.mechanics.compile import allocating, kernel
+from archfrag.kernels.kernel import kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.ground import Grounds, end_rest, one_of, segment_at
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.onset import NO_LIMIT, rest_limit
+from archfrag.mechanics.onset import NO_LIMIT, new_rest_problem, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods.common import AT_END, COLLAPSES, EXHAUSTED, GO, IDLE, log_change, write_frame
@@ -67,6 +68,7 @@ OF_CLOSING, OF_ROTATION, OF_COLLAPSE = 0, 1, 2
 ROOT = 1e-13
 
 
+@struct()
 class Motion(NamedTuple):
     """The one coordinate of a linkage."""
 
@@ -114,7 +116,7 @@ def accelerate(case, linkage, motion, q, speed, late):
                 point = work.point[j, k, c]
                 work.bias[j, k, c] = before * (point - state.position[j, c])
                 work.bias[j, k, c] -= after * (point - state.position[j + 1, c])
-    solve_modes(model, state.position, work, model.gravity, EXACT)
+    solve_modes(model, state.position, work, model.gravity, EXACT, 0)
     return linkage.sense * work.solved[linkage.joint[0] + 1, 2], power
 
 
@@ -251,7 +253,7 @@ def write_due(case, linkage, motion, step):
     _go_to(case, linkage, motion, step)
 
 
-@allocating
+@kernel
 def _accept(case, linkage, motion, step):
     """Take the end of a step over; peaks, energies and tension there, now and then the
     residual."""
@@ -269,7 +271,7 @@ def _accept(case, linkage, motion, step):
         measure_state(case.model, state, case.work)
 
 
-@allocating
+@kernel
 def move(case, linkage, motion, grounds, largest, stop, most):
     """Integrate a linkage until it closes, collapses or time is up; returns the code."""
     clock, motion.tensile[0] = case.state.clock, 0.0
@@ -324,12 +326,10 @@ class Run:
         place_contacts(model, self.state.slip, work.face, work.tangent, work)
         self.limits: list[float] = []
         self.linkages: list[Linkage | None] = []
+        problem = new_rest_problem(model)
+        problem.centroid[:] = model.centroid
         for sense in (1.0, -1.0):
-            limit = rest_limit(
-                model.mass[1:-1], model.centroid[1:-1].copy(), work.point, work.normal,
-                np.ones(work.contact.shape, np.int8), model.friction, model.gravity, sense,
-                np.zeros((model.mass.size - 2, 3)),
-            )  # fmt: skip
+            limit = rest_limit(model, work, problem, sense)
             self.limits.append(sense * limit.load_factor if limit.found else -NO_LIMIT)
             self.linkages.append(linkage_of(model, limit.mechanism))
 

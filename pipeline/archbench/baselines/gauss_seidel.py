@@ -14,7 +14,7 @@ import numpy as np
 
 from archbench.baselines.common import integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.ground import Grounds
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
@@ -122,7 +122,7 @@ def sweep(case, corners, delassus, backward):
     return change, total
 
 
-@allocating
+@kernel
 def make_steps(case, corners, delassus, sweep_tolerance, sweeps):
     """Step until something is due, or the run is over; see `run` and `prepare_sweeps`."""
     clock = case.state.clock

@@ -27,7 +27,7 @@ from archbench.baselines.springs import (
     press_joints,
     stiffness_matrix,
 )
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.ground import Grounds, Impulse, end_of_motion, impulse_between
 from archfrag.mechanics.model import Clock
@@ -140,7 +140,7 @@ def _largest_slip(model, state):
     return largest
 
 
-@allocating
+@kernel
 def make_steps(case, springs, most, shifted):
     """Step until the critical step has to be asked for again, or the run is over."""
     model, state, work, output = case.model, case.state, case.work, case.output
@@ -174,13 +174,15 @@ def make_steps(case, springs, most, shifted):
             clock[Clock.CODE] = PAUSE
 
 
-@allocating
+@kernel
 def end_steps(case, springs):
     """Bring the energy balance up to the end."""
     model, state, work, clock = case.model, case.state, case.work, case.state.clock
     if int(clock[Clock.CODE]) not in (COLLAPSES, AT_END, IDLE):
         return
-    work.position[:], work.solved[:] = state.position, state.velocity
+    for i in range(state.position.shape[0]):
+        for c in range(3):
+            work.position[i, c], work.solved[i, c] = state.position[i, c], state.velocity[i, c]
     press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
     if not balance_energy(case, springs, Impulse(*(8 * (0.0,)))):
         clock[Clock.CODE] = BROKEN

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archbench.baselines.common import write_rows
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.placing import AFTER, BEFORE
 from archfrag.mechanics.model import Model, State, Work
 
@@ -26,6 +27,7 @@ class Sum(IntEnum):
     DAMPING = 2  # work of dashpots since then [J]
 
 
+@struct()
 class Springs(NamedTuple):
     """Constants of the joints and what they remember from one step to the next."""
 

@@ -17,10 +17,8 @@ _SIDES = ((-1.0, "left"), (1.0, "right"))
 def check_upright(ring: Ring, free_end: bool) -> None:
     """Refuse a chain on which piers or fill have no meaning."""
     if free_end or ring.sense < 0 or ring.intrados[0, 0] >= ring.intrados[-1, 0]:
-        raise GeometryError(
-            "piers and fill need an arch between two springings, its joints listed from the left "
-            "one and its intrados below"
-        )
+        listed = "its joints listed from the left one and its intrados below"
+        raise GeometryError(f"piers and fill need an arch between two springings, {listed}")
 
 
 def checked_piers(
@@ -58,40 +56,34 @@ def extended(values: FloatArray, piers: Piers, name: str) -> FloatArray:
 def on_piers(ring: Ring, piers: Piers) -> Ring:
     """The ring with the bodies of two piers: from the left base to the right one."""
     left, right = (_pier(ring, place, piers) for place in (0, 1))
-    return Ring(
-        np.concatenate([left.intrados, ring.intrados, right.intrados[::-1]]),
-        np.concatenate([left.extrados, ring.extrados, right.extrados[::-1]]),
-        ring.sense,
-        [*left.sections, *ring.sections, *right.sections[::-1]],
-        [*left.outlines, *ring.outlines, *right.outlines[::-1]],
-        [*left.backs, *ring.backs, *right.backs[::-1]],
-        [*left.surfaces, *ring.surfaces, *right.surfaces[::-1]],
-    )
+    rows: dict[str, Any] = {
+        name: [*getattr(left, name), *getattr(ring, name), *getattr(right, name)[::-1]]
+        for name in Ring._fields if name != "sense"
+    }  # fmt: skip
+    rows |= {name: np.array(rows[name]) for name in ("intrados", "extrados")}
+    return Ring(**rows, sense=ring.sense)
 
 
 def _pier(ring: Ring, place: int, piers: Piers) -> Ring:
     """Level joints and courses of the left or the right pier, from its base up."""
     (side, name), end = _SIDES[place], -place
-    height, width, base_width, above = (
-        piers[key][place] for key in ("height", "width", "base_width", "above")
-    )
+    keys = ("height", "width", "base_width", "above")
+    height, width, base_width, above = (piers[key][place] for key in keys)
     inner, outer, courses = ring.intrados[end], ring.extrados[end], piers["courses"][place]
     base, top, reach = inner[1] - height, outer[1] + above, side * (outer[0] - inner[0])
     level, slip = base + height * np.arange(courses) / courses, 1e-9 * width
     if level[-1] >= outer[1]:
-        raise GeometryError(
-            f"piers: the {name} springing joint reaches down to {outer[1]:.6g} m, below the last "
-            f"bed at {level[-1]:.6g} m; the pier must have fewer courses or more height"
-        )
+        below = f"reaches down to {outer[1]:.6g} m, below the last bed at {level[-1]:.6g} m"
+        remedy = "the pier must have fewer courses or more height"
+        raise GeometryError(f"piers: the {name} springing joint {below}; {remedy}")
 
     def out(y: Any) -> Any:
         return base_width + (width - base_width) * (y - base) / (top - base)
 
     if not -slip <= reach <= min(width, out(outer[1])) + slip:
-        raise GeometryError(
-            f"piers.width = {width:g} m is impossible; the {name} springing joint reaches "
-            f"{reach:.6g} m outwards, which must be from 0 to the width of the pier there"
-        )
+        outwards = f"the {name} springing joint reaches {reach:.6g} m outwards"
+        within = "which must be from 0 to the width of the pier there"
+        raise GeometryError(f"piers.width = {width:g} m is impossible; {outwards}, {within}")
     if above > 0.0 and (side * np.concatenate(ring.outlines)[:, 0]).max() > side * outer[0] + slip:
         raise GeometryError(f"piers.above must be 0 on the {name}, where the ring bulges outwards")
     inside = np.column_stack([np.full(courses, inner[0]), level])
@@ -117,10 +109,8 @@ def checked_fill(
             raise GeometryError("fill.backing_unit_weight must be given with a backing_height")
         backing_unit_weight = unit_weight
     if inertia != 1.0:
-        raise GeometryError(
-            f"fill.inertia = {inertia} is impossible; it must be 1: a voussoir has one mass, and "
-            "what weighs on it also moves with it"
-        )
+        why = "a voussoir has one mass, and what weighs on it also moves with it"
+        raise GeometryError(f"fill.inertia = {inertia} is impossible; it must be 1: {why}")
     found = {
         "height_over_crown": (height_over_crown, "m over the crown"),
         "unit_weight": (unit_weight, "N/m3"),
@@ -151,10 +141,9 @@ def weight_of_fill(
     springing = float(0.5 * (ring.intrados + ring.extrados)[[first, last], 1].min())
     level, backed = crown + fill["height_over_crown"], springing + fill["backing_height"]
     if backed > level and fill["backing_height"] > 0.0:
-        raise GeometryError(
-            f"fill.backing_height = {fill['backing_height']:g} m reaches above the fill; it must "
-            f"be at most {level - springing:.6g} m"
-        )
+        most = f"it must be at most {level - springing:.6g} m"
+        height = f"fill.backing_height = {fill['backing_height']:g} m"
+        raise GeometryError(f"{height} reaches above the fill; {most}")
     more = fill["backing_unit_weight"] - fill["unit_weight"]
     weight, place = np.zeros(len(depth)), np.array(ring.backs)
     for body, line in enumerate(ring.surfaces):

@@ -88,10 +88,8 @@ def joint_positions(value: ArrayLike | None, voussoirs: int, end: float, unit: s
         # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
         return end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
-    allowed = (
-        f"one of {voussoirs + 1} numbers that increase from 0 at the left springing to {end:.9g} "
-        f"{unit} at the right one"
-    )
+    ends = f"from 0 at the left springing to {end:.9g} {unit} at the right one"
+    allowed = f"one of {voussoirs + 1} numbers that increase {ends}"
 
     def fits(x: FloatArray) -> NDArray[np.bool_]:
         good = np.append(True, x[1:] > x[:-1])

@@ -63,9 +63,8 @@ def read_drawing(
     code = document.header.get("$INSUNITS", 0)
     unit = _CODES.get(code) if unit is None else unit
     if unit not in UNITS:
-        raise GeometryError(
-            f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {', '.join(UNITS)}"
-        )
+        known = ", ".join(UNITS)
+        raise GeometryError(f"{path}: unit = {unit} ($INSUNITS = {code}) must be one of {known}")
     scale, left = UNITS[unit], list[_Part]()
     found = Blocks([], [], [], [], ", ".join(layers.values()), unit)
     for part in parts:
@@ -91,11 +90,8 @@ def read_drawing(
     left = [part for part in left if part.kind != "HATCH" or not _fills(part.entity, whole)]
     if left:
         used = {id(part.reference) for part in parts if part.layer.casefold() in layers}
-        texts, several = _counted(left, used), len(left) > 1
-        found.caution = (
-            f"{Path(path).name}: {texts} {'are' if several else 'is'} not part of the arch; if "
-            "some of it is, name its layer too"
-        )
+        what = f"{_counted(left, used)} {'are' if len(left) > 1 else 'is'} not part of the arch"
+        found.caution = f"{Path(path).name}: {what}; if some of it is, name its layer too"
     return found
 
 
@@ -137,10 +133,9 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
             return
         inside[0] += entity.mcount * len(block)
         if inside[0] > MOST_ENTITIES or depth > DEEPEST:
-            raise GeometryError(
-                f"{path}: its blocks (INSERT) hold more than {MOST_ENTITIES} entities, or blocks "
-                f"more than {DEEPEST} deep; save a drawing that has only the arch"
-            )
+            most = f"{MOST_ENTITIES} entities, or blocks more than {DEEPEST} deep"
+            remedy = "save a drawing that has only the arch"
+            raise GeometryError(f"{path}: its blocks (INSERT) hold more than {most}; {remedy}")
         outer = entity if reference is None else reference
         for each in _exploded(entity):
             own = each.dxf.layer  # what is on layer 0 is seen on that of the reference
@@ -154,10 +149,9 @@ def _seen(document: Any, path: str) -> tuple[list[_Part], Counter[str]]:
 def _exploded(reference: Any) -> Iterator[Any]:
     """Entities of a reference to a block where it puts them, of all its rows and columns."""
     skipped: list[Any] = []
+    keep = {"skipped_entity_callback": lambda entity, reason: skipped.append(entity)}
     for each in reference.multi_insert() if reference.mcount > 1 else [reference]:
-        yield from each.virtual_entities(
-            skipped_entity_callback=lambda entity, reason: skipped.append(entity)
-        )
+        yield from each.virtual_entities(**keep)
     yield from skipped  # which cannot be moved, and are refused if they are on a layer of the arch
 
 
@@ -181,10 +175,8 @@ def _chosen(
         raise GeometryError(f"{path}: layer {lost} has nothing that is seen{others}")
     layers = {name.casefold(): shown[name.casefold()] for name in names}
     if not names and closed:
-        raise GeometryError(
-            f"{path}: several layers have polylines: {listed}; give the layer of the blocks, or "
-            "the layers: [A, B]"
-        )
+        remedy = "give the layer of the blocks, or the layers: [A, B]"
+        raise GeometryError(f"{path}: several layers have polylines: {listed}; {remedy}")
     if not set(closed) & set(layers.values()):
         there = [part for part in parts if not layers or part.layer.casefold() in layers]
         texts = _counted(there, {id(part.reference) for part in there}) or "nothing"
@@ -197,12 +189,9 @@ def _counted(parts: list[_Part], used: set[int]) -> str:
     whole = {id(p.reference): p.reference for p in parts if id(p.reference) not in used}
     kinds = Counter((p.kind, p.layer) for p in parts if not p.reference or id(p.reference) in used)
     blocks = Counter((r.dxf.name, r.dxf.layer) for r in whole.values() if r is not None)
-    texts = [f"{n} {kind} on layer {layer}" for (kind, layer), n in sorted(kinds.items())]
-    texts = [
-        *(f"{n} block{'s' * (n > 1)} (INSERT of {name}) on layer {layer}"
-          for (name, layer), n in sorted(blocks.items())),
-        *texts,
-    ]  # fmt: skip
+    texts = [f"{n} block{'s' * (n > 1)} (INSERT of {name}) on layer {layer}"
+             for (name, layer), n in sorted(blocks.items())]  # fmt: skip
+    texts += [f"{n} {kind} on layer {layer}" for (kind, layer), n in sorted(kinds.items())]
     more = len(texts) - _MOST_LISTED
     return ", ".join(texts[:_MOST_LISTED]) + f" and {more} more kinds" * (more > 0)
 

@@ -62,12 +62,9 @@ def facts_of(arch: Arch) -> dict[str, Any]:
     ring = float(masonry[first:last].sum()) - dead
     piers = float(masonry[:first].sum() + masonry[last:].sum())
     weights = {"ring": ring, "piers": piers, "fill": fill, "dead_load": dead}
-    told = given.get("ties", ())
-    ties = [
-        {"ends": ends.tolist(), "strength": None, "prestress": 0.0}
-        | {key: tie[key] for key in ("prestress", "strength") if key in tie}
-        for tie, ends in zip(told, arch.tie_lines)
-    ]
+    ties = [{"ends": ends.tolist(), "strength": tie.get("strength"),
+             "prestress": tie.get("prestress", 0.0)}
+            for tie, ends in zip(given.get("ties", ()), arch.tie_lines)]  # fmt: skip
     return {
         "span": span, "rise": rise, "thickness": thickness,
         "springings": joints[[first] if arch.free_end else [first, last]].tolist(),
@@ -84,9 +81,8 @@ def facts_text(arch: Arch) -> str:
     for number, tie in enumerate(facts["ties"], 1):
         name = f"tie {number}" if len(facts["ties"]) > 1 else "the tie"
         limit = "" if (most := tie["strength"]) is None else f" and yields at {force_text(most)}"
-        force = (
-            f"pulls with {force_text(tie['prestress'])}" if tie["prestress"] else "is not tight"
-        )
+        pull = tie["prestress"]
+        force = f"pulls with {force_text(pull)}" if pull else "is not tight"
         texts.append(f"{name} {force}{limit}")
     ends = [f"({x:.4g}, {y:.4g})" for joint in facts["springings"] for x, y in joint]
     if free:
@@ -127,10 +123,8 @@ def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
         load *= 1 if np.ndim(given["dead_load"]) else last - first
         weight = facts_of(arch)["weights"]["ring"]
         if not LOADS[0] <= load / weight <= LOADS[1]:
-            text = (
-                f"dead_load is {force_text(load)} on a ring of {force_text(weight)}; is it in N?"
-            )
-            yield "dead_load", text
+            on = f"on a ring of {force_text(weight)}"
+            yield "dead_load", f"dead_load is {force_text(load)} {on}; is it in N?"
     for number, (tie, ends) in enumerate(zip(given.get("ties", ()), arch.tie_lines)):
         place = f"ties[{number}]"
         for key in ("area", "modulus"):
@@ -139,10 +133,10 @@ def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
         for key, (least, most) in STRESSES.items():
             if (force := tie.get(key)) and not least <= (stress := force / tie["area"]) <= most:
                 text = (
-                    f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of "
-                    f"{stress:.3g} N/m2; usual are {least:g} to {most:g}: are they in N and m2?"
+                    f"{place}.{key} = {force:g} N on an area of {tie['area']:g} m2 is a stress of"
                 )
-                yield f"{place}.{key}", text
+                usual = f"usual are {least:g} to {most:g}: are they in N and m2?"
+                yield f"{place}.{key}", f"{text} {stress:.3g} N/m2; {usual}"
         length = float(np.hypot(*(ends[1] - ends[0])))
         if tie.get("rupture", 0.0) > LARGEST_STRAIN * length:
             text = f"{place}.rupture = {tie['rupture']:g} m is that of a tie of {length:.3g} m"

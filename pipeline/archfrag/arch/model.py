@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import bridge, checks, facts
+from archfrag.arch import bridge, checks, facts, shown
 from archfrag.arch import ring as rings
+from archfrag.arch.ties import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
 from archfrag.mechanics.types import Chain
@@ -131,8 +132,6 @@ class Arch:
     @property
     def tie_lines(self) -> NDArray[np.float64]:
         """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
-        from archfrag.arch.ties import tie_lines
-
         return tie_lines(self)
 
     @property
@@ -144,14 +143,10 @@ class Arch:
     @property
     def fill_outlines(self) -> list[NDArray[np.float64]]:
         """Outlines of fill and backing, for drawing, (m, 2) each [m]; empty without fill."""
-        from archfrag.arch.shown import fill_outlines
-
-        return fill_outlines(self)
+        return shown.fill_outlines(self)
 
     def _frame(self, *motion: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        from archfrag.arch.shown import frame
-
-        return frame(self, *motion)
+        return shown.frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
         """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
@@ -323,9 +318,8 @@ class Arch:
         inner = checks.points("intrados", intrados, least, why)
         outer = checks.points("extrados", extrados, least, why)
         if inner.shape != outer.shape:
-            raise GeometryError(
-                f"intrados has {len(inner)} points and extrados {len(outer)}; they must be equal"
-            )
+            counts = f"intrados has {len(inner)} points and extrados {len(outer)}"
+            raise GeometryError(f"{counts}; they must be equal")
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = rings.straight_ring(inner, outer)
         return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))._warned()
@@ -439,8 +433,6 @@ class Arch:
         >>> af.onset(tied).plus > af.onset(arch).plus
         True
         """
-        from archfrag.arch.ties import tie_row
-
         given = {
             "level": level, "area": area, "modulus": modulus, "prestress": prestress,
             "strength": strength, "rupture": rupture, "ends": ends,
@@ -488,10 +480,9 @@ class Arch:
         left = length - depths[0] - depths[1]
         if not np.all(left > checks.SMALLEST):
             joint = int(np.argmin(left))
-            raise GeometryError(
-                f"recess of joint {joint} leaves {left[joint]:.6g} m of its {length[joint]:.6g} "
-                f"m; it must leave more than {checks.SMALLEST:g} m"
-            )
+            rest = f"leaves {left[joint]:.6g} m of its {length[joint]:.6g} m"
+            most = f"it must leave more than {checks.SMALLEST:g} m"
+            raise GeometryError(f"recess of joint {joint} {rest}; {most}")
         along = face / length[:, None]
         moved = depths[0][:, None] * along, -depths[1][:, None] * along
         ends = {"intrados": self.intrados.copy(), "extrados": self.extrados.copy()}
@@ -663,14 +654,10 @@ def _fields(
     matter = {"friction": _plain(friction), "density": _plain(density), "depth": _plain(depth)}
     return {
         "chain": rings.chain_of(ring, coefficient, density_of * depth_of, loads),
-        "intrados": ring.intrados,
-        "extrados": ring.extrados,
-        "outlines": tuple(ring.outlines),
-        "free_end": free_end,
-        "flipped": ring.sense < 0,
+        "intrados": ring.intrados, "extrados": ring.extrados, "outlines": tuple(ring.outlines),
+        "free_end": free_end, "flipped": ring.sense < 0, "again": again,
         "parameters": {"profile": profile, **shape, **matter, **more},
-        "again": again,
-    }
+    }  # fmt: skip
 
 
 def _plain(value: ArrayLike | None) -> Any:

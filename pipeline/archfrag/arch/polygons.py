@@ -68,9 +68,8 @@ def polygon_shape(
         lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in placed.ground]
         thicker = Blocks.from_points(_stretched(placed.outlines, ring, factor), lines)
         ring, placed = polygon_ring(thicker, tolerance)
-    shape = {
-        name: [rows.tolist() for rows in getattr(placed, name)] for name in ("outlines", "ground")
-    }
+    shape = {name: [rows.tolist() for rows in getattr(placed, name)]
+             for name in ("outlines", "ground")}  # fmt: skip
     return shape, ring, len(placed.ground) == 1
 
 
@@ -87,10 +86,9 @@ def _stretched(outlines: Sequence[FloatArray], ring: Ring, factor: float) -> lis
         ends, moved = np.concatenate(lines[i : i + 2]), outline.copy()
         apart = np.hypot(*(ends[:, None] - outline[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
         if apart.max() > tolerance:
-            raise GeometryError(
-                f"thickness_factor = {factor:g} is impossible: voussoir {i} is wider than one of "
-                "its joints; every joint must reach across both of its voussoirs"
-            )
+            wide = f"voussoir {i} is wider than one of its joints"
+            whole = "every joint must reach across both of its voussoirs"
+            raise GeometryError(f"thickness_factor = {factor:g} is impossible: {wide}; {whole}")
         along, places, total = _places_along(outline, ends)
         for axis, move in enumerate(np.concatenate(moves[i : i + 2]).T):
             moved[:, axis] += np.interp(along, places, move, period=total)
@@ -107,9 +105,8 @@ def polygon_ring(drawn: Blocks, tolerance: float | None = None) -> tuple[Ring, B
     is no simple polygon, overlaps, or does not fit into one chain.
     """
     if not 0 < len(drawn.outlines) <= checks.MOST_VOUSSOIRS:
-        raise GeometryError(
-            f"outlines are {len(drawn.outlines)}; there must be 1 to {checks.MOST_VOUSSOIRS}"
-        )
+        most = f"there must be 1 to {checks.MOST_VOUSSOIRS}"
+        raise GeometryError(f"outlines are {len(drawn.outlines)}; {most}")
     size = float(np.hypot(*np.ptp(np.concatenate(drawn.outlines)[:, :2], axis=0)))
     outlines = []
     for outline in drawn.outlines:
@@ -227,20 +224,16 @@ def _find_joints(given: Blocks) -> None:
     for (block, neighbour), parts in shared.items():
         segment = _one_line(parts, given.tolerance)
         if segment is None:
-            given.refuse(
-                block,
-                f"and {names[neighbour]} meet along {len(parts)} edges not on one line; a joint "
-                "must be straight",
-            )
+            meet = f"and {names[neighbour]} meet along {len(parts)} edges not on one line"
+            given.refuse(block, f"{meet}; a joint must be straight")
         given.joints[neighbour][block] = segment[::-1]
         if neighbour < count:
             given.joints[block][neighbour] = segment
     for name, joints in zip(given.ground_names, given.joints[count:]):
         if len(joints) != 1:
-            raise GeometryError(
-                f"{name} must be on a straight edge of one block, on which it stands on the "
-                f"ground; it is on edges of: {', '.join(names[b] for b in joints) or 'none'}"
-            )
+            edge = "must be on a straight edge of one block, on which it stands on the ground"
+            found = ", ".join(names[block] for block in joints) or "none"
+            raise GeometryError(f"{name} {edge}; it is on edges of: {found}")
         ((block, segment),) = joints.items()
         if block in given.standing:
             given.refuse(block, f"stands on two lines, {name} the second; it must be one")
@@ -295,11 +288,9 @@ def _walk(given: Blocks) -> list[int]:
     if apart := set(range(len(names))) - set(order):
         shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
         gap, one, near = min((shapes[a].distance(shapes[b]), a, b) for a in order for b in apart)
-        given.refuse(
-            one,
-            f"has no edge in common with {names[near]}, {gap:.3g} m away; all must form one "
-            f"chain, and edges of neighbours agree to {given.tolerance:.3g} m",
-        )
+        rule = f"one chain, and edges of neighbours agree to {given.tolerance:.3g} m"
+        away = f"has no edge in common with {names[near]}, {gap:.3g} m away"
+        given.refuse(one, f"{away}; all must form {rule}")
     if not given.standing:
         if len(order) == 1:
             given.refuse(0, "is the only block; a LINE must show the edge it stands on")
@@ -316,9 +307,7 @@ def _opposite(given: Blocks, block: int, joint: _Segment) -> _Segment:
     first = int(np.searchsorted(along, middle, "right")) + 1
     side = outline[[first % len(outline), (first + 1) % len(outline)]]
     if len(outline) != 4 or side[0, 2] != 0.0:
-        given.refuse(
-            block,
-            f"is an end of the chain and has {len(outline)} sides; without a LINE that shows the "
-            "edge it stands on they must be four, that opposite to its joint straight",
-        )
+        four = "they must be four, that opposite to its joint straight"
+        line = f"without a LINE that shows the edge it stands on {four}"
+        given.refuse(block, f"is an end of the chain and has {len(outline)} sides; {line}")
     return side[:, :2]

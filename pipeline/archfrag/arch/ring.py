@@ -13,17 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
-from archfrag.arch.geometry import (
-    Section,
-    arc,
-    cross,
-    middle_of,
-    place_text,
-    polygon_section,
-    sector_section,
-)
+from archfrag.arch.geometry import Section, arc, cross
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
 
@@ -138,9 +130,9 @@ def straight_ring(intrados: FloatArray, extrados: FloatArray, apex: int | None =
     ends = np.delete(np.arange(len(intrados)), [] if apex is None else apex)
     spans = [slice(first, last + 1) for first, last in pairwise(ends)]
     outlines = [np.concatenate([intrados[s], extrados[s][::-1]]) for s in spans]
-    backs = [middle_of(extrados[s]) for s in spans]
+    backs = [geometry.middle_of(extrados[s]) for s in spans]
     surfaces = [np.pad(extrados[s], ((0, 0), (0, 1))) for s in spans]
-    sections = [polygon_section(each) for each in outlines]
+    sections = [geometry.polygon_section(each) for each in outlines]
     return Ring(intrados[ends], extrados[ends], sense, sections, outlines, backs, surfaces)
 
 
@@ -155,17 +147,15 @@ def circular_ring(
     direction = np.column_stack([np.sin(angle), np.cos(angle)])
     intrados, extrados = centre + inner * direction, centre + outer * direction
     if thickness >= 2.0 * radius:
-        raise GeometryError(
-            f"thickness = {thickness} is impossible; it must be less than {2.0 * radius:.9g} m, "
-            "twice the radius of the centre line"
-        )
+        most = f"{2.0 * radius:.9g} m, twice the radius of the centre line"
+        raise GeometryError(f"thickness = {thickness} is impossible; it must be less than {most}")
     if not sector:
         return straight_ring(intrados, extrados)
     ring = Ring(intrados, extrados, 1, [], [], [], [])
     for i, (start, end) in enumerate(pairwise(angle)):
         middle = 0.5 * (start + end)
         back = arc(centre, outer, start, end)
-        ring.sections.append(sector_section(centre, radius, thickness, start, end))
+        ring.sections.append(geometry.sector_section(centre, radius, thickness, start, end))
         ring.outlines.append(np.concatenate([arc(centre, inner, start, end), back[::-1]]))
         ring.backs.append(centre + outer * np.array([np.sin(middle), np.cos(middle)]))
         bulge = -math.tan(0.25 * (end - start))  # clockwise
@@ -192,7 +182,7 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
     if not sense.all():
         body = int(np.argmin(np.abs(sense)))
-        corners = ", ".join(map(place_text, quads[body]))
+        corners = ", ".join(map(geometry.place_text, quads[body]))
         raise GeometryError(
             f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
             f"this order; joints {body} and {body + 1} must neither cross nor touch inside the "
@@ -200,10 +190,9 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
         )
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))
-        raise GeometryError(
-            f"voussoir {body} lies on the same side of joint {body} as voussoir {body - 1}: "
-            "intrados and extrados must run on along the ring from joint to joint"
-        )
+        same = f"lies on the same side of joint {body} as voussoir {body - 1}"
+        rule = "intrados and extrados must run on along the ring from joint to joint"
+        raise GeometryError(f"voussoir {body} {same}: {rule}")
     # Neighbours lie on either side of the line of their joint and cannot overlap. Two other
     # convex quadrilaterals overlap if no side of theirs separates them.
     low, high = quads.min(axis=1), quads.max(axis=1)
@@ -216,10 +205,8 @@ def _travel_sense(intrados: FloatArray, extrados: FloatArray) -> int:
     overlaps = np.flatnonzero(depth.min(axis=1) > _TOLERANCE * np.hypot(*np.ptp(quads, (0, 1))))
     if overlaps.size:
         pair = overlaps[0]
-        raise GeometryError(
-            f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m; "
-            "the ring must not cross itself"
-        )
+        both = f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair].min():.3g} m"
+        raise GeometryError(f"{both}; the ring must not cross itself")
     return int(sense[0])
 
 
@@ -246,11 +233,9 @@ def chain_of(
         good = (mass > 0.0) & (inertia > 0.0) & np.isfinite(mass + inertia + centroid.sum(axis=1))
     if not good.all():
         body = int(np.argmin(good))
-        raise GeometryError(
-            f"voussoir {body} has a mass of {mass[body]:.6g} kg and an inertia of "
-            f"{inertia[body]:.6g} kg m2; both must be finite and greater than 0. Check its size, "
-            "density, depth and loads"
-        )
+        has = f"a mass of {mass[body]:.6g} kg and an inertia of {inertia[body]:.6g} kg m2"
+        rule = "both must be finite and greater than 0. Check its size, density, depth and loads"
+        raise GeometryError(f"voussoir {body} has {has}; {rule}")
     n_voussoir, n_joint = mass.size, friction.size
     corners = np.stack([ring.intrados, ring.extrados][:: ring.sense], axis=1)
     face_before, face_after = corners[:n_joint].copy(), corners[:n_joint].copy()

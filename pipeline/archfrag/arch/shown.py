@@ -23,25 +23,20 @@ def fill_outlines(arch: Arch) -> list[FloatArray]:
     back = arch.extrados[first : last + 1]
     below = back[back[:, 0].argmin() : back[:, 0].argmax() + 1]
     if first:  # on piers, whose tops carry fill too
-        left, right = (_top(arch.outlines[body]) for body in (first - 1, last))
-        below = np.concatenate([left[left[:, 0] < below[0, 0]], below])
-        below = np.concatenate([below, right[right[:, 0] > below[-1, 0]]])
+        tops = []
+        for outline in (arch.outlines[first - 1], arch.outlines[last]):
+            high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
+            tops.append(high[high[:, 0].argsort()])  # from left to right
+        left, right = tops[0][:, 0] < below[0, 0], tops[1][:, 0] > below[-1, 0]
+        below = np.concatenate([tops[0][left], below, tops[1][right]])
     level = np.concatenate(arch.outlines[first:last])[:, 1].max() + fill["height_over_crown"]
     middle = 0.5 * (arch.intrados + arch.extrados)[[first, last], 1].min()
     levels = [level] + [middle + fill["backing_height"]] * (fill.get("backing_height", 0.0) > 0.0)
-    return [_between(below, min(each, level)) for each in levels]
-
-
-def _top(outline: FloatArray) -> FloatArray:
-    """Corners of the top of a pier, from left to right."""
-    high = outline[outline[:, 1] > outline[:, 1].max() - 1e-9 * np.ptp(outline)]
-    return high[high[:, 0].argsort()]
-
-
-def _between(line: FloatArray, level: float) -> FloatArray:
-    """Outline of what lies over a line, from left to right, up to a level."""
-    line = np.column_stack([line[:, 0], np.minimum(line[:, 1], level)])
-    return np.concatenate([line, [[line[-1, 0], level], [line[0, 0], level]]])
+    outlines = []
+    for top in np.minimum(levels, level):
+        line = np.column_stack([below[:, 0], np.minimum(below[:, 1], top)])
+        outlines.append(np.concatenate([line, [[line[-1, 0], top], [line[0, 0], top]]]))
+    return outlines
 
 
 def frame(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from archfrag.arch.ties import tie_name
 from archfrag.errors import StabilityError
 from archfrag.mechanics.contact.path import new_path
-from archfrag.mechanics.model import model_of, new_state, new_work
+from archfrag.mechanics.model import new_model, new_state, new_work
 from archfrag.mechanics.status import Tie, TieState
 from archfrag.mechanics.ties import TAUT, tie_stretch
 from archfrag.methods.common import begin
@@ -40,7 +40,7 @@ class SlowArch:
 
     def __init__(self, arch: Arch) -> None:
         self._built = arch
-        self.model = model_of(arch.chain)
+        self.model = new_model(arch.chain)
         self._state, self._work = new_state(self.model), new_work(self.model)
         self._path = new_path(self.model)
         begin(self.model, self._state, self._work, 0, 0.0)
@@ -49,14 +49,13 @@ class SlowArch:
 
     def rest_range(self) -> tuple[float, float]:
         """Range of rest in the present geometry [g]; negative numbers if there is none."""
-        found, plus, minus = rest_range(self.model, self._state, self._work)
+        found, plus, minus = rest_range(self.model, self._state, self._work, self._path.rest)
         return (plus, minus) if found else (-math.inf, -math.inf)
 
     def step(self) -> tuple[bool, float]:
         """Make a step; return whether it can be made, and how far a body moves in it [m]."""
-        solved, moved, lost = creep(
-            self.model, self._state, self._work, self._path, self._time, LOST_GAP
-        )
+        known = self.model, self._state, self._work, self._path
+        solved, moved, lost = creep(*known, self._time, LOST_GAP)
         return solved and not lost, moved
 
     def settle(self, least: float, most: int = SETTLING) -> bool:
@@ -102,10 +101,8 @@ class SlowArch:
             np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
             for ends in (arch.intrados, arch.extrados)
         )
-        return arch.changed(
-            chain=chain, outlines=outlines, intrados=inner, extrados=outer,
-            built=arch.built or arch,
-        )  # fmt: skip
+        lines = {"outlines": outlines, "intrados": inner, "extrados": outer}
+        return arch.changed(chain=chain, built=arch.built or arch, **lines)
 
     def tension(self, tie: int, prestress: float) -> float:
         """Tension a tie slowly; return the part of its prestress at which the arch falls, or inf.
@@ -158,8 +155,7 @@ def follow_tie(arch: Arch) -> Arch:
         return arch
     part = slow.tension(tie, prestress)
     if math.isfinite(part):
-        raise StabilityError(
-            f"{arch!r}: the arch falls when its {tie_name(arch, tie)} gets a prestress of "
-            f"{prestress:g} N; it stands with up to {part * prestress:.4g} N"
-        )
+        falls = f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        most = f"it stands with up to {part * prestress:.4g} N"
+        raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
     return slow.arch()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,9 +36,10 @@ def tie_row(
     length = float(np.hypot(*(points[1] - points[0])))
     if not length > checks.SMALLEST:
         raise GeometryError(f"the ends of the tie are {length:g} m apart")
-    local = [_in_body(arch, body, point) for (body, *_), point in zip(both, points)]
+    for (body, *_), point in zip(both, points):  # in the frame of a body, or of the ground
+        if 0 <= body < arch.n_voussoir:
+            point[:] = _turn(arch, body) @ (point - arch.centroids[body])
     stiffness = stiff / length
-    rows = [float(body + 1) for body, *_ in both]
     stretched = prestress / stiffness
     if not rupture > stretched:
         raise GeometryError(
@@ -45,8 +47,8 @@ def tie_row(
             f"by its prestress of {prestress:g} N, and rupture must exceed that (it is an "
             "elongation in m, not a strain)"
         )
-    free = length - stretched
-    return [*rows, *local[0], *local[1], stiffness, free, float(strength), float(rupture)]
+    bodies, limits = [float(body + 1) for body, *_ in both], [float(strength), float(rupture)]
+    return [*bodies, *points.ravel().tolist(), stiffness, length - stretched, *limits]
 
 
 def _at_level(arch: Arch, level: float) -> list[End]:
@@ -56,18 +58,13 @@ def _at_level(arch: Arch, level: float) -> list[End]:
         for (x, y), (u, v) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist()):
             if (y - level) * (v - level) <= 0.0 and y != v:
                 found.append((body, x + (level - y) / (v - y) * (u - x), level))
-    left, right = min(found, key=_place, default=None), max(found, key=_place, default=None)
+    left, right = (end(found, key=itemgetter(1), default=None) for end in (min, max))
     if left is None or right is None or left[0] == right[0]:
         height = np.concatenate(arch.outlines)[:, 1]
-        raise GeometryError(
-            f"level = {level:g} m is impossible for a tie; there must be a voussoir at either "
-            f"end, and the arch lies between {height.min():.4g} and {height.max():.4g} m"
-        )
+        reach = f"the arch lies between {height.min():.4g} and {height.max():.4g} m"
+        rule = f"there must be a voussoir at either end, and {reach}"
+        raise GeometryError(f"level = {level:g} m is impossible for a tie; {rule}")
     return [left, right]
-
-
-def _place(end: End) -> float:
-    return end[1]
 
 
 def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
@@ -91,13 +88,6 @@ def _turn(arch: Arch, body: int) -> np.ndarray:
     start = arch.chain.start
     angle = 0.0 if start is None else float(start[body, 2])
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-
-
-def _in_body(arch: Arch, body: int, point: np.ndarray) -> list[float]:
-    """A point in the frame of a body, or of the ground."""
-    if not 0 <= body < arch.n_voussoir:
-        return point.tolist()
-    return (_turn(arch, body) @ (point - arch.centroids[body])).tolist()
 
 
 def tie_name(arch: Arch, tie: int) -> str:

@@ -37,10 +37,9 @@ class Marginal:
         """Values that are not exceeded with the probabilities given, same shape."""
         low, high = self.full.cdf([self.lower, self.upper]).tolist()
         if high - low < LEAST_KEPT:
-            raise InputError(
-                f"only {max(high - low, 0.0):.1g} of the distribution lies between lower = "
-                f"{self.lower:g} and upper = {self.upper:g}; it must be at least {LEAST_KEPT:g}"
-            )
+            between = f"lies between lower = {self.lower:g} and upper = {self.upper:g}"
+            few = f"only {max(high - low, 0.0):.1g} of the distribution {between}"
+            raise InputError(f"{few}; it must be at least {LEAST_KEPT:g}")
         inside = low + np.asarray(probability, dtype=float) * (high - low)
         return np.clip(self.full.ppf(inside), self.lower, self.upper)
 
@@ -66,9 +65,7 @@ def sample(
     else:
         points = qmc.LatinHypercube(len(names), seed=generator).random(count)
     points = np.clip(points, _EDGE, 1.0 - _EDGE)
-    return {
-        name: to_digits(marginals[name].quantile(points[:, i])) for i, name in enumerate(names)
-    }
+    return {name: to_digits(marginals[name].quantile(x)) for name, x in zip(names, points.T)}
 
 
 def to_digits(values: ArrayLike) -> FloatArray:

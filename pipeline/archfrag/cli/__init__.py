@@ -9,8 +9,11 @@ from typing import Any
 
 import click
 
+from archfrag import __version__
 from archfrag.cli import arch, records, results, study
 from archfrag.cli.options import PATH, echo, warn
+from archfrag.errors import ArchfragError
+from archfrag.study.files import commit
 
 
 class _Group(click.Group):
@@ -20,28 +23,21 @@ class _Group(click.Group):
         try:
             return super().invoke(ctx)
         except MemoryError:
-            click.echo("archfrag: error: the memory of this machine does not suffice", err=True)
-            ctx.exit(1)
-        except Exception as error:
-            # Not imported yet means not raised: the import is too slow for --help.
-            errors = sys.modules.get("archfrag.errors")
-            if errors is not None and isinstance(error, errors.ArchfragError):
-                text, code = str(error), error.exit_code
-            elif isinstance(error, OSError) and error.strerror and error.errno != errno.EPIPE:
-                place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-                text, code = f"{place}{error.strerror}", 1
-            else:
+            text, code = "the memory of this machine does not suffice", 1
+        except ArchfragError as error:
+            text, code = str(error), error.exit_code
+        except OSError as error:
+            if not error.strerror or error.errno == errno.EPIPE:
                 raise
-            warn(f"error: {text}")
-            ctx.exit(code)
+            place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+            text, code = f"{place}{error.strerror}", 1
+        warn(f"error: {text}")
+        ctx.exit(code)
 
 
 def _version(ctx: click.Context, parameter: click.Parameter, requested: bool) -> None:
     if requested and not ctx.resilient_parsing:
-        import archfrag
-        from archfrag.study.files import commit
-
-        echo(f"archfrag {archfrag.__version__} (commit {commit()})")
+        echo(f"archfrag {__version__} (commit {commit()})")
         ctx.exit()
 
 

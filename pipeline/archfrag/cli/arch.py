@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
+from archfrag.errors import STATUS_MESSAGE, InputError
+from archfrag.study.files import finite, write_text
 
 if TYPE_CHECKING:
     from archfrag.simulate import Response
@@ -76,7 +78,6 @@ def _takes_arch(command: Callable) -> Callable:
 
 def _of_study(path: Path, name: str | None) -> "ArchEntry":
     """An arch of a study file, or a sample of it; its only one if `name` is None."""
-    from archfrag.errors import InputError
     from archfrag.study.file.schema import load_study
 
     study = load_study(path)
@@ -97,7 +98,6 @@ def _by_numbers(options: dict[str, Any]) -> "ArchEntry":
     """An arch from the options of the command line, None where not given."""
     from pydantic import ValidationError
 
-    from archfrag.errors import InputError
     from archfrag.study.file import first_message
     from archfrag.study.file.arches import ArchEntry
 
@@ -133,7 +133,6 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     from archfrag.arch.facts import facts_of, facts_text
     from archfrag.simulate import onset as find_onset
     from archfrag.simulation.cautions import arch_cautions, inset_loss, inset_text, prestress_text
-    from archfrag.study.files import finite, write_text
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
@@ -202,7 +201,6 @@ def simulate(
     from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
     from archfrag.simulate import simulate as run_simulation
-    from archfrag.study.files import finite
 
     keys = ("unit", "component", "inventory", "accept", "columns")
     motion = read_motion(record, **{key: options.pop(key) for key in keys})
@@ -219,7 +217,6 @@ def simulate(
 
 
 def _text(response: "Response", facts: dict[str, Any]) -> str:
-    from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.response import UNITS, summary
 
     lines = [f"{facts['status']}: {STATUS_MESSAGE[response.status]}"]

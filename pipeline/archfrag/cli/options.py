@@ -1,5 +1,6 @@
 """Options that several commands share, and how commands print."""
 
+import functools
 import json
 import shutil
 import textwrap
@@ -10,6 +11,7 @@ from typing import Any
 import click
 
 from archfrag.errors import InputError
+from archfrag.files import printable
 
 PATH = click.Path(path_type=Path)
 
@@ -44,6 +46,23 @@ takes_study = takes(
                  help="Override a key of the study file, e.g. --set method.dt=0.0005; "
                  "paths are relative to the study file. Repeatable."),
 )  # fmt: skip
+
+
+def with_study(*options: Callable) -> Callable:
+    """Give a command a study, from its file, and options."""
+
+    def decorate(command: Callable) -> Callable:
+        @functools.wraps(command)
+        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
+            from archfrag.study.file.schema import load_study
+
+            command(load_study(study_file, overrides), **given)
+
+        return takes(takes_study, *options)(wrapped)
+
+    return decorate
+
+
 takes_format = takes(
     click.option("--unit", help="Unit of the samples if the file does not state it."),
     click.option("--inventory", type=PATH,
@@ -64,8 +83,6 @@ takes_record = takes(
 
 def echo(text: str, err: bool = False) -> None:
     """Print a line, without the characters of foreign text that a terminal obeys."""
-    from archfrag.files import printable
-
     click.echo(printable(text), err=err)
 
 

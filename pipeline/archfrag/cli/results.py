@@ -6,8 +6,12 @@ from typing import Any
 
 import click
 
-from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn, wrapped
+from archfrag.cli.options import PATH, echo, json_option, show, warn, with_study, wrapped
 from archfrag.cli.study import cores_option
+from archfrag.errors import InputError
+from archfrag.files import opened
+from archfrag.report import make_report
+from archfrag.study.files import CUBE
 
 _MOST_NAMED = 12  # entries of a list
 
@@ -28,8 +32,6 @@ def info(file: Path, as_json: bool) -> None:
     Shown are dimensions, arches, records, levels, numbers of runs by verdict, and how the cube was
     made.
     """
-    from archfrag.study.files import CUBE
-
     facts = _facts(file if file.suffix == ".nc" else _folder(file) / CUBE)
     lines = [line for name, value in facts.items()
              for line in wrapped(f"{name.replace('_', ' '):18}  {_text(value)}", 20)]  # fmt: skip
@@ -49,9 +51,6 @@ def _facts(path: Path) -> dict[str, Any]:
     """Facts of a cube, levels in the unit of its study; InputError if it is none of archfrag."""
     import numpy as np
     import xarray as xr
-
-    from archfrag.errors import InputError
-    from archfrag.files import opened
 
     try:
         with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
@@ -86,7 +85,6 @@ def open_report(study: Path) -> None:
     """
     import webbrowser
 
-    from archfrag.errors import InputError
     from archfrag.study.steps import REPORT_FILES
 
     report = _folder(study) / REPORT_FILES[0]
@@ -97,10 +95,11 @@ def open_report(study: Path) -> None:
 
 
 @click.command()
-@takes_study
-@click.option("--to", "folder", type=PATH, metavar="DIR",
-              help="Folder to write to; `figures` in the results folder by default.")  # fmt: skip
-def figures(study_file: Path, overrides: tuple[str, ...], folder: Path | None) -> None:
+@with_study(
+    click.option("--to", "folder", type=PATH, metavar="DIR",
+                 help="Folder to write to; `figures` in the results folder by default."),
+)  # fmt: skip
+def figures(study: Any, folder: Path | None) -> None:
     """Draw a finished study for a paper, as PDF and PNG.
 
     \b
@@ -111,9 +110,7 @@ def figures(study_file: Path, overrides: tuple[str, ...], folder: Path | None) -
     """
     from archfrag.report.inputs import report_inputs
     from archfrag.report.printed import save_figures
-    from archfrag.study.file.schema import load_study
 
-    study = load_study(study_file, overrides)
     for path in save_figures(report_inputs(study), folder or study.folder / "figures"):
         echo(str(path))
 
@@ -126,15 +123,12 @@ def _counts(context: click.Context, parameter: click.Parameter, text: str) -> li
 
 
 @click.command()
-@takes(
-    takes_study,
+@with_study(
     click.option("--voussoirs", "counts", callback=_counts, required=True, metavar="N,N,...",
                  help="Numbers of voussoirs; the others are compared with the last."),
     cores_option,
 )  # fmt: skip
-def converge(
-    study_file: Path, overrides: tuple[str, ...], counts: list[int], cores: int | None
-) -> None:
+def converge(study: Any, counts: list[int], cores: int | None) -> None:
     """Compare the curves of a study by number of voussoirs.
 
     The study is run with each number, in `converge/voussoirs-N` in the results folder, and these
@@ -146,14 +140,12 @@ def converge(
     Example:
       archfrag converge study.yaml --voussoirs 7,14,28
     """
-    from archfrag.report import make_report
     from archfrag.study.converge import CONVERGE, with_voussoirs, write_convergence
-    from archfrag.study.file.schema import load_study
     from archfrag.study.running import stoppable
     from archfrag.study.steps import run_study
 
-    study = load_study(study_file, overrides)
     made = with_voussoirs(study, counts)
+    study_file = click.get_current_context().params["study_file"]
     with stoppable() as check:
         for count, own in made.items():
             warn(f"{count} voussoirs")

@@ -1,7 +1,6 @@
 """The commands for a study: `validate`, `run` and its steps, `clean`, `export`, `film`, `risk`."""
 
 import contextlib
-import functools
 import os
 import shlex
 import signal
@@ -13,9 +12,22 @@ from typing import Any
 
 import click
 
-from archfrag.cli.options import PATH, echo, json_option, show, takes, takes_study, warn, wrapped
+from archfrag.cli.options import (
+    PATH,
+    echo,
+    json_option,
+    show,
+    takes,
+    takes_study,
+    warn,
+    with_study,
+    wrapped,
+)
+from archfrag.errors import FitError, attempt
 from archfrag.export import FORMATS
+from archfrag.files import counted, printable
 from archfrag.report import make_report
+from archfrag.study.files import check_own
 
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
@@ -23,30 +35,14 @@ cores_option = click.option("--cores", "--workers", type=click.IntRange(min=1),
                             help="Number of cores to use; all by default.")  # fmt: skip
 
 
-def _with_study(*options: Callable) -> Callable:
-    """Give a command a study, from its file, and options."""
-
-    def decorate(command: Callable) -> Callable:
-        @functools.wraps(command)
-        def wrapped(study_file: Path, overrides: tuple[str, ...], **given: Any) -> None:
-            from archfrag.study.file.schema import load_study
-
-            command(load_study(study_file, overrides), **given)
-
-        return takes(takes_study, *options)(wrapped)
-
-    return decorate
-
-
 @click.command()
-@_with_study(json_option)
+@with_study(json_option)
 def validate(study: Any, as_json: bool) -> None:
     """Check a study file and all files that it names.
 
     Arches, records, hazard and output folder are checked; nothing is run. If there are very many
     arches, only some of them are checked here, and all of them at the start of a run.
     """
-    from archfrag.files import counted
     from archfrag.study.checks import check_study
 
     path, found = click.get_current_context().params["study_file"], check_study(study)
@@ -114,14 +110,19 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 
 def _summary(study: Any) -> None:
     """Print the answers of a finished study."""
-    from archfrag.files import printable
+    from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.fits import fit_lines, load_fits
+    from archfrag.study.answer.risk import risk_lines, risk_of_study
     from archfrag.study.checks import arch_texts
 
-    fitted = load_fits(study)
-    answers, cautions = fit_lines(study, fitted)
-    for found in _rates(study, *fitted):
-        answers, cautions = answers + found[0], cautions + found[1]
+    arches, classes, cube = load_fits(study)
+    answers, cautions = fit_lines(study, (arches, classes, cube))
+    risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
+    if isinstance(risk, str):
+        cautions.append(f"no rates of collapse: {risk}")
+    elif risk is not None:  # of a study that has a hazard
+        lines, more = risk_lines(risk)
+        answers, cautions = answers + lines, cautions + more
     texts = *answers, *arch_texts(study)
     for line in (line for text in texts for line in wrapped(text, 8)):
         echo(line)
@@ -139,30 +140,10 @@ def _point_to(folder: Path, named: Path, anything: bool) -> None:
     echo(f"report  {report}  ({shlex.join(['archfrag', 'open', str(named)])})")
 
 
-def _rates(
-    study: Any, arches: Any, classes: Any, cube: Any
-) -> Iterator[tuple[list[str], list[str]]]:
-    """Lines and cautions on the rates of collapse, if the study has a hazard."""
-    if study.risk is None:
-        return
-    from archfrag.errors import attempt
-    from archfrag.study.answer.curves import quoted
-    from archfrag.study.answer.risk import risk_lines, risk_of_study
-
-    with cube:
-        risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
-    if isinstance(risk, str):
-        yield [], [f"no rates of collapse: {risk}"]
-    elif risk is not None:
-        yield risk_lines(risk)
-
-
 @click.command()
-@_with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
+@with_study(click.option("--yes", is_flag=True, help="Remove without asking."))
 def clean(study: Any, yes: bool) -> None:
     """Remove stored runs that a study does not use."""
-    from archfrag.files import counted
-    from archfrag.study.files import check_own
     from archfrag.study.running import only_run
     from archfrag.study.runs.store import make_plan, superfluous
 
@@ -189,7 +170,6 @@ def _step(name: str, help_: str, *options: Callable) -> None:
     """Make the command of a step, which also renews the dates of its files for Snakemake."""
 
     def command(study: Any, batch: int = 0, as_json: bool = False, **given: Any) -> None:
-        from archfrag.study.files import check_own
         from archfrag.study.steps import batch_step, claim, make_step, products
 
         check_own(study)
@@ -203,7 +183,7 @@ def _step(name: str, help_: str, *options: Callable) -> None:
         if as_json:
             echo(products(study, step)[0].read_text(encoding="utf-8"))
 
-    STEPS.append(click.command(name, help=help_)(_with_study(*options)(command)))
+    STEPS.append(click.command(name, help=help_)(with_study(*options)(command)))
 
 
 _step("motions", "Read the study's records and store them for the workers.")
@@ -222,7 +202,7 @@ _FORMATS = (f"{name:15}  {about}" for name, (about, _, _) in FORMATS.items())
 
 
 @click.command(epilog="\b\nFormats:\n" + "\n".join(_FORMATS))
-@_with_study(
+@with_study(
     click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
                  help="Format to write. Repeatable."),
     click.option("--limit-state", "limit_states", multiple=True, metavar="NAME",
@@ -260,7 +240,7 @@ def export(
 
 
 @click.command()
-@_with_study(
+@with_study(
     click.option("--run", "run_name", default="median", show_default=True,
                  metavar="RECORD@LEVEL",
                  help="Run to show, its level in the study's unit; or median: the record with "
@@ -296,7 +276,7 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 
 
 @click.command()
-@_with_study(
+@with_study(
     click.option("--hazard", "hazards", type=PATH, required=True, multiple=True, metavar="FILE",
                  help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
     click.option("--unit", help="Unit of the intensities of a CSV whose header has none."),
@@ -326,7 +306,6 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
-    from archfrag.errors import FitError
     from archfrag.hazard import load_hazard
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text

@@ -114,17 +114,18 @@ def _limit_states(
     requested = ["residual" if name == "residual_displacement" else name for name in requested]
     for name in sorted(set(requested) - set(LIMIT_STATES)):
         raise InputError(f"there is no limit state {name!r}; they are {', '.join(LIMIT_STATES)}")
-    own = {
-        arch: {
-            state.replace(" ", "_"): found.curve
-            for state, found in answers_of_states(answer).items()
-        } | {"collapse": answer.curve}
-        for arch, answer in answers.items()
-    }  # fmt: skip
+    own = dict[str, dict[str, Fragility | str]]()
+    for arch, answer in answers.items():
+        states = answers_of_states(answer).items()
+        own[arch] = {state.replace(" ", "_"): found.curve for state, found in states}
+        own[arch]["collapse"] = answer.curve
     # Curves of the next severer state, by arch with a curve of collapse.
     severe = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept, messages = ["collapse"], list[str]()
-    place = {name: _mean_log(own[arch].get(name) for arch in severe) for name in LIMIT_STATES[:-1]}
+    place = dict[str, float]()  # mean of ln theta; -inf where there is no curve
+    for name in LIMIT_STATES[:-1]:
+        fits = [fit for a in severe if isinstance(fit := own[a].get(name), Fragility)]
+        place[name] = float(np.mean([np.log(fit.theta) for fit in fits])) if fits else -np.inf
     ordered = [*sorted(place, key=lambda name: place[name]), "collapse"]
     for name in (name for name in reversed(ordered) if name in (requested or LIMIT_STATES)):
         found = {arch: own[arch].get(name) for arch in severe}
@@ -153,12 +154,6 @@ def _limit_states(
             for arch, fit in severe.items():
                 own[arch][name] = fit
     return {arch: {k: each.get(k, "none") for k in kept} for arch, each in own.items()}, messages
-
-
-def _mean_log(curves: Iterable[Fragility | str | None]) -> float:
-    """Mean of ln theta of those that are curves; -inf of none."""
-    logs = [np.log(fit.theta) for fit in curves if isinstance(fit, Fragility)]
-    return float(np.mean(logs)) if logs else -np.inf
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:

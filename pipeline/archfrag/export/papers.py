@@ -22,20 +22,7 @@ RUN_COLUMNS = (
     "residual_displacement", "impacts", "openings", "slides", "end_time", "status", "energy_error",
 )  # fmt: skip
 _HEAD = "Results of archfrag"
-_FILES = """\
-report.html      the report; open it in a browser
-curve.csv        fragility curves: probability of collapse over intensity, with its band
-capacities.csv   bracket of each record's capacity (0, empty: no such end), its geometric mean
-runs.csv         one row a run: verdict, mechanism, largest motions; empty: does not apply
-curve-ARCH.svg   the curves of arches and classes as figures; curves.svg if there are many
-figures/         figures as PDF and PNG, made by `archfrag figures`
-converge.csv     curves by number of voussoirs, made by `archfrag converge` from converge/
-summary.json     results of the report as data
-fits.json        curves with covariances, limit states and measures compared, in SI units
-cube.nc          every value of every run (CF netCDF), with the study, versions and hashes
-export/          files for other programs, made by `archfrag export`
-.archfrag/       working files: stored runs, motions and logs
-"""
+_FILES = Path(__file__).with_name("readme.txt").read_text("utf-8")  # what each of them is
 
 
 def write_papers(cube: xr.Dataset, measure: str, unit: str, factor: float, folder: Path) -> None:

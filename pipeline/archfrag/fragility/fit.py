@@ -4,8 +4,6 @@ On the probit scale P(collapse | im) = Phi((ln im - ln theta) / beta) is a strai
 with slope 1 / beta, in which all likelihoods are concave: there is one maximum, or none.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -115,10 +113,8 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
         why = f"one capacity between {{}} and {{}} would agree with all {lower.size} records"
         raise FitError(f"{why}, so beta tends to 0; add levels there, or records", last, first)
     if not np.any((lower > 0.0) & np.isfinite(upper)):
-        raise FitError(
-            "no capacity is bracketed from both sides, which does not separate theta from beta; "
-            "add levels below and above"
-        )
+        why = "no capacity is bracketed from both sides, which does not separate theta from beta"
+        raise FitError(f"{why}; add levels below and above")
     with np.errstate(divide="ignore"):
         low, high = np.log(lower), np.log(upper)
     mean, deviation, loss, information = normal_lines(np.ones((lower.size, 1)), low, high)

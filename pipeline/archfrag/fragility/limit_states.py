@@ -11,23 +11,17 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-_UNKNOWN: dict[str, Any] = {
-    "likelihood": {"none": ""},
-    "theta": (None, None),
-    "beta": (None, None),
-}
 _FIELDS = {field.name for field in fields(Answer)}
 
 
 def answers_of_states(answer: Answer) -> dict[str, Answer]:
     """Answers of the limit states of an arch or a class, by name, from light to severe."""
-    states = answer.more.get("limit_states", {}).get("states", ())
-    return {
-        str(state["name"]): Answer.from_dict(
-            _UNKNOWN | {name: value for name, value in state.items() if name in _FIELDS}
-        )
-        for state in states
-    }
+    found = {}
+    for state in answer.more.get("limit_states", {}).get("states", ()):
+        known = {"likelihood": {"none": ""}, "theta": (None, None), "beta": (None, None)} | state
+        of_answer = {name: value for name, value in known.items() if name in _FIELDS}
+        found[str(state["name"])] = Answer.from_dict(of_answer)
+    return found
 
 
 def state_to_dict(answer: Answer) -> dict[str, Any]:
@@ -48,10 +42,8 @@ def told_order(curves: Sequence[tuple[str, Fragility]]) -> str:
     ]
     if not found:
         return "The curves of the limit states do not cross."
-    return (
-        f"Curves cross in probability: {'; '.join(found)}. Each is fitted by itself; exports move "
-        "the lighter one as far as needed."
-    )
+    how = "Each is fitted by itself; exports move the lighter one as far as needed."
+    return f"Curves cross in probability: {'; '.join(found)}. {how}"
 
 
 def above(mild: Fragility, severe: Fragility) -> Fragility:

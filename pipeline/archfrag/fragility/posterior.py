@@ -253,8 +253,12 @@ def _of_cells(
     beta: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """Log-likelihood of records by the probability of their runs in cells of ln capacity."""
-    mass = np.diff(ndtr((ends - log_theta[..., None]) / beta[..., None]), axis=-1)
-    return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power
+    logs = np.empty(log_theta.shape)
+    for row, t, b in zip(logs, log_theta, beta):  # one beta at a time stays in the cache
+        likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T
+        np.log(np.maximum(likelihood, 1e-300, out=likelihood), out=likelihood)
+        row[:] = likelihood @ power
+    return logs
 
 
 def _capacity_prior(beta: FloatArray, resolved: float, x: FloatArray) -> FloatArray:

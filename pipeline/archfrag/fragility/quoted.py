@@ -83,15 +83,13 @@ def quoted_band(
     known, number = capacity_posterior(found, groups)
     what = "records and their capacities are independent"
     if groups is not None:
+        alike = f"{np.count_nonzero(found.decided)} rows of runs count as {number:.3g}"
         what = (
-            f"{unit}s are independent. Capacities within {unit}s resemble each other, so "
-            f"{np.count_nonzero(found.decided)} rows of runs count as {number:.3g}"
+            f"{unit}s are independent. Capacities within {unit}s resemble each other, so {alike}"
         )
     if known.scatter:
-        what += (
-            f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
-            "natural logarithms, which beta includes"
-        )
+        scatter = f"{known.scatter:.2g} in natural logarithms, which beta includes"
+        what += f"; single runs of a record scatter about its capacity by {scatter}"
     text = "posterior of capacities, right Haar prior", f"Capacity is lognormal, and {what}."
     return _answer(known, im, confidence, *text, number, int(found.contradictions.sum()))
 

@@ -34,10 +34,8 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> FloatArray:
     number = np.unique(np.asarray(groups), return_inverse=True)[1]
     n = int(number.max(initial=-1)) + 1
     if n < FEWEST_GROUPS:
-        raise FitError(
-            f"the runs are of {n} independent motions or earthquakes; an interval of a ratio "
-            f"needs {FEWEST_GROUPS}"
-        )
+        few = f"the runs are of {n} independent motions or earthquakes"
+        raise FitError(f"{few}; an interval of a ratio needs {FEWEST_GROUPS}")
     order = np.random.default_rng(seed).permutation(n)
     part = np.empty(n, dtype=int)
     part[order] = np.arange(n) * min(n, MOST_PARTS) // n

@@ -49,19 +49,16 @@ class HazardCurve:
             raise InputError(f"the hazard curve has {im.size} intensities and {rate.size} rates")
         known = ~((rate == 0.0) | (rate == np.inf))
         if known.sum() < 2:
-            raise InputError(
-                f"the hazard curve has {known.sum()} of {rate.size} points with a rate above 0 "
-                "that is known; at least two are needed"
-            )
+            few = f"{known.sum()} of {rate.size} points with a rate above 0 that is known"
+            raise InputError(f"the hazard curve has {few}; at least two are needed")
         im = rising(im[known], "the hazard curve's im")
         rate = positive(rate[known], "the hazard curve's rate")
         object.__setattr__(self, "im", im)
         object.__setattr__(self, "rate", rate)
         for i in np.flatnonzero(np.diff(rate) > 0.0)[:1]:
-            raise InputError(
-                f"the hazard curve's rate of exceedance rises from {rate[i]:g} to "
-                f"{rate[i + 1]:g} at im = {im[i + 1]:g}; it never rises with intensity"
-            )
+            rises = f"rises from {rate[i]:g} to {rate[i + 1]:g} at im = {im[i + 1]:g}"
+            rule = "it never rises with intensity"
+            raise InputError(f"the hazard curve's rate of exceedance {rises}; {rule}")
         if rate[0] == rate[-1]:
             raise InputError(f"the hazard curve's rate is {rate[0]:g} at all its points")
 
@@ -166,9 +163,8 @@ def collapse_rate(
         if below + above <= MOST_OUTSIDE:
             mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
     left_out = float(rate_by_level(hazard, curve, hazard.im[:1]).sum()) - rate
-    return CollapseRate(
-        rate, mean, lower, upper, confidence, float(below), float(above), max(left_out, 0.0)
-    )
+    outside = float(below), float(above), max(left_out, 0.0)
+    return CollapseRate(rate, mean, lower, upper, confidence, *outside)
 
 
 def lognormal_rates(
@@ -214,9 +210,8 @@ def _lognormal(
     log_theta, least = np.log(theta), log_intensity(onset)[..., None]
     left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
     anchor, log_rate, k = hazard.pieces(left)
-    (low, a, lower), (high, b, upper) = (
-        _end(hazard, np.maximum(end, least), log_theta, beta) for end in (left, right)
-    )
+    ends = (np.maximum(end, least) for end in (left, right))
+    (low, a, lower), (high, b, upper) = (_end(hazard, end, log_theta, beta) for end in ends)
     log_centre = log_rate - k * (log_theta - anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))

@@ -7,10 +7,11 @@ corners has passed a limit, the faces no longer overlap, or a joint has rotated 
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.contact.placing import clearance, slip_and_gap
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import flag, larger, opposite, select, some
+from archfrag.mechanics.numbers import flag, larger
 from archfrag.mechanics.status import CollapseMode, Loss
 
 # Contact lost below this slip over joint length and this rotation [rad] is lift-off.
@@ -61,6 +62,9 @@ def follow_joints(model, state, work, where, loss_limit):
     `work` has the solution of the step, and the faces where it has led. Returns where a joint
     cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
     or rotated too far: the chain has collapsed.
+
+    Reads: model.length, state, work (contact, face, slide, tangent).
+    Writes: state.
     """
     time = state.clock[Clock.TIME]
     collapsed = False
@@ -90,7 +94,11 @@ def follow_joints(model, state, work, where, loss_limit):
 
 @kernel
 def collapse_of(model, state, work, loss_limit):
-    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s]."""
+    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s].
+
+    Reads: model.length, state, work (face, tangent).
+    Writes: nothing.
+    """
     found, how, since = -1, NO_MODE, math.nan
     for j in range(state.slip.size):
         slip = abs(state.slip[j]) / model.length[j]

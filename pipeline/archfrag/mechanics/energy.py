@@ -1,10 +1,11 @@
 """Energy balance of a run: work of the joints by law, and the integrator's error."""
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.contact.placing import at_point
 from archfrag.mechanics.laws import contact_of
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import larger, opposite, select, some
+from archfrag.mechanics.numbers import larger
 from archfrag.mechanics.status import Energy
 from archfrag.mechanics.ties import tie_energy, tie_stretch
 
@@ -17,6 +18,9 @@ def contact_works(state, work):
     """Return the work of the joints in a step: friction, impacts, unexplained [J].
 
     From the relative velocities before the step in ``work.earlier``, after it in `relative`.
+
+    Reads: state (contact, impact, slide), work.
+    Writes: nothing.
     """
     friction = impact = balance_error = 0.0
     hits = False
@@ -122,7 +126,11 @@ def record_calm(model, state, kinetic, where):
 
 @kernel
 def balance_energy(model, state):
-    """Record the energy that no work explains; return the kinetic energy [J]."""
+    """Record the energy that no work explains; return the kinetic energy [J].
+
+    Reads: model, state (clock, energy, position, tie, velocity).
+    Writes: state.energy.
+    """
     energy = state.energy
     kinetic, potential = energies_of(model, state)
     change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]

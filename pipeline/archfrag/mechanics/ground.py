@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import lane, width, with_lane
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import lane, width, with_lane
 
 # Loads beyond the range of rest by less than this part of gravity leave forces that no contact
 # problem distinguishes from rounding: a motion would start from that, not from them.
@@ -44,6 +45,7 @@ class Segment(NamedTuple):
     far_y: tuple[float, float, float, float]
 
 
+@struct(far=(2, 3))
 class Grounds(NamedTuple):
     """Ground motions one after the other: linear between samples, zero outside them."""
 
@@ -160,7 +162,11 @@ def _far_at(grounds, c, motion, time):
 
 @kernel
 def _far_between(grounds, clock, c, start, end):
-    """Displacement of the far springing in the middle, and mean velocities before and after it."""
+    """Displacement of the far springing in the middle, and mean velocities before and after it.
+
+    Reads: grounds (far, first, time_step), clock.
+    Writes: nothing.
+    """
     middle = before = after = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
@@ -181,6 +187,9 @@ def impulse_between(grounds, clock, start, end):
     """Return the velocity that the ground motion takes between two instants [s].
 
     With it, how the far springing moves relative to the other.
+
+    Reads: grounds, clock.
+    Writes: nothing.
     """
     x = y = 0.0 * start
     far_x = far_y = before_x = before_y = after_x = after_y = 0.0 * start
@@ -227,7 +236,11 @@ def far_of(time, grounds, c):
 
 @kernel
 def segment_at(time, grounds):
-    """Return the linear piece of the first ground motion that holds `time`."""
+    """Return the linear piece of the first ground motion that holds `time`.
+
+    Reads: grounds (far, first, horizontal, next_break, time_step, vertical).
+    Writes: nothing.
+    """
     dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
     i = int(np.floor(time / dt + 1e-9))
     far_x, far_y = far_of(time, grounds, 0), far_of(time, grounds, 1)
@@ -272,6 +285,9 @@ def end_rest(model, grounds, clock, plus, minus):
     """Return when a chain at rest starts to move, and whether it never does again.
 
     While the springings move apart it does not rest.
+
+    Reads: model.gravity, grounds (first, horizontal, time_step, vertical), clock.
+    Writes: nothing.
     """
     m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
     first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]

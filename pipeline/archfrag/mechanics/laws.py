@@ -7,8 +7,9 @@ they stick or slide, is its mode: 0 open; 1 to 3 touching at corner 0, 4 to 6 at
 at both, each sticking, with friction along the tangent, or with friction against it.
 """
 
-from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.numbers import fused, larger, opposite, select
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import fused, opposite, select
+from archfrag.mechanics.numbers import larger
 
 OPEN, CLOSED_STICK = 0, 7
 # Faces on whose side a slip is held: of friction along the tangent (Eq 23b), and against it (23a).
@@ -94,7 +95,11 @@ def cone_rays(j, model, ax, ay, bx, by):
 
 @kernel
 def functions_if_open(j, work, value, target):
-    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23)."""
+    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
+
+    Reads: work (candidate, corner_rate, known, side_normal).
+    Writes: value, target.
+    """
     for k in range(2):
         if work.candidate[j, k] < 0.5:
             continue
@@ -109,7 +114,11 @@ def functions_if_open(j, work, value, target):
 
 @kernel
 def functions_if_closed(j, model, work, value, target):
-    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate."""
+    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate.
+
+    Reads: model.friction, work.
+    Writes: value, target.
+    """
     nx, ny, slide = work.normal[j, 0], work.normal[j, 1], work.slide[j]
     value[0], value[1], normal, tangential = closed_forces(j, work)
     target[0], target[1] = corner_mode(1, slide), corner_mode(0, slide)
@@ -125,7 +134,11 @@ def functions_if_closed(j, model, work, value, target):
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
-    """Margins of the cones about both normals, or force and slip rate; then the other corner."""
+    """Margins of the cones about both normals, or force and slip rate; then the other corner.
+
+    Reads: model.ray, work.
+    Writes: value, target.
+    """
     k = 0 if work.contact[j, 0] > 0.5 else 1
     other, slide = 1 - k, work.slide[j]
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]

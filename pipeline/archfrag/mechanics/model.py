@@ -1,6 +1,6 @@
 """Arguments of kernels: the constant model, the state of a run, and workspace.
 
-The arrays of state and workspace hold one run or, as `archfrag.mechanics.lanes.LaneArray`, four.
+The arrays of state and workspace hold one run or, as `archfrag.kernels.numbers.LaneArray`, four.
 Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
 i the i-th body, row n_body + 1 the ground behind the last. Joint j lies between rows j and j + 1;
 a chain with a free end has no joint before the last row.
@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined
-from archfrag.mechanics.lanes import LaneArray, runs_of
-from archfrag.mechanics.numbers import shaped
+from archfrag.kernels.numbers import LaneArray, runs_of
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.status import Count, Energy, Loss, Peak, Tie, TieState, TieWork
 from archfrag.mechanics.types import Chain
 
@@ -26,6 +25,27 @@ from archfrag.mechanics.types import Chain
 ROUNDING = 64 * 2.2e-16
 
 
+# Shapes of arrays behind their first dimension.
+OF_JOINTS = {
+    "face": (2, 2, 2), "tangent": (2, 2), "slip": (),
+    "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
+    "candidate": (2,), "known": (), "bias": (2, 2), "contact": (2,), "slide": (),
+    "asked_contact": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
+    "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
+    "reaction": (3,), "relative": (3,), "earlier": (3,), "corner_rate": (2, 2),
+}  # fmt: skip
+OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
+OF_WORK = {**OF_JOINTS, **OF_BODIES, "tie": (len(TieWork),)}
+OF_STATE = {
+    "position": (3,), "velocity": (3,), "contact": (2,), "force": (3,), "tie": (len(TieState),)
+}  # fmt: skip
+OF_MODEL = {
+    "centroid": (2,), "corner": (2, 2, 2), "tangent": (2, 2), "ray": (2,), "start": (3,),
+    "tie": (len(Tie),),
+}  # fmt: skip
+
+
+@struct(**OF_MODEL)
 class Model(NamedTuple):
     """Constant data of a chain of rigid bodies."""
 
@@ -45,6 +65,7 @@ class Model(NamedTuple):
     rounding: float  # gaps smaller than this are none [m]
 
 
+@struct(**OF_STATE)
 class State(NamedTuple):
     """State of a run, or of four with shapes (…, 4)."""
 
@@ -85,6 +106,7 @@ class Clock(IntEnum):
     LIVELY = 11  # when a chain with ties was last not calm, see `energy.record_calm` [s]
 
 
+@struct(**OF_WORK)
 class Work(NamedTuple):
     """Workspace of one step."""
 
@@ -126,32 +148,20 @@ class Work(NamedTuple):
     tie_system: np.ndarray  # (n_tie, n_tie + 1) equations of their impulses
 
 
-N_CLOCK = len(Clock)
-# Shapes of workspace behind the first dimension.
-OF_JOINTS = {
-    "face": (2, 2, 2), "tangent": (2, 2), "slip": (),
-    "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
-    "candidate": (2,), "known": (), "bias": (2, 2), "contact": (2,), "slide": (),
-    "asked_contact": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
-    "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
-    "reaction": (3,), "relative": (3,), "earlier": (3,), "corner_rate": (2, 2),
-}  # fmt: skip
-OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
-WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}.get(name, ()) for name in Work._fields)
-STATE_SHAPES = ((3,), (3,), (2,), (3,), (len(TieState),)) + ((),) * (len(State._fields) - 5)
-MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (3,), (), (), ())
-
-
-@inlined
-def with_shapes(model, state, work):
-    """Return the arguments with shapes that the compiler knows, for faster kernels."""
-    return (
-        shaped(model, MODEL_SHAPES), shaped(state, STATE_SHAPES), shaped(work, WORK_SHAPES)
-    )  # fmt: skip
-
 
 def model_of(chain: Chain) -> Model:
-    """Model of a chain, with the ground before and behind it."""
+    """Model of a chain, with the ground before and behind it, which is kept with the chain."""
+    kept = chain.__dict__
+    if "model" not in kept:
+        kept["model"] = new_model(chain)
+        for values in filter(lambda each: isinstance(each, np.ndarray), kept["model"]):
+            values.flags.writeable = False
+    model: Model = kept["model"]
+    return model
+
+
+def new_model(chain: Chain) -> Model:
+    """Make a model of a chain, which nothing else holds."""
     n_body, n_joint = chain.mass.size, chain.friction.size
 
     def framed(values: np.ndarray) -> np.ndarray:
@@ -175,7 +185,7 @@ def model_of(chain: Chain) -> Model:
         corner=corner,
         tangent=along / sizes[..., None],
         length=sizes.min(axis=1),
-        friction=np.ascontiguousarray(chain.friction, float),
+        friction=np.array(chain.friction, float),
         ray=ray,
         start=framed(start),
         tie=np.zeros((0, len(Tie))) if chain.tie is None else np.array(chain.tie, float),
@@ -187,11 +197,11 @@ def model_of(chain: Chain) -> Model:
 def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> State:
     """Allocate the state of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
-    first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": N_CLOCK}
+    first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": len(Clock)}
     first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
     first |= {"tie": len(model.tie)}
-    shapes = zip(State._fields, STATE_SHAPES, strict=True)
-    return State(*(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes))
+    shapes = {name: OF_STATE.get(name, ()) for name in State._fields}
+    return State(*(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes.items()))
 
 
 def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:

@@ -13,7 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating
+from archfrag.kernels.kernel import kernel
+from archfrag.kernels.structs import struct
+from archfrag.mechanics.model import Model, Work
 
 FEASIBLE = 1e-12
 BOX = 1e5
@@ -34,174 +36,280 @@ class RestLimit(NamedTuple):
     iterations: int
 
 
-@allocating
-def _add_pull(constant, pull, centroid, weight, size, sense):
-    """Add a force on a body, or its opposite, to the resultants of a joint."""
-    constant[0] += sense * pull[0] / weight
-    constant[1] += sense * pull[1] / weight
-    moment = pull[2] + centroid[0] * pull[1] - centroid[1] * pull[0]
-    constant[2] += sense * moment / (weight * size)
+@struct(
+    centroid=(2,), pull=(3,), candidate=(2,), part=(3, 5), row=(5,), bound=(4,), basis=(4,),
+    inverse=(4,), reaction=(3,),
+)  # fmt: skip
+class RestProblem(NamedTuple):
+    """Workspace for the range of rest of a chain."""
+
+    centroid: np.ndarray  # (n_body + 2, 2) in the configuration [m]
+    pull: np.ndarray  # (n_body + 2, 3) forces of ties [N] and moments about the centroids [N m]
+    candidate: np.ndarray  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
+    # (n_joint, 3, 5) force and moment about the origin at each joint: x, y, moment, by the force
+    # and the moment at joint 0 (of a chain with a free end not used), by the load factor, constant
+    part: np.ndarray
+    row: np.ndarray  # (3, 5) of forces at corners and tangential, of one joint
+    bound: np.ndarray  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
+    level: np.ndarray  # (8 n_joint,)
+    joint: np.ndarray  # (8 n_joint,) int64: joint of each
+    kind: np.ndarray  # (8 n_joint,) int8: bit of a mechanism of each
+    active: np.ndarray  # (4,) int64: rows that are tight; beyond those there are, the box's sides
+    basis: np.ndarray  # (4, 4) their left sides
+    inverse: np.ndarray  # (4, 4)
+    # (5, 4) their levels, the unknowns, multipliers, weights of what enters, what is left
+    vertex: np.ndarray
+    mechanism: np.ndarray  # (n_joint,) int8, as in `RestLimit`
+    reaction: np.ndarray  # (n_joint, 3)
 
 
-@allocating
-def resultants(mass, centroid, n_joint, gravity, weight, size, pull):
-    """Force and moment about the origin at each joint, (n_joint, 3, 5): x, y, moment.
+LEVEL, UNKNOWN, MULTIPLIER, WEIGHT, LEFT = range(5)
 
-    Columns: by the force and the moment at joint 0 (of a chain with a free end not used), by the
-    load factor, constant. Forces are over the weight, moments over weight times size. `pull`
-    (n_body, 3) has the forces of ties and their moments about the centroids.
+
+def new_rest_problem(model: Model) -> RestProblem:
+    """Allocate the workspace for a chain's range of rest."""
+    zeros, n_row, n_joint = np.zeros, model.mass.size, model.friction.size
+    return RestProblem(
+        centroid=zeros((n_row, 2)), pull=zeros((n_row, 3)),
+        candidate=np.ones((n_joint, 2), np.int8), part=zeros((n_joint, 3, 5)),
+        row=zeros((3, 5)), bound=zeros((8 * n_joint, N_UNKNOWN)), level=zeros(8 * n_joint),
+        joint=zeros(8 * n_joint, np.int64), kind=zeros(8 * n_joint, np.int8),
+        active=zeros(N_UNKNOWN, np.int64), basis=zeros((N_UNKNOWN, N_UNKNOWN)),
+        inverse=zeros((N_UNKNOWN, N_UNKNOWN)), vertex=zeros((5, N_UNKNOWN)),
+        mechanism=zeros(n_joint, np.int8), reaction=zeros((n_joint, 3)),
+    )  # fmt: skip
+
+
+@kernel
+def _add_body(problem, j, i, gravity, mass, weight, size, sense):
+    """Add weight and pull of a body, or their opposite, to the resultants of a joint.
+
+    Reads: problem (centroid, part, pull).
+    Writes: problem.part.
     """
-    part = np.zeros((n_joint, 3, 5))
-    if n_joint == mass.size:
-        for i in range(mass.size):
-            w = mass[i] * gravity / weight
-            part[0, 0, 3] += w
-            part[0, 1, 4] += w
-            part[0, 2, 3] -= w * centroid[i, 1] / size
-            part[0, 2, 4] += w * centroid[i, 0] / size
-            _add_pull(part[0, :, 4], pull[i], centroid[i], weight, size, -1.0)
+    part, centroid, pull = problem.part, problem.centroid, problem.pull
+    w = mass * gravity / weight
+    part[j, 0, 3] += sense * w
+    part[j, 1, 4] += sense * w
+    part[j, 2, 3] -= sense * (w * centroid[i, 1] / size)
+    part[j, 2, 4] += sense * (w * centroid[i, 0] / size)
+    # Pulls act on the other side than body forces, which are those of the frame.
+    part[j, 0, 4] -= sense * pull[i, 0] / weight
+    part[j, 1, 4] -= sense * pull[i, 1] / weight
+    moment = pull[i, 2] + centroid[i, 0] * pull[i, 1] - centroid[i, 1] * pull[i, 0]
+    part[j, 2, 4] -= sense * moment / (weight * size)
+
+
+@kernel
+def set_resultants(model, problem, weight, size):
+    """Set ``problem.part``; forces are over the weight, moments over weight times size.
+
+    Reads: problem (centroid, part, pull).
+    Writes: problem.part.
+    """
+    part, n_joint, n_body = problem.part, problem.part.shape[0], model.mass.shape[0] - 2
+    for c in range(3):
+        for k in range(5):
+            part[0, c, k] = 0.0
+    if n_joint == n_body:
+        for i in range(1, n_body + 1):
+            _add_body(problem, 0, i, model.gravity, model.mass[i], weight, size, 1.0)
     else:
         part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
     for j in range(1, n_joint):
-        w = mass[j - 1] * gravity / weight
-        part[j] = part[j - 1]
-        part[j, 0, 3] -= w
-        part[j, 1, 4] -= w
-        part[j, 2, 3] += w * centroid[j - 1, 1] / size
-        part[j, 2, 4] -= w * centroid[j - 1, 0] / size
-        _add_pull(part[j, :, 4], pull[j - 1], centroid[j - 1], weight, size, 1.0)
-    return part
+        for c in range(3):
+            for k in range(5):
+                part[j, c, k] = part[j - 1, c, k]
+        _add_body(problem, j, j, model.gravity, model.mass[j], weight, size, -1.0)
 
 
-@allocating
-def joint_inequalities(part, point, normal, candidate, friction):
-    """Inequalities ``a x <= b`` of rest; joint and bit of a mechanism of each.
+@kernel
+def _add_inequality(problem, count, k, sense, joint, kind):
+    """Add a row of ``problem.row`` as an inequality; return how many there are.
 
-    `part` is that of `resultants`, `point` over its size.
+    Reads: problem.row.
+    Writes: problem (bound, joint, kind, level).
     """
-    n_joint = part.shape[0]
-    a, b = np.zeros((8 * n_joint, N_UNKNOWN)), np.zeros(8 * n_joint)
-    joint, kind = np.zeros(8 * n_joint, np.int64), np.zeros(8 * n_joint, np.int8)
-    count = 0
-    for j in range(n_joint):
-        nx, ny = normal[j, 0], normal[j, 1]
-        x0, y0, x1, y1 = point[j, 0, 0], point[j, 0, 1], point[j, 1, 0], point[j, 1, 1]
+    for i in range(N_UNKNOWN):
+        problem.bound[count, i] = sense * problem.row[k, i]
+    problem.level[count] = -sense * problem.row[k, N_UNKNOWN]
+    problem.joint[count], problem.kind[count] = joint, kind
+    return count + 1
+
+
+@kernel
+def set_inequalities(model, work, problem, size):
+    """Set the inequalities of rest, with contacts over `size`; return how many there are.
+
+    Reads: model.friction, work (normal, point), problem (bound, candidate, part, row).
+    Writes: problem (bound, joint, kind, level, row).
+    """
+    part, row, point, count = problem.part, problem.row, work.point, 0
+    for j in range(part.shape[0]):
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
+        x1, y1 = point[j, 1, 0] / size, point[j, 1, 1] / size
         length = (y1 - y0) * nx - (x1 - x0) * ny
-        fx, fy, moment = part[j, 0], part[j, 1], part[j, 2]
-        row_0 = (moment - (x1 * fy - y1 * fx)) / length
-        row_1 = -(moment - (x0 * fy - y0 * fx)) / length
+        for k in range(5):
+            fx, fy, moment = part[j, 0, k], part[j, 1, k], part[j, 2, k]
+            row[0, k] = (moment - (x1 * fy - y1 * fx)) / length
+            row[1, k] = -(moment - (x0 * fy - y0 * fx)) / length
         for c in range(2):
-            row = row_0 if c == 0 else row_1
+            kind = HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
+            count = _add_inequality(problem, count, c, -1.0, j, kind)
+            if problem.candidate[j, c] == 0:
+                count = _add_inequality(problem, count, c, 1.0, j, kind)
+        if not np.isinf(model.friction[j]):
             for sense in (-1.0, 1.0):
-                if sense < 0.0 or not candidate[j, c]:
-                    a[count], b[count] = sense * row[:4], -sense * row[4]
-                    joint[count], kind[count] = j, HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
-                    count += 1
-        if not np.isinf(friction[j]):
-            for sense in (-1.0, 1.0):
-                row = sense * (nx * fy - ny * fx) - friction[j] * (row_0 + row_1)
-                a[count], b[count] = row[:4], -row[4]
-                joint[count], kind[count] = j, SLIDING
-                count += 1
+                for k in range(5):
+                    along = sense * (nx * part[j, 1, k] - ny * part[j, 0, k])
+                    row[2, k] = along - model.friction[j] * (row[0, k] + row[1, k])
+                count = _add_inequality(problem, count, 2, 1.0, j, SLIDING)
     for q in range(count):
-        norm = np.abs(a[q]).max()
+        norm = 0.0
+        for i in range(N_UNKNOWN):
+            norm = max(norm, abs(problem.bound[q, i]))
         if norm > 0.0:
-            a[q] /= norm
-            b[q] /= norm
-    return a[:count], b[:count], joint[:count], kind[:count]
+            for i in range(N_UNKNOWN):
+                problem.bound[q, i] /= norm
+            problem.level[q] /= norm
+    return count
 
 
-@allocating
-def largest_load_factor(a, b, sense):
-    """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
+@kernel
+def largest_load_factor(problem, n_row, sense):
+    """Dual simplex: maximise ``sense * x[3]`` subject to the inequalities, in four unknowns.
 
-    Returned: whether it is feasible, x, the rows that are tight (beyond those of `a`, sides of the
-    bounding box), their multipliers, iterations.
+    Return whether it is feasible, and iterations; -1 if there are too many.
+
+    Reads: problem (active, basis, bound, inverse, level, vertex).
+    Writes: problem (active, basis, inverse, vertex).
     """
-    n_row = b.size
-    active = n_row + np.arange(N_UNKNOWN)
-    basis, inverse = np.eye(N_UNKNOWN), np.eye(N_UNKNOWN)
-    basis[3, 3] = inverse[3, 3] = sense
-    level = np.full(N_UNKNOWN, BOX)
-    x, multiplier, weights = np.empty(N_UNKNOWN), np.empty(N_UNKNOWN), np.empty(N_UNKNOWN)
-    for k in range(N_UNKNOWN):
-        if np.all(a[:, k] == 0.0):
-            level[k] = 0.0
-    for iteration in range(50 + 20 * N_UNKNOWN + n_row):
-        _vertex(basis, inverse, level, x)
+    bound, level, active = problem.bound, problem.level, problem.active
+    basis, inverse, vertex = problem.basis, problem.inverse, problem.vertex
+    for i in range(N_UNKNOWN):
+        active[i], vertex[LEVEL, i] = n_row + i, BOX
         for k in range(N_UNKNOWN):
-            multiplier[k] = sense * inverse[3, k]
-        entering, worst = -1, FEASIBLE * max(1.0, np.abs(x).max())
+            basis[i, k] = inverse[i, k] = 1.0 if i == k else 0.0
+    basis[3, 3] = inverse[3, 3] = sense
+    for k in range(N_UNKNOWN):
+        unused = True
         for q in range(n_row):
-            violation = a[q, 0] * x[0] + a[q, 1] * x[1] + a[q, 2] * x[2] + a[q, 3] * x[3] - b[q]
+            unused = unused and bound[q, k] == 0.0
+        if unused:
+            vertex[LEVEL, k] = 0.0
+    for iteration in range(50 + 20 * N_UNKNOWN + n_row):
+        _set_vertex(problem)
+        largest = 0.0
+        for k in range(N_UNKNOWN):
+            vertex[MULTIPLIER, k] = sense * inverse[3, k]
+            largest = max(largest, abs(vertex[UNKNOWN, k]))
+        entering, worst = -1, FEASIBLE * max(1.0, largest)
+        for q in range(n_row):
+            violation = bound[q, 0] * vertex[UNKNOWN, 0] + bound[q, 1] * vertex[UNKNOWN, 1]
+            violation = violation + bound[q, 2] * vertex[UNKNOWN, 2]
+            violation = violation + bound[q, 3] * vertex[UNKNOWN, 3] - level[q]
             if violation > worst:
                 worst, entering = violation, q
         if entering < 0:
-            return True, x, active, multiplier, iteration
-        for k in range(N_UNKNOWN):
-            weights[k] = 0.0
-            for i in range(N_UNKNOWN):
-                weights[k] += a[entering, i] * inverse[i, k]
-        leaving, best, size = -1, np.inf, 0.0
-        for k in range(N_UNKNOWN):
-            if weights[k] > 1e-11:
-                ratio = max(multiplier[k], 0.0) / weights[k]
-                if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weights[k] > size):
-                    best, leaving, size = min(ratio, best), k, weights[k]
+            return True, iteration
+        leaving = _leaving(problem, entering)
         if leaving < 0:
-            return False, x, active, multiplier, iteration
-        active[leaving], level[leaving] = entering, b[entering]
+            return False, iteration
+        active[leaving], vertex[LEVEL, leaving] = entering, level[entering]
         for i in range(N_UNKNOWN):
-            basis[leaving, i] = a[entering, i]
-            inverse[i, leaving] /= weights[leaving]
+            basis[leaving, i] = bound[entering, i]
+            inverse[i, leaving] /= vertex[WEIGHT, leaving]
             for k in range(N_UNKNOWN):
                 if k != leaving:
-                    inverse[i, k] -= weights[k] * inverse[i, leaving]
-    return False, x, active, multiplier, -1
+                    inverse[i, k] -= vertex[WEIGHT, k] * inverse[i, leaving]
+    return False, -1
 
 
-@allocating
-def _vertex(basis, inverse, level, x):
-    """Return the point where the active inequalities are tight, refined once."""
-    left = level.copy()
+@kernel
+def _leaving(problem, entering):
+    """Which of the tight inequalities the one that enters takes the place of; -1: none.
+
+    Reads: problem (bound, inverse, vertex).
+    Writes: problem.vertex.
+    """
+    vertex, inverse = problem.vertex, problem.inverse
+    for k in range(N_UNKNOWN):
+        vertex[WEIGHT, k] = 0.0
+        for i in range(N_UNKNOWN):
+            vertex[WEIGHT, k] += problem.bound[entering, i] * inverse[i, k]
+    leaving, best, size = -1, np.inf, 0.0
+    for k in range(N_UNKNOWN):
+        weight = vertex[WEIGHT, k]
+        if weight > 1e-11:
+            ratio = max(vertex[MULTIPLIER, k], 0.0) / weight
+            if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weight > size):
+                best, leaving, size = min(ratio, best), k, weight
+    return leaving
+
+
+@kernel
+def _set_vertex(problem):
+    """Set the point where the active inequalities are tight, refined once.
+
+    Reads: problem (basis, inverse, vertex).
+    Writes: problem.vertex.
+    """
+    vertex, basis, inverse = problem.vertex, problem.basis, problem.inverse
     for i in range(N_UNKNOWN):
-        x[i] = 0.0
+        vertex[LEFT, i], vertex[UNKNOWN, i] = vertex[LEVEL, i], 0.0
     for _ in range(2):
         for i in range(N_UNKNOWN):
             for k in range(N_UNKNOWN):
-                x[i] += inverse[i, k] * left[k]
+                vertex[UNKNOWN, i] += inverse[i, k] * vertex[LEFT, k]
         for k in range(N_UNKNOWN):
-            left[k] = level[k]
+            vertex[LEFT, k] = vertex[LEVEL, k]
             for i in range(N_UNKNOWN):
-                left[k] -= basis[k, i] * x[i]
+                vertex[LEFT, k] -= basis[k, i] * vertex[UNKNOWN, i]
 
 
-@allocating
-def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense, pull):
-    """One end of the range of rest of a chain in a given configuration.
+@kernel
+def find_rest_limit(model, work, problem, sense):
+    """Find one end of the range of rest of a chain in a given configuration.
 
-    A candidate of 0 is an open corner, which bears nothing. `sense` is 1 for a ground that
-    accelerates towards +x (body force towards -x), -1 for the other way. `pull` is that of
-    `resultants`.
+    Contacts are those of ``work.point`` and ``work.normal``; centroids, pulls and open corners
+    are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
+    towards -x), -1 for the other way. Return the first two and the last of `RestLimit`; its arrays
+    are in `problem`.
+
+    Reads: model (friction, gravity, mass), work (normal, point), problem.
+    Writes: problem.
     """
-    n_joint, weight, size = point.shape[0], 0.0, np.abs(point).max()
-    for i in range(mass.size):
-        weight += mass[i] * gravity
-    part = resultants(mass, centroid, n_joint, gravity, weight, size, pull)
-    a, b, joint, kind = joint_inequalities(part, point / size, normal, candidate, friction)
-    if n_joint == mass.size:
-        a[:, :3] = 0.0
-    mechanism = np.zeros(n_joint, np.int8)
-    reaction = np.zeros((n_joint, 3))
-    found, x, active, multiplier, iterations = largest_load_factor(a, b, sense)
-    for i in range(N_UNKNOWN):
-        if found and active[i] < b.size and multiplier[i] > 1e-9:
-            mechanism[joint[active[i]]] |= kind[active[i]]
+    n_joint, n_body, size, weight = problem.part.shape[0], model.mass.shape[0] - 2, 0.0, 0.0
     for j in range(n_joint):
+        for c in range(2):
+            size = max(size, abs(work.point[j, c, 0]), abs(work.point[j, c, 1]))
+    for i in range(1, n_body + 1):
+        weight += model.mass[i] * model.gravity
+    set_resultants(model, problem, weight, size)
+    n_row = set_inequalities(model, work, problem, size)
+    if n_joint == n_body:
+        for q in range(n_row):
+            problem.bound[q, 0] = problem.bound[q, 1] = problem.bound[q, 2] = 0.0
+    found, iterations = largest_load_factor(problem, n_row, sense)
+    vertex, part = problem.vertex, problem.part
+    for j in range(n_joint):
+        problem.mechanism[j] = 0
         for c in range(3):
             total = part[j, c, 4]
             for k in range(N_UNKNOWN):
-                total += part[j, c, k] * x[k]
-            reaction[j, c] = total * (weight * size if c == 2 else weight)
-    load_factor = np.inf * sense if abs(x[3]) > NO_LIMIT else x[3]
-    return RestLimit(found, load_factor, mechanism, reaction, iterations)
+                total += part[j, c, k] * vertex[UNKNOWN, k]
+            problem.reaction[j, c] = total * (weight * size if c == 2 else weight)
+    for i in range(N_UNKNOWN):
+        row = problem.active[i]
+        if found and row < n_row and vertex[MULTIPLIER, i] > 1e-9:
+            problem.mechanism[problem.joint[row]] |= problem.kind[row]
+    factor = vertex[UNKNOWN, 3]
+    return found, np.inf * sense if abs(factor) > NO_LIMIT else factor, iterations
+
+
+def rest_limit(model: Model, work: Work, problem: RestProblem, sense: float) -> RestLimit:
+    """Return what `find_rest_limit` finds, with arrays of its own."""
+    found, factor, iterations = find_rest_limit(model, work, problem, sense)
+    arrays = problem.mechanism.copy(), problem.reaction.copy()
+    return RestLimit(found, factor, *arrays, iterations)

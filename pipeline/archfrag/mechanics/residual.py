@@ -8,7 +8,7 @@ smallest violation over the modes in which a joint can obey Signorini and Coulom
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.contact import placing
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 
@@ -30,7 +30,11 @@ def _arm(j, k, work):
 
 @kernel
 def _if_corner(j, k, model, work, scale, force):
-    """Violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23)."""
+    """Violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23).
+
+    Reads: j, k, model.ray, work (candidate, corner_rate, known, reaction, side_normal).
+    Writes: nothing.
+    """
     px, py = _arm(j, k, work)
     qx, qy = _arm(j, 1 - k, work)
     length = math.sqrt((qx - px) ** 2 + (qy - py) ** 2)
@@ -60,7 +64,11 @@ def _if_corner(j, k, model, work, scale, force):
 
 @kernel
 def _if_closed(j, model, work, scale, force):
-    """Violation of the laws by a joint taken to bear at both corners (Eqs 5, 6)."""
+    """Violation of the laws by a joint taken to bear at both corners (Eqs 5, 6).
+
+    Reads: model.friction, work (corner_rate, known, normal, pivot, point, reaction).
+    Writes: nothing.
+    """
     nx, ny = work.normal[j, 0], work.normal[j, 1]
     force_0, force_1, normal, tangential = closed_forces(j, work)
     normal, tangential = normal / force, tangential / force
@@ -89,6 +97,9 @@ def contact_residual(model, work, scale, force):
 
     From contacts, `candidate`, `known`, velocities of the corners in `corner_rate` and reactions;
     `scale` and `force` count as one in velocity and in force.
+
+    Reads: model (friction, ray), work.
+    Writes: nothing.
     """
     largest = 0.0
     for j in range(work.slide.size):
@@ -122,6 +133,9 @@ def state_residual(model, state, work):
 
     With the faces where the bodies are; contacts, `candidate`, `known` and `corner_rate` are
     overwritten.
+
+    Reads: model (friction, gravity, length, mass, ray), state (position, slip, velocity), work.
+    Writes: work.
     """
     length = model.length
     _move_moments(work, 1.0)

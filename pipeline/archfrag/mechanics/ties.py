@@ -15,9 +15,10 @@ bodies and joints to a unit impulse of each tie, and k equations.
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import select
 from archfrag.mechanics.contact import blocks
-from archfrag.mechanics.numbers import larger, select, sine_cosine
+from archfrag.mechanics.numbers import larger, sine_cosine
 from archfrag.mechanics.status import Tie, TieState, TieWork
 
 SLACK, TAUT, YIELDS, BROKEN = 0.0, 1.0, 2.0, 3.0
@@ -42,7 +43,11 @@ def _ends(model, t, position):
 
 @kernel
 def tie_stretch(model, t, position):
-    """Return the elongation of a tie [m]."""
+    """Return the elongation of a tie [m].
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), position.
+    Writes: nothing.
+    """
     _, _, px, py, qx, qy = _ends(model, t, position)
     length = math.sqrt((qx - px) * (qx - px) + (qy - py) * (qy - py))
     return length - model.tie[t, Tie.LENGTH]
@@ -50,7 +55,11 @@ def tie_stretch(model, t, position):
 
 @kernel
 def place_tie(model, t, position, tie):
-    """Set the direction and the arms of a tie, ``work.tie``; return its elongation [m]."""
+    """Set the direction and the arms of a tie, ``work.tie``; return its elongation [m].
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), position.
+    Writes: tie.
+    """
     i, k, px, py, qx, qy = _ends(model, t, position)
     dx, dy = qx - px, qy - py
     length = math.sqrt(dx * dx + dy * dy)
@@ -101,7 +110,11 @@ def tie_energy(model, t, state, elongation):
 
 @kernel
 def set_ties(model, state, work):
-    """Let the ties of a state be taut or slack, without a set."""
+    """Let the ties of a state be taut or slack, without a set.
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), state.position.
+    Writes: state.tie, work.tie.
+    """
     for t in range(model.tie.shape[0]):
         elongation = place_tie(model, t, state.position, work.tie)
         state.tie[t, TieState.MODE] = TAUT if elongation >= 0.0 else SLACK
@@ -113,6 +126,9 @@ def pull_at_rest(model, state, work, pull):
     """Add the forces of ties where bodies are, `pull` (n_body + 2, 3) [N], [N m].
 
     Moments are about the centroids.
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie), work.tie.
+    Writes: work.tie, pull.
     """
     for t in range(model.tie.shape[0]):
         force = tension(model, t, state, place_tie(model, t, state.position, work.tie))
@@ -126,7 +142,11 @@ def pull_at_rest(model, state, work, pull):
 
 @kernel
 def pull_by_ties(model, state, work):
-    """Add what the tensions of ties give to the accelerations ``work.free``; no impulses."""
+    """Add what the tensions of ties give to the accelerations ``work.free``; no impulses.
+
+    Reads: model, state (position, tie), work.tie.
+    Writes: work (free, tie).
+    """
     for t in range(model.tie.shape[0]):
         force = tension(model, t, state, place_tie(model, t, state.position, work.tie))
         _pull(model, t, force, work.tie, work.free)
@@ -139,6 +159,9 @@ def aim_ties(model, state, work, step, ahead):
 
     The tension is that of the elongation in the middle, changed by so much of the step (`ahead`)
     times the change of its rate.
+
+    Reads: model, state, work.
+    Writes: work.tie.
     """
     for t in range(model.tie.shape[0]):
         tie, stiffness = work.tie, model.tie[t, Tie.STIFFNESS]
@@ -156,7 +179,11 @@ def aim_ties(model, state, work, step, ahead):
 
 @kernel
 def release_ties(model, work):
-    """Let ties have no impulse in the next contact problem: an impact, or accelerations."""
+    """Let ties have no impulse in the next contact problem: an impact, or accelerations.
+
+    Reads: nothing.
+    Writes: work.tie.
+    """
     for t in range(model.tie.shape[0]):
         for column in (TieWork.KNOWN, TieWork.GAIN, TieWork.MOST, TieWork.GUESS, TieWork.MODE):
             work.tie[t, column] = 0.0
@@ -164,7 +191,11 @@ def release_ties(model, work):
 
 @kernel
 def start_ties(state, work, where):
-    """Start from the modes of ties before the step."""
+    """Start from the modes of ties before the step.
+
+    Reads: state.tie, work.tie.
+    Writes: work.tie.
+    """
     for t in range(state.tie.shape[0]):
         mode = work.tie[t, TieWork.MODE]
         work.tie[t, TieWork.MODE] = select(where, state.tie[t, TieState.MODE], mode)
@@ -172,7 +203,11 @@ def start_ties(state, work, where):
 
 @kernel
 def push_by_ties(model, work, velocity, sense):
-    """Add impulses by the tensions before a step to velocities, or take them away."""
+    """Add impulses by the tensions before a step to velocities, or take them away.
+
+    Reads: model (inverse_inertia, inverse_mass, tie), work.tie.
+    Writes: velocity.
+    """
     for t in range(model.tie.shape[0]):
         _pull(model, t, sense * work.tie[t, TieWork.GUESS], work.tie, velocity)
 
@@ -231,9 +266,13 @@ def _solve_impulses(model, work):
 
 
 @kernel
-def solve_with_ties(model, position, work, scale, precision):
-    """As `archfrag.mechanics.contact.blocks.solve_modes`, with the impulses of ties."""
-    left = blocks.solve_modes(model, position, work, scale, precision)
+def solve_with_ties(model, position, work, scale, precision, first):
+    """As `archfrag.mechanics.contact.blocks.solve_modes`, with the impulses of ties.
+
+    Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
+    Writes: work.
+    """
+    left = blocks.solve_modes(model, position, work, scale, precision, first)
     n, n_row = model.tie.shape[0], position.shape[0]
     if n == 0:
         return left
@@ -256,7 +295,11 @@ def solve_with_ties(model, position, work, scale, precision):
 
 @kernel
 def ask_ties(model, work, slack_force):
-    """Set the modes that ties ask for; return where one differs from its own."""
+    """Set the modes that ties ask for; return where one differs from its own.
+
+    Reads: model.tie, work (solved, tie).
+    Writes: work.tie.
+    """
     changed = False
     for t in range(model.tie.shape[0]):
         tie = work.tie
@@ -285,6 +328,9 @@ def accept_ties(model, state, work, step, where):
     """Accept the modes and sets of ties after a step; return works by yield, unexplained [J].
 
     What breaks gives up its energy.
+
+    Reads: model, state, work.
+    Writes: state.tie, work.tie.
     """
     lost, error = 0.0 * step, 0.0 * step
     for t in range(model.tie.shape[0]):
@@ -311,6 +357,9 @@ def change_tie(model, state, t, yields, breaks):
     """Change the mode of a tie whose law has ended; return the energy that it gives up [J].
 
     One that is taut becomes slack unless it `yields` or `breaks`, any other one becomes taut.
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie).
+    Writes: state.tie.
     """
     mode = state.tie[t, TieState.MODE]
     if breaks:
@@ -324,7 +373,11 @@ def change_tie(model, state, t, yields, breaks):
 
 @kernel
 def stretch_yielding(model, state):
-    """Let the sets of ties that yield follow their elongation; return what that takes [J]."""
+    """Let the sets of ties that yield follow their elongation; return what that takes [J].
+
+    Reads: model (group, model.tie, offset, tie, work.rotated), state (position, tie).
+    Writes: state.tie.
+    """
     lost = 0.0
     for t in range(model.tie.shape[0]):
         if state.tie[t, TieState.MODE] != YIELDS:

@@ -4,7 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.kernels.structs import struct
 
+
+@struct()
 class Chain(NamedTuple):
     """Rigid bodies in a row, each touching its neighbours and the ground along straight joints.
 
@@ -28,6 +31,7 @@ class Chain(NamedTuple):
     tie: np.ndarray | None = None  # (n_tie, len(Tie)) by archfrag.mechanics.status.Tie
 
 
+@struct()
 class Options(NamedTuple):
     """Options of all methods; a method ignores those that do not concern it."""
 
@@ -49,6 +53,7 @@ class Options(NamedTuple):
     first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
 
 
+@struct()
 class Frames(NamedTuple):
     """Buffers for a history; empty arrays where none is wanted."""
 
@@ -59,6 +64,7 @@ class Frames(NamedTuple):
     mode: np.ndarray  # (n_frame, n_joint) contact mode from then on
 
 
+@struct()
 class MechanismLog(NamedTuple):
     """Buffers for the history of the mechanism, an entry for each change; empty for none.
 
@@ -73,6 +79,7 @@ class MechanismLog(NamedTuple):
     mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
 
 
+@struct()
 class Results(NamedTuple):
     """Results of runs, a row for each; every method returns them."""
 

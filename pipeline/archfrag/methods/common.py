@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.collapse import NO_MODE, NOTED_GAP, collapse_of, loss_mode
-from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import clearance, move_faces, slip_and_gap
 from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.laws import mode_number
@@ -65,6 +66,7 @@ def new_results(n_run: int) -> Results:
     )
 
 
+@struct(forces=(3,))
 class Output(NamedTuple):
     """Where frames and log entries go; arrays of length zero for none."""
 
@@ -98,7 +100,11 @@ def no_output(n_body: int, n_joint: int) -> Output:
 
 @kernel
 def write_frame(model, state, work, output):
-    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it.
+
+    Reads: model, state, work, output.
+    Writes: output.
+    """
     frames, n = output.frames, output.written[0]
     if frames.time.size == 0 or n >= frames.time.size:
         return
@@ -116,7 +122,11 @@ def write_frame(model, state, work, output):
 
 @kernel
 def log_change(state, time, cause, joint, level, output):
-    """Log a change of the mechanism, or of its model, if the log has room."""
+    """Log a change of the mechanism, or of its model, if the log has room.
+
+    Reads: state.slip, output (log, log.time, written).
+    Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
+    """
     log, entry = output.log, output.written[1]
     output.written[1] += 1
     if entry >= log.time.size:
@@ -131,7 +141,11 @@ def log_change(state, time, cause, joint, level, output):
 
 @kernel
 def clear(state):
-    """Reset the state and close all joints; keep positions and velocities."""
+    """Reset the state and close all joints; keep positions and velocities.
+
+    Reads: state.slip.
+    Writes: state.
+    """
     for j in range(state.slip.size):
         state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
         state.slide[j] = state.slip[j] = state.impact[j] = 0.0
@@ -139,8 +153,7 @@ def clear(state):
         state.lost_slip[j] = state.lost_rotation[j] = 0.0
         for c in range(3):
             state.force[j, c] = 0.0
-    for values in (state.loss, state.clock, state.count, state.energy, state.peak):
-        values[:] = 0.0
+    state.loss[:] = state.clock[:] = state.count[:] = state.energy[:] = state.peak[:] = 0.0
     state.loss[Loss.TIME], state.loss[Loss.JOINT] = np.nan, -1.0
 
 
@@ -149,6 +162,9 @@ def read_joints(model, state, work):
     """Set slips and modes of all joints of an initial state from positions alone.
 
     A joint that is open at both corners has been without contact since time zero.
+
+    Reads: model, state, work.
+    Writes: state.
     """
     for j in range(state.slip.size):
         gaps = clearance(j, 0, work.face, work.tangent), clearance(j, 1, work.face, work.tangent)
@@ -174,7 +190,11 @@ def read_joints(model, state, work):
 
 @kernel
 def read_state(model, state, work):
-    """Start a run from given positions and velocities; the factor on the motion is kept."""
+    """Start a run from given positions and velocities; the factor on the motion is kept.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
     factor, clock, energy = state.clock[Clock.FACTOR], state.clock, state.energy
     clear(state)
     set_ties(model, state, work)
@@ -187,7 +207,11 @@ def read_state(model, state, work):
 
 @kernel
 def begin(model, state, work, motion, factor):
-    """Start a run from rest where the model starts."""
+    """Start a run from rest where the model starts.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
     for i in range(state.position.shape[0]):
         for c in range(3):
             state.position[i, c] = model.start[i, c]
@@ -203,7 +227,11 @@ def begin(model, state, work, motion, factor):
 
 @kernel
 def record_end(model, state):
-    """Record the largest rotation and displacement at the end."""
+    """Record the largest rotation and displacement at the end.
+
+    Reads: model.start, state.position.
+    Writes: state.peak.
+    """
     rotation = farthest = 0.0
     for i in range(1, state.position.shape[0] - 1):
         dx = state.position[i, 0] - model.start[i, 0]
@@ -220,6 +248,9 @@ def sways_in_rest(model, state, options):
 
     Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
     position would have grown by many powers of ten, so the chain swings about a stable one.
+
+    Reads: state.clock, options.follow.
+    Writes: nothing.
     """
     calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
     return model.tie.shape[0] > 0 and min(calm, options.follow) >= CALM_TIME
@@ -233,7 +264,11 @@ def _copy_row(values, out, row):
 
 @kernel
 def end_run(model, state, work, options, output, results, row):
-    """Write the results of a run that has ended."""
+    """Write the results of a run that has ended.
+
+    Reads: model, state, work, options, output.
+    Writes: state, output, results.
+    """
     clock, energy = state.clock, state.energy
     code, status = int(clock[Clock.CODE]), NO_SOLUTION
     if code == IDLE:

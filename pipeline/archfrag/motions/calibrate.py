@@ -11,13 +11,8 @@ import numpy as np
 
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import opened, read_bytes
-from archfrag.motions.headers import (
-    Acceptable,
-    Warned,
-    add_stated,
-    add_station,
-    against_the_user,
-)
+from archfrag.motions import headers
+from archfrag.motions.headers import Acceptable, Warned
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 from archfrag.motions.partners import Trace, channel_code, is_vertical
 
@@ -87,16 +82,15 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) 
     """
     record, values, inventory = trace.stats.record, trace.data, None
     record.unit_in_file = ""
-    if any(word is None for word, _ in record.warnings):
-        return
-    record.warnings += tuple(add_stated(trace))
-    if any(word is None for word, _ in record.warnings):
-        return
+    for more in ((), headers.add_stated(trace)):
+        record.warnings += tuple(more)
+        if any(word is None for word, _ in record.warnings):
+            return
     try:
         if record.get("unit") in (None, "", "counts"):
             inventory = find_inventory(path, trace, given)
         if inventory is not None:
-            record.warnings += tuple(add_station(trace, inventory))
+            record.warnings += tuple(headers.add_station(trace, inventory))
         _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
         record.warnings += ((None, str(error).removeprefix(f"{path}: ")),)
@@ -151,12 +145,10 @@ def _scale(
         need = f"does not state the unit of its samples; give `unit`, {units}, or for counts its"
         if record.get("unit") == "counts":
             need = "states counts and does not state the unit of one; give its"
-        raise RecordError(
-            f"{path}: the file {need} StationXML as {path.stem}.xml beside it or by `inventory` "
-            "(--inventory on the command line)"
-        )
+        place = f"as {path.stem}.xml beside it or by `inventory` (--inventory on the command line)"
+        raise RecordError(f"{path}: the file {need} StationXML {place}")
     if record.get("unit") in (None, "", "counts") and unit != "counts":
-        record.warnings += tuple(against_the_user(trace, unit))
+        record.warnings += tuple(headers.against_the_user(trace, unit))
     if not same:
         conflict = f"unit {asked!r} asked for but the {source} {stated}"
         raise RecordError(f"{path}: {conflict}; leave `unit` out")

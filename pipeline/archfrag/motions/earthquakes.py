@@ -32,11 +32,11 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
     are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
     minute apart, or if they overlap in time (``start`` and ``end`` [s]).
     """
-    group = list(range(len(records)))
+    group = np.arange(len(records))
 
     def join(members: Sequence[int]) -> None:
-        if len(ends := {group[i] for i in members}) > 1:
-            group[:] = [min(ends) if own in ends else own for own in group]
+        if (ends := np.unique(group[members])).size > 1:
+            group[np.isin(group, ends)] = ends[0]
 
     def names(members: Sequence[int]) -> list[str]:
         return list(dict.fromkeys(records[i]["event"] for i in members if records[i]["event"]))
@@ -48,19 +48,14 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
     for members in by_file.values():
         join(members)
     for first, last in (("origin", "origin"), ("start", "end")):
-        known = [i for i, record in enumerate(records) if not np.isnan(record[first])]
-        end = -np.inf
-        clusters = list[list[int]]()
-        for i in sorted(known, key=lambda i: records[i][first]):
-            if records[i][first] > end:
-                clusters.append([])
-            clusters[-1].append(i)
-            end = max(end, records[i][last], records[i][first] + APART)
-        for members in clusters:
-            if len(names(members)) < 2:  # else the times are not those of earthquakes
-                join(members)
+        start, end = (np.array([record[key] for record in records]) for key in (first, last))
+        order = np.argsort(start, kind="stable")[: np.count_nonzero(~np.isnan(start))]  # nan last
+        ends = np.maximum.accumulate(np.fmax(end[order], start[order] + APART))
+        for near in np.split(order, np.flatnonzero(start[order[1:]] > ends[:-1]) + 1):
+            if len(names(near.tolist())) < 2:  # else the times are not those of earthquakes
+                join(near.tolist())
     together: dict[int, list[int]] = {}
-    for i, own in enumerate(group):
+    for i, own in enumerate(group.tolist()):
         together.setdefault(own, []).append(i)
     found = [record["event"] for record in records]
     for members in together.values():

@@ -11,15 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from archfrag.motions import partners
 from archfrag.motions.motion import METRES_PER_SECOND_SQUARED
-from archfrag.motions.partners import (
-    HORIZONTAL,
-    VERTICAL,
-    Trace,
-    azimuth_of_code,
-    channel_code,
-    turned_by,
-)
+from archfrag.motions.partners import HORIZONTAL, VERTICAL, Trace, channel_code
 
 Acceptable = Literal["pga", "time_step", "samples", "header"]
 Warned = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
@@ -102,12 +96,12 @@ def add_direction(trace: Trace, azimuth: float, dip: float, source: str) -> Iter
         return
     if azimuth < 0.0:
         return
-    if before is not None and turned_by(before, azimuth) > TOLERANCE:
+    if before is not None and partners.turned_by(before, azimuth) > TOLERANCE:
         known = f"its own header states azimuth {before:g}"
         yield "header", f"channel {code}: {known}, the {source} {azimuth:g} degrees"
     record.azimuth = azimuth % 360.0
-    by_code = azimuth_of_code(code)
-    if by_code is not None and (off := turned_by(by_code, azimuth)) > TOLERANCE:
+    by_code = partners.azimuth_of_code(code)
+    if by_code is not None and (off := partners.turned_by(by_code, azimuth)) > TOLERANCE:
         sense = "its polarity is reversed" if off > 180.0 - TOLERANCE else "this azimuth counts"
         differ = f"azimuth {by_code:g} by its code, {azimuth:g} by the {source}"
         record.cautions += (f"channel {code} has {differ}; {sense}",)

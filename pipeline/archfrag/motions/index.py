@@ -128,12 +128,9 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
             head = file.readline(10_000).decode("latin-1")
         # Other programs have a file of this name, too.
         if set(_NEEDED) <= set(re.findall(r"\w+", head)):
-            return _rows_by_path(index)
+            rows = reversed(load_index(index))
+            return {Path(os.path.realpath(entry.path)): entry for entry in rows}
     return {}
-
-
-def _rows_by_path(index: Path) -> dict[Path, IndexEntry]:
-    return {Path(os.path.realpath(entry.path)): entry for entry in reversed(load_index(index))}
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:

@@ -20,7 +20,6 @@ y = -a - s t + 2 z s / w + f(t). Where the slope s changes by ds, y and y' stay 
 changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
-import functools
 import re
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -29,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
+from archfrag.mechanics.oscillator import largest_response
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
 from archfrag.motions.partners import check_right_angle
 
@@ -221,37 +221,8 @@ def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Sampl
     after = np.ceil(chosen / dt).astype(int) + 2
     padded = np.pad(ground, (0, after.max(initial=0)))
     largest = np.zeros((chosen.size, angles.size))
-    loop, directions = _compiled(), np.exp(1j * angles)
-    for period, count, row in zip(chosen.tolist(), after + ground.size, largest):
-        loop(padded[:count], float(dt), 2.0 * np.pi / period, _DAMPING, directions, row)
+    directions, rates = np.exp(1j * angles), (2.0 * np.pi / chosen).tolist()
+    for rate, count, row in zip(rates, after + ground.size, largest):
+        largest_response(padded[:count], float(dt), rate, _DAMPING, directions, row)
     scale = 10.0 ** (_DIGITS - 1 - np.floor(np.log10(np.where(largest > 0.0, largest, 1.0))))
     return np.round(largest * scale) / scale
-
-
-@functools.cache
-def _compiled() -> Callable[..., None]:
-    from archfrag.mechanics.compile import kernel  # imports numba, which takes time
-
-    return kernel(_put_largest)
-
-
-def _put_largest(ground, dt, w, z, directions, largest):  # type: ignore[no-untyped-def]
-    """Put the largest |y| in each direction [m/s2] into `largest`, (n_direction,)."""
-    points = max(1, int(np.ceil(200.0 * dt * w / (2.0 * np.pi))))
-    step, root = dt / points, np.sqrt(1.0 - z * z)
-    decay = np.exp(-z * w * step)
-    cosine, sine = decay * np.cos(root * w * step), decay * np.sin(root * w * step) / root
-    f, g, slope, least = ground[0], 0.0 * ground[0], 0.0 * ground[0], 0.0  # y = y' = 0
-    for n in range(ground.size - 1):
-        change = (ground[n + 1] - ground[n]) / dt - slope
-        slope += change
-        f, g = f - 2.0 * z / w * change, g + change / w
-        for k in range(points):
-            y = f - ground[n] + slope * (2.0 * z / w - k * step)
-            if y.real**2 + y.imag**2 > least**2:
-                least = np.inf
-                for i in range(directions.size):
-                    here = abs(y.real * directions[i].real + y.imag * directions[i].imag)
-                    largest[i] = max(largest[i], here)
-                    least = min(least, largest[i])
-            f, g = (cosine + z * sine) * f + sine * g, (cosine - z * sine) * g - sine * f

@@ -180,9 +180,8 @@ def belong_together(one: Motion, other: Motion) -> bool:
              for about in (own, its)]  # fmt: skip
     if all(sites[0]) and sites[0] == sites[1]:
         return True
-    return (
-        not numbered(own["file"], its["file"]) and one.acceleration.size == other.acceleration.size
-    )
+    equal = one.acceleration.size == other.acceleration.size
+    return equal and not numbered(own["file"], its["file"])
 
 
 def numbered(one: str, other: str) -> bool:

@@ -189,20 +189,13 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-    if azimuth is None:
-        # Angles from a component are no azimuths.
-        turns = [f"{codes[0]} turned by {each:g}".strip() for each in (turned, turned + 90.0)]
-        about |= {"component": turns[0], "azimuth": "",
-                  "component_transverse": turns[1], "azimuth_transverse": ""}  # fmt: skip
-    else:
-        about |= {
-            "component": f"{turned:g}",
-            "component_transverse": f"{turned + 90.0:g}",
-            "azimuth": turned % 360.0,
-            "azimuth_transverse": (turned + 90.0) % 360.0,
-        }
-        words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
+    words = f"to azimuth {turned:g} degrees (from {own[0]:g} and {own[1]:g})"
+    for which, each in (("", turned), ("_transverse", turned + 90.0)):
+        about |= {f"component{which}": f"{each:g}", f"azimuth{which}": each % 360.0}
+        if azimuth is None:  # angles from a component are no azimuths
+            words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
+            label = f"{codes[0]} turned by {each:g}".strip()
+            about |= {f"component{which}": label, f"azimuth{which}": ""}
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
 

@@ -25,11 +25,8 @@ def arch_at_onset(sheet: Sheet, arch: Arch, onset: Onset, name: str) -> str | tu
     if not onset.stands:
         _at_onset(sheet, (0.0, 0.0, sheet.width), arch, onset, 0)
         return f"{name}, which does not stand under its own weight", "There is no onset."
-    key = [
-        Entry("thrust at onset", look.VERMILION, "line"),
-        Entry("thrust at rest", look.SOFT, "dash"),
-        Entry("hinge", look.BLUE, "dot"),
-    ]
+    key = [Entry("thrust at onset", look.VERMILION, "line")]
+    key += [Entry("thrust at rest", look.SOFT, "dash"), Entry("hinge", look.BLUE, "dot")]
     if len(onset.sliding) or len(onset.sliding_minus):
         key.append(Entry("sliding joint", look.ORANGE))
     top = sheet.legend(8.0, 0.0, key, sheet.width - 16.0)

@@ -124,9 +124,8 @@ def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]
         panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
     else:
         used = results.counts["n"] > 0
-        ends = clopper_pearson(
-            results.counts["collapsed"][used], results.counts["n"][used], answer.confidence
-        )
+        collapses, n = (results.counts[key][used] for key in ("collapsed", "n"))
+        ends = clopper_pearson(collapses, n, answer.confidence)
         bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
         panel.line(np.repeat(results.levels[used], 3), bars.ravel(), look.INK, 0.9)
         panel.dots(results.levels, results.fraction, look.INK)
@@ -169,15 +168,11 @@ def all_curves(
     kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)
-    caption += words["classes"].format(whose=whose) * bool(classes) + words["at"] * (
-        at is not None
-    )
+    caption += words["classes"].format(whose=whose) * bool(classes)
+    caption += words["at"] * (at is not None)
     if shaded:
-        caption += (
-            "".join(map(_band_words, classes.values()))
-            if one
-            else words["several"] * bool(classes)
-        )
+        each = "".join(map(_band_words, classes.values()))
+        caption += each if one else words["several"] * bool(classes)
     what = f"Fragility curves of {len(known)} arches against {scale.label}. "
     what += _medians(named | dict(list(known.items())[:40]), scale)
     return what, caption

@@ -179,10 +179,8 @@ class Panel:
     ) -> None:  # fmt: skip
         """Fill rectangles with one colour, as one path."""
         sides = self.at_x(left), self.at_x(right), self.at_y(high), self.at_y(low)
-        d = "".join(
-            f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
-            for a, b, c, e in zip(*sides, strict=True)
-        )
+        corners = zip(*(map(number, side) for side in sides), strict=True)
+        d = "".join(f"M{a} {c}H{b}V{e}H{a}z" for a, b, c, e in corners)
         self.sheet.fill(d, colour, mark)
 
     def cells(

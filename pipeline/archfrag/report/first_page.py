@@ -24,7 +24,7 @@ from archfrag.report.limits import short, study_aspects
 from archfrag.report.moving import film
 from archfrag.report.ratios import before_and_after
 from archfrag.simulate import Onset
-from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.study.answer.curves import arch_classes
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _HALF = 560.0  # width of the curve [px]
@@ -33,9 +33,8 @@ _MOST, _SMALL = (270.0, 180.0), (270.0, 130.0)  # width and height of an arch, a
 
 def leading(inputs: ReportInputs) -> tuple[str, Answer]:
     """The answer that stands first: of classes and of arches of none the weakest by median."""
-    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
-    theta = thetas(answers.values())
-    return list(answers.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
+    theta = thetas(inputs.quoted.values())
+    return list(inputs.quoted.items())[int(np.where(np.isnan(theta), np.inf, theta).argmin())]
 
 
 def leading_arch(inputs: ReportInputs) -> int:
@@ -112,8 +111,7 @@ def _sentence(inputs: ReportInputs) -> Markup:
 
 def _whose(inputs: ReportInputs, name: str) -> str:
     """The arch or the class of an answer, in a sentence."""
-    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
-    whose = name if len(answers) > 1 else _noun(inputs)
+    answers, whose = inputs.quoted, name if len(inputs.quoted) > 1 else _noun(inputs)
     if name in inputs.classes:
         count = list(arch_classes(inputs.cube).values()).count(name)
         whose = f"an arch drawn from class {name} ({count} arches)"
@@ -131,8 +129,7 @@ def _facts(inputs: ReportInputs) -> str:
     collapses = int((verdict == Verdict.COLLAPSED).sum())
     words += f", {collapses:,} collapse{'s' * (collapses != 1)}."
     answer = leading(inputs)[1]
-    alone = len(quoted(cube, inputs.answers, inputs.classes)) == 1
-    if alone and answer.n_independent and not isinstance(answer.curve, str):
+    if len(inputs.quoted) == 1 and answer.n_independent and not isinstance(answer.curve, str):
         interval = f"{inputs.percent}: {html.interval(answer.beta)}"
         words += f" Dispersion β {answer.curve.beta:.2f} ({interval})."
     return words
@@ -140,8 +137,7 @@ def _facts(inputs: ReportInputs) -> str:
 
 def _drawn(inputs: ReportInputs) -> Iterator[Picture]:
     """The arch of the leading answer; of two that differ in shape, fill or ties both."""
-    answers = quoted(inputs.cube, inputs.answers, inputs.classes)
-    places = [leading_arch(inputs)]
+    answers, places = inputs.quoted, [leading_arch(inputs)]
     if len(answers) == 2:
         both = [_place(inputs, *each) for each in answers.items()]
         shapes = [_shape(inputs.arches[place][1]) for place in both]
@@ -230,7 +226,8 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     (name, answer), scale, reach = leading(inputs), inputs.scale, 1.05 * inputs.highest
     others = {k: fit for k, fit in inputs.known.items() if k != name}
     others = others if len(others) == 1 else {}
-    whose = _titled(inputs, name)
+    whose = name if len(inputs.quoted) > 1 else _noun(inputs)
+    whose = f"class {name}" if name in inputs.classes else whose
     entries = [Entry(name, look.BLUE, "line"), *(Entry(k, look.GREEN, "dash") for k in others)]
     panel = curve_panel(sheet, entries if others else [], reach, scale.label)
     words = f"Probability of collapse of {whose} against {scale.label}"
@@ -261,14 +258,6 @@ def _curve(sheet: Sheet, inputs: ReportInputs) -> tuple[str, str]:
     for row, word in enumerate(sorted(marked, key=marked.__getitem__)):
         panel.label(marked[word], panel.box[1] + 12.0 + 14.0 * row, word, "b")
     return f"{words}: median {median}, dispersion {fit.beta:.2f}", caption
-
-
-def _titled(inputs: ReportInputs, name: str) -> str:
-    """An arch or a class by its name, if the study has others."""
-    if name in inputs.classes:
-        return f"class {name}"
-    alone = len(quoted(inputs.cube, inputs.answers, inputs.classes)) == 1
-    return _noun(inputs) if alone else name
 
 
 def _noun(inputs: ReportInputs) -> str:

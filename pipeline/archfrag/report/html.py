@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUn
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from archfrag.kernel_cache import use_kernel_cache
+from archfrag.kernels.cache import use_kernel_cache
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TEMPLATES = files("archfrag.report") / "templates"
@@ -43,10 +43,8 @@ class Picture:
     @property
     def file(self) -> str:
         """The figure with its caption as the text of an SVG file of its own."""
-        inside = (
-            f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
-            '<rect width="100%" height="100%" fill="white"/>'
-        )
+        inside = f"<desc>{escape(self.caption)}</desc><style>{STYLE}</style>"
+        inside += '<rect width="100%" height="100%" fill="white"/>'
         svg = self.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         return svg.replace(">", f">{inside}", 1) + "\n"
 

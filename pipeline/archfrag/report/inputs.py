@@ -96,10 +96,14 @@ class ReportInputs:
         return f"{100 * self.confidence:.0f} %"
 
     @cached_property
+    def quoted(self) -> dict[str, Answer]:
+        """Answers of classes and of arches of none, in the order of the study."""
+        return quoted(self.cube, self.answers, self.classes)
+
+    @cached_property
     def known(self) -> dict[str, Fragility]:
-        """Curves of classes and of arches of none, in the order of the study."""
-        answers = quoted(self.cube, self.answers, self.classes)
-        return {k: each.curve for k, each in answers.items() if isinstance(each.curve, Fragility)}
+        """Their curves, of those that have one."""
+        return {k: a.curve for k, a in self.quoted.items() if isinstance(a.curve, Fragility)}
 
     @cached_property
     def ratios(self) -> dict[str, Table] | str:

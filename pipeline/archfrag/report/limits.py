@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from archfrag.report.html import TEXTS
@@ -34,7 +35,7 @@ def aspects(
     others = {
         "always": (), "never": None, "delay": () if delay else None,
         "vertical": None if vertical == "not used" else (counted,) if counted else (),
-        "sliding": () if any(map(_slides, _all(given))) else None,
+        "sliding": () if any(map(_slides, chain.from_iterable(given.values()))) else None,
     }  # fmt: skip
     found = []
     for text in TEXTS["limits"]:
@@ -76,10 +77,6 @@ def base_of(free_end: bool, parameters: Mapping[str, Any]) -> str:
     if free_end:
         return "the base"
     return "the base of the left pier" if "piers" in parameters else "the left springing"
-
-
-def _all(given: Given) -> list[Mapping[str, Any]]:
-    return [each for arches in given.values() for each in arches]
 
 
 def _having(given: Given, key: str) -> tuple[str, ...] | None:

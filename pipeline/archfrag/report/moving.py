@@ -81,12 +81,16 @@ def film(example: Example, name: str, title: str, enlarged: bool = False) -> Fil
     if not example.response.collapsed:
         parts = np.array_split(np.arange(time.size), min(4, time.size))
         stills = [int(part[reach[part].argmax()]) for part in parts]
-    what = f"{title}: {_bodies(arch)} under {example.motion.id}, {example.level}"
+    first, last = arch.springings
+    bodies = counted(last - first, "block" if arch.free_end else "voussoir")
+    bodies += " on piers" * (first > 0)
+    what = f"{title}: {bodies} under {example.motion.id}, {example.level}"
     # The acceleration of the ground stands below.
     sheet, ends = Sheet(NARROW), (float(time[0]), float(time[-1]))
     box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
     panel = Panel(sheet, box, ends, (-1.0, 1.0))
-    peak, seen = _peak(example), draw_ground(panel, example, 240)
+    peak = example.motion.pga * example.factor / STANDARD_GRAVITY
+    seen = draw_ground(panel, example, 240)
     which = "peak" if seen > 0.995 * peak else "peak of the window"
     words = f"time [s], with the ground acceleration ({which} {seen:.2g} g)"
     panel.axis_x(even_ticks(*ends, 6), words)
@@ -121,27 +125,13 @@ def _tie_moves(
             if 0 <= body < arch.n_voussoir:
                 (x, y), turn = end - arch.centroids[body], rotation[:, body]
                 sine, cosine = np.sin(turn), np.cos(turn)
-                at = place[:, body] + np.column_stack(
-                    [cosine * x - sine * y, sine * x + cosine * y]
-                )
+                turned = cosine * x - sine * y, sine * x + cosine * y
+                at = place[:, body] + np.column_stack(turned)
             ends.append(pixels(at, origin))
         along = ends[1] - ends[0]
         angle = np.rad2deg(np.unwrap(np.arctan2(along[:, 1], along[:, 0])))
         rows.append(np.column_stack([ends[0], angle, np.hypot(*along.T)]))
     return np.array(rows).reshape(-1, len(place), 4)
-
-
-def _bodies(arch: Arch) -> str:
-    """Count what an arch is made of."""
-    first, last = arch.springings
-    return counted(last - first, "block" if arch.free_end else "voussoir") + " on piers" * (
-        first > 0
-    )
-
-
-def _peak(example: Example) -> float:
-    """Largest acceleration of the ground in a run [g]."""
-    return float(np.abs(example.motion.acceleration).max()) * example.factor / STANDARD_GRAVITY
 
 
 def draw_ground(panel: Panel, example: Example, bins: int) -> float:

@@ -30,7 +30,7 @@ from archfrag.report.inputs import ReportInputs, arch_results, study_config, sum
 from archfrag.report.limits import study_aspects
 from archfrag.report.risk import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
-from archfrag.study.answer.curves import arch_classes, quoted
+from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
 from archfrag.study.files import write_text
@@ -68,7 +68,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
     examples = [typical_run(inputs, own, i) for i, own in enumerate(results)]
     leads, of_class = leading_arch(inputs), arch_classes(cube)
-    listed = quoted(cube, answers, classes)
+    listed = inputs.quoted
     members = {name: answer for name, answer in answers.items() if name not in listed}
     sections: list[tuple[str, str, Iterable[Any]]] = []
     if inputs.risk is not None:
@@ -78,8 +78,8 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         sections.append(("all", "All arches", [every, *_ratios(inputs)]))
     figures = {}
     for i, name in enumerate(classes):
-        own = {each: answer for each, answer in members.items() if of_class[each] == name}
-        figures[f"curve-{name}.svg"] = curves.all_curves(inputs, own, {name: classes[name]})
+        mine = {each: answer for each, answer in members.items() if of_class[each] == name}
+        figures[f"curve-{name}.svg"] = curves.all_curves(inputs, mine, {name: classes[name]})
         parts = _parts(class_parts, inputs, name, figures[f"curve-{name}.svg"])
         sections.append((f"class{i}", f"Class {name}", parts))
     appendix = [html.folded("Answers", _answers(inputs, members))] if members else []
@@ -98,12 +98,13 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     if inputs.compared is not None:
         title = f"Compared with study {inputs.compared[0].attrs['archfrag_study']}"
         sections.append(("compared", title, list(_compared(inputs, *inputs.compared))))
-    sections += [
-        ("motions", "Ground motions", _motion_parts(inputs)),
-        ("provenance", "Provenance", _provenance(cube.attrs)),
-    ]
+    sections.append(("motions", "Ground motions", _motion_parts(inputs)))
+    sections.append(("provenance", "Provenance", _provenance(cube.attrs)))
     if members:
         sections.append(("members", "Appendix: arches of classes", appendix))
+    # Cautions that no section has; of those of arches that differ in numbers only the first.
+    own = [name for name, _, _ in inputs.arches if name not in members]
+    rest = [each for each in inputs.cautions if each.partition(": ")[0] not in own]
     loss = f"{100.0 * float(cube.attrs['loss_limit']):g} %"  # gap over joint length
     known, terms = {"percent": inputs.percent, "loss_limit": loss}, TEXTS["glossary"].items()
     digest = base64.b64encode(hashlib.sha256(html.SCRIPT.encode()).digest()).decode()
@@ -113,7 +114,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
         script=html.SCRIPT, script_hash=f"'sha256-{digest}'",
         first=first_page(inputs, examples[leads]),
         answers=_answers(inputs, listed) if len(listed) > 1 else "",
-        cautions=html.cautions(_general(inputs, members)),
+        cautions=html.cautions(gathered(rest, cube, own)),
         glossary=[
             *((term.format(**known), words.format(**known)) for term, words in terms),
             ("Limits", " ".join(each.sentence for each in study_aspects(inputs))),
@@ -140,13 +141,6 @@ def _ratios(inputs: ReportInputs) -> Iterable[Any]:
         heads = ["arch", "", names[0], "this arch", "ratio", inputs.percent]
         yield table(f"Ratios to {names[0]}", heads, rows, "compact", 2)
         yield paragraph(TEXTS["ratios"]["how"], "note")
-
-
-def _general(inputs: ReportInputs, members: Mapping[str, Answer]) -> list[str]:
-    """Cautions that no section has; of those of arches that differ in numbers only the first."""
-    own = [name for name, _, _ in inputs.arches if name not in members]
-    rest = [each for each in inputs.cautions if each.partition(": ")[0] not in own]
-    return gathered(rest, inputs.cube, own)
 
 
 def _parts(make: Callable[..., Iterable[Any]], *given: Any) -> Iterable[Any]:

@@ -14,7 +14,6 @@ from archfrag.files import make_folder
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
 from archfrag.report.runs import MEASURED, VERDICTS, ida_lines
-from archfrag.study.answer.curves import quoted
 
 _COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
 _STYLES = {"16 %": "--", "84 %": ":"}
@@ -28,10 +27,9 @@ def save_figures(inputs: ReportInputs, folder: Path) -> list[Path]:
     a cloud), every run, and the arch at onset.
     """
     make_folder(folder)
-    cube, scale, (figure, ax) = inputs.cube, inputs.scale, _axes(3.6)
-    results = {name: arch_results(cube, name, scale) for name, _, _ in inputs.arches}
-    answers = quoted(cube, inputs.answers, inputs.classes)
-    for number, (name, answer) in enumerate(answers.items()):
+    scale, (figure, ax) = inputs.scale, _axes(3.6)
+    results = {name: arch_results(inputs.cube, name, scale) for name, _, _ in inputs.arches}
+    for number, (name, answer) in enumerate(inputs.quoted.items()):
         colour, style = _COLOURS[number % 4], "-" if number < 4 else "--"
         if isinstance(fit := answer.curve, Fragility):
             im, label = np.array(answer.im), f"{name}: median {scale.text(fit.theta)}"

@@ -40,7 +40,5 @@ def _crossing(inputs: ReportInputs) -> list[str]:
     start, end = seen[changes[0]], seen[changes[0] + 1]
     at = scale.factor * float(im[start + np.abs(two - one)[start : end + 1].argmin()])
     name, level = list(inputs.known)[int(sign[start] > 0.0)], rounded(at)
-    return [
-        f"Below {scale.measure} {level} {scale.unit} the curve of {name} is the higher one, "
-        "because its β is larger."
-    ]
+    where = f"Below {scale.measure} {level} {scale.unit} the curve of {name} is the higher one"
+    return [f"{where}, because its β is larger."]

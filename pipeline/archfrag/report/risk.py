@@ -89,10 +89,8 @@ def hazard_and_fragility(sheet: Sheet, arch: ArchRisk, hazard: Hazard, scale: Sc
     seen = (points >= ends[0]) & (points <= ends[1])
     every = np.concatenate(list(rates.values()))
     low, high = float(every[every > 0.0].min()), float(every.max())
-    entries = [
-        Entry(f"hazard: {key}", look.GREY if i else look.VERMILION, "line")
-        for i, key in enumerate(rates)
-    ]
+    colours = [look.VERMILION, *[look.GREY] * (len(rates) - 1)]
+    entries = [Entry(f"hazard: {key}", colour, "line") for key, colour in zip(rates, colours)]
     top = sheet.legend(_LEFT, 0.0, entries) - 8.0
     panels: list[Panel] = []
     for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):

@@ -61,10 +61,8 @@ def level_axis(panel: Panel, levels: FloatArray, title: str) -> None:
         values = make(float(levels[0]), float(levels[-1]))
     if values.size < 2:
         values = levels
-    panel.axis_x(
-        np.interp(np.log(values), logs, np.arange(levels.size)), title,
-        [look.tick_label(float(digits(value))) for value in values],
-    )  # fmt: skip
+    places = np.interp(np.log(values), logs, np.arange(levels.size))
+    panel.axis_x(places, title, [look.tick_label(float(digits(value))) for value in values])
 
 
 @figure

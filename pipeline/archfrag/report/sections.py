@@ -45,7 +45,8 @@ def arch_parts(
     """
     name, arch, onset = inputs.arches[place]
     answer, percent = inputs.answers[name], inputs.percent
-    more, cautions = answer.more, _cautions_of(inputs.cautions, name)
+    more, start = answer.more, f"{name}: "
+    cautions = [each.removeprefix(start) for each in inputs.cautions if each.startswith(start)]
     yield card(answer, inputs.scale, percent, cautions, results, onset)
     groups = runs.groupings(results, inputs.confidence)
     yield heading("How it falls")
@@ -115,12 +116,6 @@ def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
     if any(figures):
         yield heading("What θ depends on")
         yield from figures
-
-
-def _cautions_of(cautions: Sequence[str], name: str) -> list[str]:
-    """Cautions that concern one arch, without its name."""
-    start = f"{name}: "
-    return [caution.removeprefix(start) for caution in cautions if caution.startswith(start)]
 
 
 def card(
@@ -273,13 +268,8 @@ def _computed(inputs: ReportInputs, results: ArchResults) -> Rows:
     if wall.sum() > 0 and total > 0:
         yield "wall time of the simulations, summed over workers", f"{wall.sum():,.2f} s"
         yield "wall time for one simulated second", f"{1e3 * wall.sum() / total:#.3g} ms"
-    counted = {
-        "steps": "steps of integration", "events": "events located", "impacts": "impacts",
-        "switches": "switches to time stepping",
-        "general": "contact problems left to the general solver",
-        "fallbacks": "steps solved only with slightly compliant joints",
-    }  # fmt: skip
-    yield from ((words, f"{results[name].sum():,}") for name, words in counted.items())
+    counted = TEXTS["computed"].items()
+    yield from ((words, f"{results[name].sum():,}") for name, words in counted)
     failed = results.verdict == Verdict.SOLVER_FAILURE
     sound = results.simulated & ~failed
     displaced = sound & (results["peak_displacement"] >= 1e-4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,11 +18,12 @@ from archfrag.simulation.rest import Onset, onset
 # How far inside the edges hinges are put [m], and the part of the onset above which this matters.
 INSET, MOST_LOST = 0.01, 0.1
 HALVINGS = 20  # of the prestress that an arch stands
+_STANDING = WeakKeyDictionary[Arch, Onset]()  # arches are asked for with every chunk of runs
 
 
 def check_stands(arch: Arch) -> Onset:
     """See that an arch is at rest under its own weight, or raise `StabilityError`."""
-    start = onset(arch)
+    start = _STANDING.get(arch) or onset(arch)
     if not start.stands:
         if tight := prestress_text(arch):
             raise StabilityError(f"{arch!r}: the arch {tight}")
@@ -30,6 +32,7 @@ def check_stands(arch: Arch) -> Onset:
             ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
             message += f" (rest would need a steady horizontal acceleration between {ends})"
         raise StabilityError(message)
+    _STANDING[arch] = start
     return start
 
 

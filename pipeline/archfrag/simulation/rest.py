@@ -16,7 +16,14 @@ from archfrag.errors import InputError, UnitWarning
 from archfrag.mechanics.contact.path import new_path, solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
-from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
+from archfrag.mechanics.onset import (
+    HINGE_EXTRADOS,
+    HINGE_INTRADOS,
+    SLIDING,
+    RestLimit,
+    new_rest_problem,
+    rest_limit,
+)
 from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
 from archfrag.methods.common import begin
 from archfrag.simulation.thrust import contact_centres, thrust_curve
@@ -146,18 +153,14 @@ def onset(arch: Arch) -> Onset:
     """
     if not isinstance(arch, Arch):
         raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
-    chain = arch.chain
     model, state, work = _placed(arch)
     begin(model, state, work, 0, 0.0)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.candidate[:] = state.contact
-    joints = work.point, work.normal, state.contact.astype(np.int8), chain.friction
-    centroid, pull = model.start[1:-1, :2].copy(), np.zeros(state.position.shape)
-    pull_at_rest(model, state, work, pull)
-    plus, minus = (
-        rest_limit(chain.mass, centroid, *joints, chain.gravity, sense, pull[1:-1])
-        for sense in (1.0, -1.0)
-    )
+    problem = new_rest_problem(model)
+    problem.candidate[:], problem.centroid[:] = state.contact, model.start[:, :2]
+    pull_at_rest(model, state, work, problem.pull)
+    plus, minus = (rest_limit(model, work, problem, sense) for sense in (1.0, -1.0))
     found = plus.found and minus.found
     stands = bool(
         found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE

@@ -1,6 +1,7 @@
 """A study to start from, and checks of a study before anything is computed."""
 
 import base64
+import contextlib
 import errno
 import math
 import os
@@ -10,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from archfrag.study.file.records import (
     read_sources,
 )
 from archfrag.study.file.schema import Study, study_schema
-from archfrag.study.files import PACKAGE, read_owner, refuse_foreign_cube
+from archfrag.study.files import OWNER, PACKAGE, read_state, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
@@ -150,28 +152,19 @@ def logo_url(logo: str) -> str:
     """
     content = read_bytes(Path(logo), LARGEST_LOGO, InputError, "report.logo: the picture")
     kind = next((kind for kind, start in PICTURES.items() if content.startswith(start)), None)
-    if kind is None and _is_svg(content):
-        kind = "svg+xml"
+    if kind is None:
+        roots = list[str]()
+        parser = expat.ParserCreate(namespace_separator=" ")
+        parser.StartElementHandler = lambda name, attributes: roots.append(name)
+        with contextlib.suppress(expat.ExpatError):
+            parser.Parse(content, True)
+            kind = "svg+xml" if roots[0] == "http://www.w3.org/2000/svg svg" else None
     if kind is None:
         raise InputError(
             f"report.logo: {logo} holds no picture; it must be PNG, JPEG or SVG of at most "
             f"{LARGEST_LOGO / 1000:g} kB"
         )
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _is_svg(content: bytes) -> bool:
-    """Whether bytes are XML whose root is an svg element."""
-    from xml.parsers import expat
-
-    roots = list[str]()
-    parser = expat.ParserCreate(namespace_separator=" ")
-    parser.StartElementHandler = lambda name, attributes: roots.append(name)
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError:
-        return False
-    return roots[0] == "http://www.w3.org/2000/svg svg"
 
 
 def check_start(study: Study) -> None:
@@ -191,7 +184,7 @@ def check_start(study: Study) -> None:
     except OSError as error:
         raise cannot_write(folder, error) from error
     refuse_foreign_cube(study)
-    owner = read_owner(study).get("id", study.id)
+    owner = read_state(study.work / OWNER).get("id", study.id)
     if owner != study.id:
         whose = f"holds results of study {owner!r}, not of study {study.id!r}"
         raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")

@@ -1,9 +1,10 @@
 """The same study with other numbers of voussoirs: whether its curves depend on the number."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, write_csv
@@ -12,9 +13,6 @@ from archfrag.study.file.arches import PROFILES
 from archfrag.study.file.members import check_buildable, checked
 from archfrag.study.file.schema import Study
 from archfrag.study.steps import finished
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CONVERGE = "converge.csv"
 _DIVIDED = [name for name, (needed, _) in PROFILES.items() if "voussoirs" in needed]
@@ -42,14 +40,12 @@ def with_voussoirs(study: Study, counts: Sequence[int]) -> dict[int, Study]:
     return found
 
 
-def write_convergence(study: Study, made: dict[int, Study]) -> "pd.DataFrame":
+def write_convergence(study: Study, made: dict[int, Study]) -> pd.DataFrame:
     """Write and return ``converge.csv`` of finished studies, by their numbers of voussoirs.
 
     `ratio` is that of theta to theta of the last number, `scatter` the standard deviation of the
     logarithm of the same ratio of capacities, over the `records` that have both.
     """
-    import pandas as pd
-
     rows: list[list[Any]] = []
     last: dict[str, tuple[float, Any]] = {}
     for count in reversed(made):

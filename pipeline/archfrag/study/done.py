@@ -25,7 +25,7 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
     output = keys.get("output") or os.path.join("results", str(keys.get("id")))
     folder = Path(absolute(str(output), home))
     try:
-        known = dict(files.read_stamps(folder / WORK)["all"])
+        known = dict(files.read_state(folder / WORK / files.STAMPS)["all"])
         current = known["digest"] == _digest(path, keys, known["watched"])
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -1,6 +1,5 @@
 """Files that a study reads and writes, known by their content; and what results are made with."""
 
-import ast
 import contextlib
 import functools
 import hashlib
@@ -19,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import archfrag
 from archfrag.errors import OutputError
 from archfrag.files import opened, replacing, sha256_of, sweep
-from archfrag.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
@@ -61,7 +59,8 @@ def digest_of(value: Any) -> str:
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _files_of_code(*patterns: str) -> list[Path]:
+def files_of_code(*patterns: str) -> list[Path]:
+    """Return the files of this package that patterns match, in order."""
     found = {path for pattern in patterns for path in PACKAGE.glob(pattern)}
     return sorted(path for path in found if path.is_file() and path.suffix != ".pyc")
 
@@ -70,45 +69,10 @@ def _files_of_code(*patterns: str) -> list[Path]:
 def digest_of_code(*patterns: str) -> str:
     """SHA-256 of files of this package, 64 hexadecimal digits."""
     digest = hashlib.sha256()
-    for path in _files_of_code(*patterns):
+    for path in files_of_code(*patterns):
         digest.update(str(path.relative_to(PACKAGE)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-@functools.cache
-def digest_of_syntax(*patterns: str) -> str:
-    """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
-
-    Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
-    so it is kept beside the kernels of this machine, by the bytes that it is of.
-    """
-    known = [digest_of_code.__wrapped__(name) for name in (*patterns, "study/files.py")]
-    place = use_kernel_cache()
-    kept = place and place / f"syntax-{digest_of([known, platform.python_version()])}"
-    with contextlib.suppress(OSError, ValueError):
-        if kept and len(found := kept.read_text()) == 64:
-            return found
-    digest = hashlib.sha256()
-    for path in _files_of_code(*patterns):
-        digest.update(path.relative_to(PACKAGE).as_posix().encode())
-        digest.update(ast.dump(_without_words(ast.parse(path.read_bytes()))).encode())
-    with contextlib.suppress(OutputError):
-        if kept:
-            write_text(kept, digest.hexdigest())
-    return digest.hexdigest()
-
-
-def _without_words(tree: ast.Module) -> ast.Module:
-    """Take docstrings, and what errors are raised with, from a syntax tree."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-            node.exc.args, node.exc.keywords = [], []
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
-            node, clean=False
-        ):
-            del node.body[0]
-    return tree
 
 
 def sha256_if_there(path: Path | str) -> str | None:
@@ -133,35 +97,26 @@ def check_own(study: "Study") -> None:
     sweep(study.work)
 
 
-def read_stamps(work: Path) -> dict[str, Any]:
-    """The stamp of a study, which states what steps are done; empty if it cannot be read."""
+def read_state(path: Path) -> dict[str, Any]:
+    """Return what a file of the hidden folder holds; empty if it cannot be read."""
     try:
-        return dict(read_json(work / STAMPS))
+        return dict(read_json(path))
     except (OSError, ValueError, TypeError):
         return {}
 
 
 def write_stamp(work: Path, step: str, stamp: dict[str, Any]) -> None:
     """Put what a step was made from, and what it made, into the stamp of a study."""
-    write_text(work / STAMPS, canonical_json(read_stamps(work) | {step: stamp}) + "\n")
+    write_text(work / STAMPS, canonical_json(read_state(work / STAMPS) | {step: stamp}) + "\n")
 
 
 def read_stamp(study: "Study", step: str) -> tuple[dict[str, Any] | None, dict[str, str]]:
     """Return what a step was made from, None if it is not done, and digests of its files."""
     try:
-        stamp = read_stamps(study.work)[step]
+        stamp = read_state(study.work / STAMPS)[step]
         return dict(stamp["from"]), dict(stamp["files"])
     except (ValueError, KeyError, TypeError):
         return None, {}
-
-
-def read_owner(study: "Study") -> dict[str, str]:
-    """Id and file of the study whose results are in a folder; empty if that is not known."""
-    try:
-        owner = read_json(study.work / OWNER)
-        return {"id": str(owner["id"]), "file": str(owner["file"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
 
 
 def refuse_foreign_cube(study: "Study") -> None:

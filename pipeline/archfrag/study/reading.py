@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 
+import pandas as pd
+
 from archfrag.errors import InputError
 from archfrag.motions.index import INDEX_NAME
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
@@ -15,8 +17,6 @@ from archfrag.study.file.motions import Motions
 from archfrag.study.file.records import read_sources
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from archfrag.motions.formats.columns import Columns
 
 _MOST_ROWS = 20
@@ -57,8 +57,6 @@ class MotionList(list[Motion]):
     @property
     def table(self) -> pd.DataFrame:
         """A row for each motion: id, PGA [g], duration and time step [s], and what is known."""
-        import pandas as pd
-
         rows = [
             {
                 "id": motion.id, "PGA [g]": round(motion.pga / STANDARD_GRAVITY, 4),
@@ -72,8 +70,7 @@ class MotionList(list[Motion]):
             for about in (motion.metadata,)
         ]  # fmt: skip
         found = pd.DataFrame(rows)
-        known = [name for name in found if found[name].astype(str).ne("").any()]
-        return found[known]
+        return found[[name for name in found if (found[name].astype(str) != "").any()]]
 
     def __repr__(self) -> str:
         return self.table.to_string(max_rows=_MOST_ROWS) if self else "no motions"

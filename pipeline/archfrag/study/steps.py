@@ -7,10 +7,8 @@ of what it made; and one digest of all, if all is done. Times of modification de
 import contextlib
 import os
 import sys
-import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -272,8 +270,6 @@ def run_study(
             check_stopped()
             if step != "motions":
                 plan = plan or make_plan(study)
-            if step.startswith("batch"):
-                _import_ahead()
             of_runs = step == "motions" or step.startswith("batch")
             with contextlib.nullcontext() if of_runs else clock(step, say, quiet):
                 # The answers are for the end of the run.
@@ -291,30 +287,13 @@ def run_study(
     return True
 
 
-def _import_ahead() -> None:
-    """Import what follows the runs in a thread, which the kernels leave time for.
-
-    What the runs need is imported before, so that no two threads import the same.
-    """
-    for name in ("study.runs.execute", "warmup", "simulate"):
-        import_module(f"archfrag.{name}")
-
-    def ahead() -> None:
-        import_module("archfrag.study.answer.fits")
-        # Where dask is installed, the first variable imports its arrays.
-        import_module("xarray").Variable((), 0.0)
-
-    threading.Thread(target=ahead, daemon=True).start()
-
-
 def claim(study: Study, study_file: Path, write: bool = True) -> None:
     """See that results are not those of another study file (OutputError); `write` whose they are.
 
     Its path is relative to them, so that both may be moved.
     """
-    before = files.read_owner(study).get("file")
-    file = study.folder / (before or "")
-    if before is not None and file.is_file() and not file.samefile(study_file):
+    file = study.folder / str(files.read_state(study.work / files.OWNER).get("file", ""))
+    if file.is_file() and not file.samefile(study_file):
         raise OutputError(
             f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
             "another output, or another id if it names none"

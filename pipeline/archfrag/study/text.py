@@ -12,6 +12,7 @@ from archfrag.errors import InputError
 from archfrag.files import read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
+PATHS = ("output", "table", "drawing", "index", "path", "inventory", "hazard")  # keys
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
@@ -61,6 +62,15 @@ def parse_value(text: str, place: str) -> Any:
         raise InputError(f"{place}: {line}: {why}; check indentation and quotes") from error
 
 
+def relative(value: Any, folder: Path, key: str = "") -> Any:
+    """Make the paths in a value of a study file relative to a folder."""
+    if isinstance(value, dict):
+        return {name: relative(inner, folder, name) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [relative(inner, folder, key) for inner in value]
+    return os.path.relpath(value, folder) if key in PATHS and isinstance(value, str) else value
+
+
 def absolute(path: str, folder: Path) -> str:
     """Make a path of a study file absolute, whose folder is given."""
     return os.path.abspath(os.path.join(folder, os.path.expanduser(path)))
@@ -76,23 +86,19 @@ def read_keys(path: Path, overrides: Sequence[str] = ()) -> tuple[dict[str, Any]
     if not isinstance(given, dict):
         raise InputError(f"{path}: must hold keys with values, such as id, arches and motions")
     for text in overrides:
-        _override(given, text)
+        key, equals, value_text = text.partition("=")
+        parts = key.strip().split(".")
+        if not equals or not all(parts):
+            raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
+        block: Any = given
+        place: Any = parts[0]
+        value = parse_value(value_text, f"--set {key}")
+        try:
+            for part in parts[1:]:
+                block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
+                place = int(part) if isinstance(block, list) else part
+            block[place] = value
+        except (LookupError, TypeError, ValueError):
+            what = "only a block has keys, and a list items, numbered from 0"
+            raise InputError(f"--set {text}: the study has no such place; {what}") from None
     return given, folder
-
-
-def _override(given: dict[str, Any], text: str) -> None:
-    key, equals, value_text = text.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise InputError(f"--set {text}: must be key=value, for example method.dt=0.0005")
-    block: Any = given
-    place: Any = parts[0]
-    value = parse_value(value_text, f"--set {key}")
-    try:
-        for part in parts[1:]:
-            block = block.setdefault(place, {}) if isinstance(block, dict) else block[place]
-            place = int(part) if isinstance(block, list) else part
-        block[place] = value
-    except (LookupError, TypeError, ValueError):
-        what = "only a block has keys, and a list items, numbered from 0"
-        raise InputError(f"--set {text}: the study has no such place; {what}") from None

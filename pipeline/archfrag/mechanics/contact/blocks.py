@@ -13,10 +13,11 @@ limit of infinite stiffness.
 
 from typing import NamedTuple
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import fused, opposite, select, some
 from archfrag.mechanics.contact.placing import relative_velocity
 from archfrag.mechanics.laws import contact_of
-from archfrag.mechanics.numbers import dot, fused, larger, opposite, select, some
+from archfrag.mechanics.numbers import dot, larger
 
 MOST_CORRECTIONS = 6
 
@@ -72,7 +73,11 @@ def _set_rows_of(j, model, position, work):
 
 @kernel
 def set_rows(model, position, work):
-    """Set the constrained and reaction directions of all joints in their present modes."""
+    """Set the constrained and reaction directions of all joints in their present modes.
+
+    Reads: model.ray, position, work (contact, normal, pivot, point, side_normal, slide).
+    Writes: work (column, row).
+    """
     for j in range(work.slide.shape[0]):
         _set_rows_of(j, model, position, work)
 
@@ -172,14 +177,22 @@ def _factorise_joint(j, model, work, compliance):
 
 @kernel
 def factorise(model, work, compliance):
-    """Factorise the system whose rows and columns are set, block by block."""
+    """Factorise the system whose rows and columns are set, block by block.
+
+    Reads: model (inverse_inertia, inverse_mass), work (block, column, lower, row, upper).
+    Writes: work (block, lower, upper).
+    """
     for j in range(work.slide.shape[0]):
         _factorise_joint(j, model, work, compliance)
 
 
 @kernel
 def set_up(model, position, work, compliance, first):
-    """Set rows and factorise them from joint `first` on, in one sweep."""
+    """Set rows and factorise them from joint `first` on, in one sweep.
+
+    Reads: model (inverse_inertia, inverse_mass, ray), position, work.
+    Writes: work (block, column, lower, row, upper).
+    """
     for j in range(first, work.slide.shape[0]):
         _set_rows_of(j, model, position, work)
         _factorise_joint(j, model, work, compliance)
@@ -207,7 +220,11 @@ def _add_reaction(j, of, model, position, work):
 
 @kernel
 def add_reactions(model, position, work):
-    """Add the multipliers in ``work.unknown`` to reactions and velocities."""
+    """Add the multipliers in ``work.unknown`` to reactions and velocities.
+
+    Reads: model, position, work.
+    Writes: work (reaction, solved).
+    """
     out = work.unknown
     for j in range(out.shape[0]):
         _add_reaction(j, (out[j, 0], out[j, 1], out[j, 2]), model, position, work)
@@ -215,7 +232,11 @@ def add_reactions(model, position, work):
 
 @kernel
 def substitute(model, position, work, where):
-    """Add the multipliers that remove the residual to reactions and velocities."""
+    """Add the multipliers that remove the residual to reactions and velocities.
+
+    Reads: model (inverse_inertia, inverse_mass), position, work.
+    Writes: work (reaction, solved, unknown).
+    """
     f, lower, upper = work.block, work.lower, work.upper
     residual, out = work.residual, work.unknown
     last = residual.shape[0] - 1
@@ -243,6 +264,9 @@ def measure_residual(position, work):
     """Measure velocities of corners and along constrained directions; return the largest.
 
     ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
+
+    Reads: position, work.
+    Writes: work (corner_rate, relative, residual).
     """
     relative_velocity(position, work.solved, work.pivot, work.relative)
     row, bias, point, residual = work.row, work.bias, work.point, work.residual
@@ -273,6 +297,9 @@ def correct(model, position, work, enough):
     """Solve the factorised problem, and refine it until the residual is below `enough`.
 
     Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
+
+    Reads: model (inverse_inertia, inverse_mass), position, work.
+    Writes: work (corner_rate, reaction, relative, residual, solved, unknown).
     """
     for i in range(position.shape[0]):
         for c in range(3):
@@ -294,12 +321,15 @@ def correct(model, position, work, enough):
 
 
 @kernel
-def solve_modes(model, position, work, scale, precision):
+def solve_modes(model, position, work, scale, precision, first):
     """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and ``work.slide``.
 
     From contacts and velocities without reactions in ``work.free``, the largest relative one of
     which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.
-    Returns what `correct` does.
+    The joints before `first` are set up as they are. Returns what `correct` does.
+
+    Reads: model (inverse_inertia, inverse_mass, ray), position, work, precision.left.
+    Writes: work.
     """
-    set_up(model, position, work, precision.compliance, 0)
+    set_up(model, position, work, precision.compliance, first)
     return correct(model, position, work, precision.left * scale)

@@ -9,10 +9,11 @@ goes round in circles, and `archfrag.mechanics.contact.path` changes the modes o
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
-from archfrag.mechanics.numbers import count_of, flag, larger, opposite, select, some
+from archfrag.mechanics.numbers import count_of, flag, larger
 from archfrag.mechanics.ties import ask_ties, solve_with_ties, start_ties, take_asked
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
@@ -77,6 +78,9 @@ def ask_modes(model, work, slack, slack_force):
 
     The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. `slack` and
     `slack_force` of a law count as kept, in velocity and in force.
+
+    Reads: model (friction, ray), work.
+    Writes: work (asked_contact, asked_slide).
     """
     changed = False
     for j in range(work.slide.shape[0]):
@@ -121,6 +125,9 @@ def velocity_scale(position, work):
 
     At least what rounding leaves of velocities, for a chain in flight that moves as one body.
     ``work.relative`` is overwritten.
+
+    Reads: position, work (candidate, free, pivot, point).
+    Writes: work.relative.
     """
     relative_velocity(position, work.free, work.pivot, work.relative)
     scale = 0.0
@@ -137,7 +144,11 @@ def velocity_scale(position, work):
 
 @kernel
 def largest_force(work):
-    """Return the largest component of a reaction; one if there are no reactions."""
+    """Return the largest component of a reaction; one if there are no reactions.
+
+    Reads: work.reaction.
+    Writes: nothing.
+    """
     largest = 0.0
     for j in range(work.slide.shape[0]):
         force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
@@ -184,12 +195,15 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
     calls before included. Where `ahead` is larger than -1, a step in which a corner closes, or so
     many of the times for which its bias stands later, is refused after the first one.
     Returns the masks solved, refused and active (those that go on), and iterations.
+
+    Reads: model, position, work, precision.
+    Writes: work.
     """
     scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
     limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
-    active, reconciled, refused = live, False, False
+    active, reconciled, refused, first = live, False, False, 0
     while True:
-        left = solve_with_ties(model, position, work, scale, precision)
+        left = solve_with_ties(model, position, work, scale, precision, first)
         slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
         changed = changed | ask_ties(model, work, slack_force)
@@ -202,10 +216,15 @@ def solve_contact(model, position, work, live, iterations, ahead, precision):
         active = active & opposite(refused)
         reconciled = reconciled | (active & opposite(changed))
         active = active & changed & (iterations < limit)
+        first = n_joint
         for j in range(n_joint):
+            differs = work.asked_slide[j] != work.slide[j]
             for k in range(2):
+                differs = differs | (work.asked_contact[j, k] != work.contact[j, k])
                 work.contact[j, k] = select(active, work.asked_contact[j, k], work.contact[j, k])
             work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
+            if first == n_joint and some(active & differs):
+                first = j
         take_asked(work, active)
         if 2 * count_of(active) <= count_of(live):
             break

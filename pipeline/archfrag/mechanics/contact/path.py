@@ -17,13 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics import laws
-from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact import blocks
 from archfrag.mechanics.contact.blocks import Precision
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
 from archfrag.mechanics.contact.placing import corner_velocity, relative_velocity
 from archfrag.mechanics.model import Model
+from archfrag.mechanics.onset import RestProblem, new_rest_problem
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.ties import push_by_ties, start_ties
 
@@ -47,8 +49,12 @@ N_FUNCTION = 4
 NONE = -2  # no mode
 
 
+@struct(
+    free=(3,), bias=(2, 2), push=(3,), opening=(2, 2), contact=(2,), at_start=(4,), at_end=(4,),
+    target=(4,),
+)  # fmt: skip
 class Path(NamedTuple):
-    """Workspace of path following."""
+    """Workspace of path following, and of the range of rest."""
 
     model: Model  # with friction limited to PATH_FRICTION
     free: np.ndarray  # (n_body + 2, 3) velocities of the problem itself, and its bias
@@ -60,6 +66,7 @@ class Path(NamedTuple):
     at_start: np.ndarray  # (n_joint, 4) functions of each joint's piece at tau = 0
     at_end: np.ndarray  # (n_joint, 4) and at tau = 1
     target: np.ndarray  # (n_joint, 4) modes on the other side of their zeros
+    rest: RestProblem
 
 
 class Break(NamedTuple):
@@ -82,8 +89,9 @@ def new_path(model: Model) -> Path:
     free, push = np.zeros((2, model.mass.size, 3))
     bias, opening = np.zeros((2, n_joint, 2, 2))
     functions = np.zeros((3, n_joint, N_FUNCTION))
-    modes = np.zeros((n_joint, 2)), np.zeros(n_joint)
-    return Path(limited, free, bias, push, opening, *modes, *functions)
+    modes, rest = (np.zeros((n_joint, 2)), np.zeros(n_joint)), new_rest_problem(model)
+    arrays = free, bias, push, opening, *modes, *functions
+    return Path(limited, *arrays, rest)  # type: ignore[call-arg]
 
 
 @inlined
@@ -104,6 +112,9 @@ def piece_functions(position, work, path, tau, value):
 
     Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
     side of each one's zero. Returned is nan where a pivot vanishes.
+
+    Reads: position, work, path.
+    Writes: work, path.target, value.
     """
     _set_problem(work, path, 1.0 - tau)
     left = blocks.correct(path.model, position, work, np.inf)
@@ -140,6 +151,9 @@ def set_start(position, work, path, scale):
     Its bodies move as without reactions, every corner that touches is compressed, every other
     one opens, and what slides does so against its friction. Sizes grow along the chain: equal
     ones would let several joints change their modes at one tau.
+
+    Reads: position, work, path.
+    Writes: work (column, reaction, relative, row, solved, unknown), path (opening, push).
     """
     model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
     force = scale * model.mass.sum()
@@ -174,6 +188,9 @@ def direction_after(path, j, mode, left):
     """Return the sense of tau that leads into the next piece after a break at joint j.
 
     `mode` is the joint's new one, `left` the one it left; zero where no function leads back.
+
+    Reads: path (at_end, at_start, target).
+    Writes: nothing.
     """
     direction = 0.0
     for f in range(N_FUNCTION):
@@ -196,7 +213,11 @@ def _zero(path, j, f, tau, direction):
 
 @kernel
 def _closing_of_corner(work, path, j, k, tau, direction, left):
-    """Find the break at which a corner of an open joint closes: both functions are zero."""
+    """Find the break at which a corner of an open joint closes: both functions are zero.
+
+    Reads: work (known, side_normal), path (at_end, at_start, target).
+    Writes: nothing.
+    """
     far, chosen = -np.inf, -1
     for f in range(2 * k, 2 * k + 2):
         distance, slope, value = _zero(path, j, f, tau, direction)
@@ -216,7 +237,11 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 
 @kernel
 def next_break(work, path, tau, direction, crossed):
-    """Find the next break of the path; `crossed` has joint and former mode of the last one."""
+    """Find the next break of the path; `crossed` has joint and former mode of the last one.
+
+    Reads: work, path, crossed.
+    Writes: nothing.
+    """
     first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
@@ -241,6 +266,9 @@ def follow_path(position, work, path, scale, compliance):
     """Follow the solution from the present modes to the problem's own modes, into `work`.
 
     `compliance` of the contact rows is relative. Returned: how many breaks were met.
+
+    Reads: position, work, path.
+    Writes: work, path (at_end, at_start, opening, push, target).
     """
     set_start(position, work, path, scale)
     tau, direction, crossed = 0.0, ON, (-1, -1)
@@ -283,7 +311,11 @@ def copy_modes(of, to):
 
 @kernel
 def _stick_rough(model, work):
-    """Let closed joints of unlimited friction stick again after a path."""
+    """Let closed joints of unlimited friction stick again after a path.
+
+    Reads: model.friction, work (contact, slide).
+    Writes: work.slide.
+    """
     for j in range(work.slide.size):
         if math.isinf(model.friction[j]) and work.contact[j, 0] + work.contact[j, 1] > 1.5:
             work.slide[j] = 0.0
@@ -298,6 +330,9 @@ def solve_by_path(model, position, work, path, exact):
     other by the square of their size, and of the many combinations that leave one of them open by
     1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
     iteration on modes, and breaks of the paths followed.
+
+    Reads: model (friction, inverse_inertia, inverse_mass, ray, tie), position, work, path.
+    Writes: work, path.
     """
     scale = velocity_scale(position, work)
     push_by_ties(model, work, work.free, 1.0)  # on a path ties pull as before
@@ -340,6 +375,9 @@ def solve_with_fallback(model, state, work, path):
     """Solve a posed contact problem along paths, the first from the state's own modes.
 
     Returns solved, and compliant where the solution is that of slightly compliant joints.
+
+    Reads: model, state, work, path.
+    Writes: state.count, work, path.
     """
     count = state.count
     copy_modes(state, work)

@@ -6,9 +6,10 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.laws import MINUS, PLUS
-from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine, smaller, some
+from archfrag.mechanics.numbers import larger, sine_cosine, smaller
 
 # Slip over joint length below which two vertices count as one point.
 COINCIDENT = 1e-9
@@ -29,7 +30,11 @@ def later_vertex_meets(corner, slip):
 
 @kernel
 def move_faces(model, position, rotated, face, tangent):
-    """Set corners and unit tangents of all joint faces for given positions of the bodies."""
+    """Set corners and unit tangents of all joint faces for given positions of the bodies.
+
+    Reads: model (corner, tangent), position, rotated.
+    Writes: rotated, face, tangent.
+    """
     for i in range(1, position.shape[0] - 1):
         rotated[i, 1], rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
@@ -47,7 +52,11 @@ def move_faces(model, position, rotated, face, tangent):
 
 @kernel
 def place_contacts(model, slip, face, tangent, work):
-    """Set contact points, pivots and normals of all joints from faces and slips [m]."""
+    """Set contact points, pivots and normals of all joints from faces and slips [m].
+
+    Reads: model.length, slip, face, tangent, work (point, side_normal).
+    Writes: work (normal, pivot, point, side_normal).
+    """
     point, side_normal = work.point, work.side_normal
     for j in range(slip.shape[0]):
         ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
@@ -136,6 +145,9 @@ def place_chain(model, position, joints, least, slip, work):
     `joints` has the modes and known slips. The slip of a joint that slides, or touches nowhere, is
     measured at the corner that touches, or at the nearer one; below `least` of the joint's length
     there is none.
+
+    Reads: model, position, joints, slip, work.
+    Writes: slip, work.
     """
     move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):
@@ -175,7 +187,11 @@ def corner_rate_at(j, px, py, position, velocity):
 
 @kernel
 def relative_velocity(position, velocity, pivot, out):
-    """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22)."""
+    """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22).
+
+    Reads: position, velocity.
+    Writes: out.
+    """
     for j in range(pivot.shape[0]):
         out[j, 0], out[j, 1] = corner_rate_at(j, pivot[j, 0], pivot[j, 1], position, velocity)
         out[j, 2] = velocity[j + 1, 2] - velocity[j, 2]

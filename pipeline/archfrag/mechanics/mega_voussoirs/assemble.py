@@ -6,11 +6,12 @@ of rigid bodies, so that every kernel for a `Model` serves them too. A joint tha
 sticks keeps its slip.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import place_of, struct, struct_at
 from archfrag.mechanics.contact.placing import BEFORE, later_vertex_meets
 from archfrag.mechanics.model import Model, Work, new_work
 from archfrag.mechanics.numbers import sine_cosine
@@ -19,6 +20,15 @@ from archfrag.mechanics.status import TieState
 GROUND = 0
 
 
+# Arrays by whose lengths kernels count joints.
+COUNTED = ("face", "slip", "pivot", "slide", "row", "unknown", "residual")
+
+
+@struct(
+    offset=(2,), inner_point=(2, 2), inner_normal=(2,), inner_reaction=(3,),
+    tie=(len(TieState),), stretch=(2,), pull=(3,), position=(3,), velocity=(3,),
+    next_position=(3,), next_velocity=(3,),
+)  # fmt: skip
 class MegaVoussoirs(NamedTuple):
     """A chain of mega-voussoirs; arrays as long as the voussoirs', of which the first are used."""
 
@@ -43,6 +53,7 @@ class MegaVoussoirs(NamedTuple):
     velocity: np.ndarray  # (n_body + 2, 3)
     next_position: np.ndarray  # (n_body + 2, 3) where a step leads, or where it was looked at
     next_velocity: np.ndarray  # (n_body + 2, 3)
+    cut: np.ndarray  # (n_joint + 1, n) int64, see `in_use`
 
 
 def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
@@ -53,7 +64,7 @@ def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVouss
     indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
     indices |= {name: np.zeros(n_row, np.int64) for name in ("first", "last", "group")}
     motion = ("position", "velocity", "next_position", "next_velocity")
-    return MegaVoussoirs(
+    mega: Any = MegaVoussoirs(
         offset=np.zeros((n_row, 2)),
         inner_point=np.zeros((n_joint, 2, 2)),
         inner_normal=np.zeros((n_joint, 2)),
@@ -65,42 +76,45 @@ def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVouss
         work=new_work(model),
         **indices,
         **{name: np.zeros((n_row, 3)) for name in motion},
+        cut=np.zeros((0, 0), np.int64),
     )
+    size = mega.table.size + mega.work.table.size
+    mega = mega._replace(cut=np.zeros((n_joint + 1, size), np.int64))
+    _set_cut(mega)
+    made: MegaVoussoirs = mega
+    return made
 
 
-@kernel
+def _set_cut(mega: Any) -> None:
+    """Set ``mega.cut``: tables of the same memory, cut to each number of joints in use."""
+    own, work = mega.table, mega.work.table
+    n_row, n_joint = mega.group.size, mega.joint.size
+    for m in range(n_joint + 1):
+        n = (m if n_joint == n_row - 2 else max(m - 1, 0)) + 2
+        row = mega.cut[m]
+        row[: own.size], row[own.size :] = own, work
+        row[place_of(mega, "work")] = row[own.size :].ctypes.data
+        for name in ("position", "velocity", "next_position", "next_velocity"):
+            row[place_of(mega, name) + 1] = n
+        for name in ("free", "solved"):
+            row[own.size + place_of(mega.work, name) + 1] = n
+        for name in COUNTED:
+            row[own.size + place_of(mega.work, name) + 1] = m
+
+
+@inlined
 def in_use(mega):
-    """Return views of the arrays, cut to the size of the assembled chain."""
-    n, m, w = mega.count[0] + 2, mega.count[1], mega.work
-    # The arrays by whose lengths kernels count joints and bodies; the others stay as they are.
-    work = Work(
-        face=w.face[:m], tangent=w.tangent, slip=w.slip[:m], rotated=w.rotated, point=w.point,
-        pivot=w.pivot[:m], normal=w.normal, side_normal=w.side_normal, candidate=w.candidate,
-        known=w.known, bias=w.bias,
-        free=w.free[:n], solved=w.solved, contact=w.contact, slide=w.slide[:m],
-        asked_contact=w.asked_contact, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
-        block=w.block, lower=w.lower, upper=w.upper, unknown=w.unknown[:m],
-        residual=w.residual[:m], reaction=w.reaction, relative=w.relative, earlier=w.earlier,
-        corner_rate=w.corner_rate, position=w.position, tie=w.tie, tie_answer=w.tie_answer,
-        tie_system=w.tie_system,
-    )  # fmt: skip
-    return MegaVoussoirs(
-        count=mega.count, first=mega.first, last=mega.last, joint=mega.joint, group=mega.group,
-        offset=mega.offset, inner_point=mega.inner_point, inner_normal=mega.inner_normal,
-        inner_reaction=mega.inner_reaction, tie=mega.tie, stretch=mega.stretch, pull=mega.pull,
-        model=mega.model, work=work,
-        position=mega.position[:n], velocity=mega.velocity[:n],
-        next_position=mega.next_position[:n], next_velocity=mega.next_velocity[:n],
-    )  # fmt: skip
+    """Return a view of the arrays, cut to the size of the assembled chain."""
+    return struct_at(mega.cut, mega.count[1], mega)
 
 
-@llvm_inlined
+@inlined
 def is_rigid(j, contact, slide):
     """Whether a joint is closed and sticks."""
     return contact[j, 0] > 0.5 and contact[j, 1] > 0.5 and slide[j] == 0.0
 
 
-@llvm_inlined
+@inlined
 def _group(model, contact, slide, mega):
     """Join voussoirs across rigid joints."""
     n_row, n_joint = mega.group.size, slide.size
@@ -120,7 +134,7 @@ def _group(model, contact, slide, mega):
             mega.group[i] = k
 
 
-@llvm_inlined
+@inlined
 def _place_at_rest(model, slip, mega):
     """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
     n_row = mega.group.size
@@ -143,7 +157,7 @@ def _place_at_rest(model, slip, mega):
             mega.offset[i, 1] = model.centroid[i, 1] + shift_y
 
 
-@llvm_inlined
+@inlined
 def _sum_masses(model, mega):
     """Set masses and inertias, and offsets of voussoirs from their common centroids."""
     out, offset = mega.model, mega.offset
@@ -164,7 +178,7 @@ def _sum_masses(model, mega):
         out.centroid[k, 0], out.centroid[k, 1] = x, y
 
 
-@llvm_inlined
+@inlined
 def _place_joints(model, contact, slide, slip, mega):
     """Set the joints between and inside mega-voussoirs, in the axes at rest."""
     out, k = mega.model, 0
@@ -193,7 +207,11 @@ def _place_joints(model, contact, slide, slip, mega):
 
 @kernel
 def assemble(model, contact, slide, slip, mega):
-    """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`."""
+    """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`.
+
+    Reads: model, contact, slide, slip, mega.
+    Writes: mega.
+    """
     _group(model, contact, slide, mega)
     _place_at_rest(model, slip, mega)
     _sum_masses(model, mega)
@@ -215,6 +233,9 @@ def gather_state(model, position, velocity, mega):
 
     Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
     voussoir. Place and velocity of the far springing are taken over.
+
+    Reads: model, position, velocity, mega.
+    Writes: mega (next_position, next_velocity, position, velocity).
     """
     end = mega.count[0] + 1
     for c in range(3):
@@ -240,7 +261,11 @@ def gather_state(model, position, velocity, mega):
 @kernel
 def split_state(mega, mega_position, mega_velocity, position, velocity):
     """Set positions and velocities of all voussoirs, and of the far springing, from those of the
-    mega-voussoirs."""
+    mega-voussoirs.
+
+    Reads: mega (count, group, offset), mega_position, mega_velocity.
+    Writes: position, velocity.
+    """
     end = mega.count[0] + 1
     for c in range(3):
         position[-1, c], velocity[-1, c] = mega_position[end, c], mega_velocity[end, c]
@@ -265,7 +290,11 @@ def split_state(mega, mega_position, mega_velocity, position, velocity):
 
 @kernel
 def farthest_move(model, old, new):
-    """Return the largest move of any voussoir, with rotations times the joints' length [m]."""
+    """Return the largest move of any voussoir, with rotations times the joints' length [m].
+
+    Reads: model.length, old, new.
+    Writes: nothing.
+    """
     farthest = 0.0
     for i in range(1, old.shape[0] - 1):
         away = abs(new[i, 0] - old[i, 0]) + abs(new[i, 1] - old[i, 1])

@@ -12,7 +12,7 @@ and inertia.
 
 import math
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.contact import blocks, placing
 from archfrag.mechanics.laws import slip_normal
 from archfrag.mechanics.mega_voussoirs.pulls import pull_mega_voussoirs
@@ -23,18 +23,18 @@ PARALLEL = 1e-3
 ILL_CONDITIONED = 1e-7
 
 
-@llvm_inlined
+@inlined
 def cross(a, b):
     """Return the cross product of two vectors (x, y)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
-@llvm_inlined
+@inlined
 def _from(a, b):
     return b[0] - a[0], b[1] - a[1]
 
 
-@llvm_inlined
+@inlined
 def _arm(centre, position, k):
     return position[k, 0] - centre[0], position[k, 1] - centre[1]
 
@@ -46,6 +46,9 @@ def centripetal_bias(position, velocity, slip, sense, work):
     These are the centripetal accelerations of the material points, and where a vertex runs along
     a rotating face twice the product of both rates; `sense` is that of the friction of slips in
     progress, zero for none.
+
+    Reads: position, velocity, slip, sense, work (contact, normal, point, side_normal).
+    Writes: work.bias.
     """
     for j in range(work.slide.shape[0]):
         before, after = velocity[j, 2], velocity[j + 1, 2]
@@ -69,7 +72,11 @@ def centripetal_bias(position, velocity, slip, sense, work):
 
 @kernel
 def is_four_hinges(work, n_row):
-    """Whether the joints are the four hinges, none sliding, of three mega-voussoirs."""
+    """Whether the joints are the four hinges, none sliding, of three mega-voussoirs.
+
+    Reads: work (contact, slide).
+    Writes: nothing.
+    """
     if n_row != 5 or work.slide.shape[0] != 4:
         return False
     for j in range(4):
@@ -78,19 +85,19 @@ def is_four_hinges(work, n_row):
     return True
 
 
-@llvm_inlined
+@inlined
 def _hinge(j, work):
     k = 0 if work.contact[j, 0] > 0.5 else 1
     return work.point[j, k, 0], work.point[j, k, 1]
 
 
-@llvm_inlined
+@inlined
 def _perpendicular(rate, arm):
     """Velocity at the end of an arm that rotates."""
     return -rate * arm[1], rate * arm[0]
 
 
-@llvm_inlined
+@inlined
 def _known(base, rate, acceleration, arm, k, work):
     """Set the acceleration of a body apart from that of the mechanism."""
     x, y = _perpendicular(acceleration, arm)
@@ -99,7 +106,7 @@ def _known(base, rate, acceleration, arm, k, work):
     work.solved[k, 2] = acceleration
 
 
-@llvm_inlined
+@inlined
 def _powers(model, work, k, u, x, y):
     """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
     inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
@@ -108,7 +115,7 @@ def _powers(model, work, k, u, x, y):
     return inertia, model.mass[k] * (x * fx + y * fy) + spin
 
 
-@llvm_inlined
+@inlined
 def _add(rate, u, x, y, k, work):
     work.solved[k, 0] += rate * x
     work.solved[k, 1] += rate * y
@@ -121,6 +128,9 @@ def four_hinges(model, position, velocity, work):
 
     From contacts, modes, and accelerations without reactions in ``work.free``; False where the
     rotation centre of the middle body is so far off that the reactions do not follow from it.
+
+    Reads: model (inertia, mass), position, velocity, work (contact, free, pivot, point, solved).
+    Writes: work (reaction, solved).
     """
     c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
     p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
@@ -157,7 +167,7 @@ def four_hinges(model, position, velocity, work):
     return True
 
 
-@llvm_inlined
+@inlined
 def _unbalanced(model, work, k):
     """Return force and moment about its centroid that a body's reactions must supply."""
     x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
@@ -165,14 +175,14 @@ def _unbalanced(model, work, k):
     return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
 
 
-@llvm_inlined
+@inlined
 def _set_reaction(j, hinge, x, y, work):
     work.reaction[j, 0], work.reaction[j, 1] = x, y
     arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
     work.reaction[j, 2] = cross(arm, (x, y))
 
 
-@llvm_inlined
+@inlined
 def _hinge_reactions(model, position, hinge, work):
     """Set the reactions at four hinges for given accelerations (Eqs 29-33)."""
     c1, c12, c23, c3 = hinge
@@ -199,7 +209,11 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Place faces, slips and contacts of mega-voussoirs at `position`."""
+    """Place faces, slips and contacts of mega-voussoirs at `position`.
+
+    Reads: mega, position.
+    Writes: mega.
+    """
     placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
 
 
@@ -210,6 +224,9 @@ def solve_first_level(mega, position, velocity, ground, scale):
     `ground` is that of `archfrag.mechanics.ground.ground_after`. Accelerations and reactions are
     left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
     False where the equations have no solution.
+
+    Reads: mega, position, velocity, ground.
+    Writes: mega.
     """
     model, work, end = mega.model, mega.work, position.shape[0] - 1
     pose(mega, position)
@@ -225,11 +242,11 @@ def solve_first_level(mega, position, velocity, ground, scale):
     if four and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, work.slip, work.slide, work)
-    left = blocks.solve_modes(model, position, work, scale, blocks.EXACT)
+    left = blocks.solve_modes(model, position, work, scale, blocks.EXACT, 0)
     return left <= ILL_CONDITIONED * model.gravity
 
 
-@llvm_inlined
+@inlined
 def _set_bias(work, value):
     for j in range(work.slide.shape[0]):
         for k in range(2):
@@ -244,6 +261,9 @@ def project(mega, position, velocity, enough, limit):
     a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
     `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
     first joint; then it returns False.
+
+    Reads: mega, position, velocity, enough.
+    Writes: mega, position, velocity.
     """
     model, work, apart = mega.model, mega.work, 0.0
     blocks.set_rows(model, position, work)

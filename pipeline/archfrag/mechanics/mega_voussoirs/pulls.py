@@ -2,12 +2,12 @@
 
 import math
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.status import Tie
 from archfrag.mechanics.ties import tension
 
 
-@llvm_inlined
+@inlined
 def _end(mega, t, side, position, velocity):
     """Return voussoir and mega-voussoir at an end of a tie, the end's arm and its velocity."""
     tie = mega.model.tie
@@ -25,6 +25,9 @@ def pull_mega_voussoirs(mega, position, velocity):
     """Add what ties give to the accelerations ``work.free`` of mega-voussoirs, after `pose`.
 
     Elongations are left in ``mega.stretch``, forces on voussoirs in ``mega.pull``.
+
+    Reads: mega, position, velocity.
+    Writes: mega (pull, stretch, work.free).
     """
     tie, free, model = mega.model.tie, mega.work.free, mega.model
     for t in range(tie.shape[0]):

@@ -7,7 +7,7 @@ moment about its centroid, where the places of its voussoirs do not change.
 
 import math
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.mega_voussoirs.first_level import cross
 
 # Laws of a joint; margins of those that do not concern it are infinite. Normal forces at both
@@ -17,7 +17,7 @@ FORCE_0, FORCE_1, FRICTION_PLUS, FRICTION_MINUS, GAP_0, GAP_1, SLIP_END = 0, 1, 
 N_LAW = 7
 
 
-@llvm_inlined
+@inlined
 def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
     """Set the margins of Signorini's and Coulomb's laws at one closed joint.
 
@@ -39,7 +39,7 @@ def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
         value[j, FRICTION_MINUS] = per_weight * (bound + shear)
 
 
-@llvm_inlined
+@inlined
 def _boundary(mega, k, position):
     """Return the reaction between mega-voussoirs k and k + 1, its moment about `position`."""
     work = mega.work
@@ -56,6 +56,9 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
     Coulomb's law if friction is limited, into `value` (n_joint, N_LAW). `model` is that of the
     voussoirs, `position` and `velocity` are those of the mega-voussoirs; forces are multiplied by
     `per_weight` [1/N]. ``mega.inner_reaction`` is overwritten.
+
+    Reads: model (friction, gravity, inertia, mass), mega, position, velocity, ground.
+    Writes: mega.inner_reaction, value.
     """
     n_row, work, offset, pull = mega.group.size, mega.work, mega.offset, mega.pull
     ground_x, body_y = ground[0], ground[1] + model.gravity
@@ -96,7 +99,11 @@ def solve_second_level(model, mega, position, velocity, ground, per_weight, valu
 
 @kernel
 def joint_reactions(mega, work):
-    """Set the reactions of all joints after both levels, about the pivots of `work`."""
+    """Set the reactions of all joints after both levels, about the pivots of `work`.
+
+    Reads: mega, work.pivot.
+    Writes: work.reaction.
+    """
     k = 0
     for j in range(work.reaction.shape[0]):
         if k < mega.count[1] and mega.joint[k] == j:

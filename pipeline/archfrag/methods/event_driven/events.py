@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.placing import clearance, corner_rate_at, move_faces
 from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import MINUS, PLUS, closed_forces, cone_rays
@@ -46,6 +47,7 @@ MOST_ITERATIONS = 60
 ROUNDING = 1e-9
 
 
+@struct()
 class Motion(NamedTuple):
     """Workspace for the motion of mega-voussoirs between events."""
 
@@ -90,7 +92,11 @@ def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
 
 @kernel
 def keep_margins(mega, motion):
-    """Keep the present margins as those at the beginning of a step."""
+    """Keep the present margins as those at the beginning of a step.
+
+    Reads: motion (gap, value).
+    Writes: motion (low, low_gap).
+    """
     for j in range(motion.value.shape[0]):
         for law in range(N_LAW):
             motion.low[j, law] = motion.value[j, law]
@@ -100,7 +106,7 @@ def keep_margins(mega, motion):
                 motion.low_gap[k, c, d] = motion.gap[k, c, d]
 
 
-@llvm_inlined
+@inlined
 def _cone_margins(k, c, model, work, per_weight, value):
     """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
     n, t, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
@@ -117,7 +123,7 @@ def _cone_margins(k, c, model, work, per_weight, value):
         value[FORCE_0 + c] = low_x * fx + low_y * fy
 
 
-@llvm_inlined
+@inlined
 def margins_between(mega, motion, position, velocity):
     """Set margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
@@ -147,7 +153,7 @@ def margins_between(mega, motion, position, velocity):
             value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
 
 
-@llvm_inlined
+@inlined
 def tie_margins(mega, motion):
     """Set margins of ties, in the rows behind the joints.
 
@@ -175,6 +181,9 @@ def find_margins(motion, mega, position, velocity, ground):
     """Set margins of all laws after `solve_first_level`; return the smallest.
 
     Its joint and law are left in ``motion.trigger``.
+
+    Reads: motion, mega, position, velocity, ground.
+    Writes: motion (gap, trigger, value), mega.inner_reaction.
     """
     value = motion.value
     for j in range(value.shape[0]):
@@ -194,7 +203,11 @@ def find_margins(motion, mega, position, velocity, ground):
 
 @kernel
 def margins_at(motion, mega, part, step, ground):
-    """Return the smallest margin at a part of a step; nan without a solution."""
+    """Return the smallest margin at a part of a step; nan without a solution.
+
+    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
+    Writes: motion (gap, trigger, value), mega.
+    """
     position, velocity = mega.next_position, mega.next_velocity
     runge_kutta.dense_state(motion.stages, part, position, velocity)
     now = ground_after(ground, part * step)
@@ -205,14 +218,18 @@ def margins_at(motion, mega, part, step, ground):
 
 @kernel
 def _gap_at(motion, mega, part, k, c):
-    """Return the gap of a corner at a part of a step, from positions alone [m]."""
+    """Return the gap of a corner at a part of a step, from positions alone [m].
+
+    Reads: motion (stages.dense_position, stages.dense_velocity), mega.
+    Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
+    """
     work, position = mega.work, mega.next_position
     runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
     move_faces(mega.model, position, work.rotated, work.face, work.tangent)
     return clearance(k, c, work.face, work.tangent)
 
 
-@llvm_inlined
+@inlined
 def closed_inside(motion, mega, step):
     """Whether a corner that is open at both ends of a step closes inside it, and where.
 
@@ -236,7 +253,11 @@ def closed_inside(motion, mega, step):
 
 @kernel
 def _margin_at(motion, mega, part, step, ground, joint, law):
-    """Return the margin of one law at a part of a step."""
+    """Return the margin of one law at a part of a step.
+
+    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
+    Writes: motion (gap, trigger, value), mega.
+    """
     if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
         return least if np.isnan(least) else motion.value[joint, law]
@@ -246,7 +267,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
 
 
-@llvm_inlined
+@inlined
 def _root(motion, mega, step, ground, end, joint, law):
     """Find the part of a step at which one law's margin is used up (Illinois method)."""
     low, high = 0.0, end
@@ -283,7 +304,7 @@ def _root(motion, mega, step, ground, end, joint, law):
     return part
 
 
-@llvm_inlined
+@inlined
 def locate(motion, mega, step, ground, end):
     """Find the first part of a step at which a law ends; nan if no state can be evaluated.
 

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.collapse import RIGHT_ANGLE, record_gap
-from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.energy import kinetic_energy, record_calm
@@ -72,6 +73,7 @@ class Progress(IntEnum):
     SWITCH = 11  # cause for which all voussoirs are stepped
 
 
+@struct()
 class Run(NamedTuple):
     """A run: the chain, its mega-voussoirs, ground motion and options."""
 
@@ -88,7 +90,7 @@ class Run(NamedTuple):
     options: Options
 
 
-@llvm_inlined
+@inlined
 def look_outward(run, mega, position, velocity):
     """Record the rates at which voussoirs move away from rest.
 
@@ -109,7 +111,7 @@ def look_outward(run, mega, position, velocity):
     return comes_back
 
 
-@llvm_inlined
+@inlined
 def record_place(run, mega, position):
     """Record the largest displacement and rotation so far."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
@@ -124,7 +126,7 @@ def record_place(run, mega, position):
     run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST] = rotation, farthest
 
 
-@llvm_inlined
+@inlined
 def _has_collapsed(run, mega, position):
     """Whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed, work = False, mega.work
@@ -143,13 +145,17 @@ def _has_collapsed(run, mega, position):
 
 @kernel
 def recover_voussoirs(mega, position, velocity, state):
-    """Set the state of all voussoirs, and slips of their joints, from the mega-voussoirs."""
+    """Set the state of all voussoirs, and slips of their joints, from the mega-voussoirs.
+
+    Reads: mega (count, group, joint, offset, work.slip), position, velocity.
+    Writes: state (position, slip, velocity).
+    """
     split_state(mega, position, velocity, state.position, state.velocity)
     for k in range(mega.work.slip.shape[0]):
         state.slip[mega.joint[k]] = mega.work.slip[k]
 
 
-@llvm_inlined
+@inlined
 def begin_motion(run, mega, segment):
     """Bring the state onto the contacts after an event, and evaluate it for the first time.
 
@@ -174,7 +180,11 @@ def begin_motion(run, mega, segment):
 @kernel
 def recover_reactions(run, mega, position, velocity, ground):
     """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
-    it is."""
+    it is.
+
+    Reads: run, mega, position, velocity, ground.
+    Writes: run, mega.
+    """
     state, work = run.state, run.work
     if not solve_first_level(mega, position, velocity, ground, run.motion.acceleration):
         return False
@@ -191,7 +201,11 @@ def recover_reactions(run, mega, position, velocity, ground):
 
 @kernel
 def write_step(run, mega, start, step, part, ground, output):
-    """Write frames that are due in the first `part` of a step, from its dense output."""
+    """Write frames that are due in the first `part` of a step, from its dense output.
+
+    Reads: run, mega, ground, output.
+    Writes: run, mega, output.
+    """
     clock, now = run.state.clock, run.state.clock[Clock.TIME]
     position, velocity = mega.next_position, mega.next_velocity
     # A frame due at the end is not left out by rounding.
@@ -205,7 +219,7 @@ def write_step(run, mega, start, step, part, ground, output):
     clock[Clock.TIME] = now
 
 
-@llvm_inlined
+@inlined
 def _accept(run, mega, part, peaks):
     """Accept the state at the end of a step or of its part; record works and peaks."""
     stages, energy = run.motion.stages, run.state.energy
@@ -225,7 +239,7 @@ def _accept(run, mega, part, peaks):
         runge_kutta.dense_state(stages, inside, mega.next_position, mega.next_velocity)
 
 
-@llvm_inlined
+@inlined
 def _shift_stages(mega, stages, last):
     """Use the last stage as the first one of the next step."""
     for i in range(1, mega.position.shape[0]):
@@ -236,7 +250,7 @@ def _shift_stages(mega, stages, last):
         stages.power[0, p] = stages.power[last, p]
 
 
-@llvm_inlined
+@inlined
 def _allowed_errors(mega, motion, farthest):
     """Return the errors in position [m] and in velocity [m/s] that count as one."""
     fastest = 0.0
@@ -246,7 +260,7 @@ def _allowed_errors(mega, motion, farthest):
     return size, motion.tolerance * (fastest + FLOOR * motion.speed)
 
 
-@llvm_inlined
+@inlined
 def check_laws(motion, mega, step, ground):
     """Check all laws at the end of a step, and gaps inside it; return part, event."""
     now = ground_after(ground, step)
@@ -262,7 +276,7 @@ def check_laws(motion, mega, step, ground):
     return locate(motion, mega, step, ground, end), True
 
 
-@llvm_inlined
+@inlined
 def integrate(run, mega, stop, output):
     """Integrate mega-voussoirs until a law ends or `stop` is reached.
 

@@ -11,8 +11,8 @@ mechanism has no unique motion, all voussoirs are stepped for a while
 
 import numpy as np
 
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import balance_energy, energies_of
 from archfrag.mechanics.ground import end_of_motion, ground_after, segment_at
@@ -62,19 +62,23 @@ QUIESCENT_STEPS, MOST_QUIESCENT_STEPS = 4.0, 64.0
 MEASURED = 16
 
 
-@llvm_inlined
+@inlined
 def _unit(run):
     return run.motion.length / run.motion.speed
 
 
-@llvm_inlined
+@inlined
 def _set_cause(run, cause, joint):
     run.progress[Progress.CAUSE], run.progress[Progress.JOINT] = cause, joint
 
 
 @kernel
 def impact(run):
-    """Solve for velocities after an impact (Eqs 8, 9, 11, 21)."""
+    """Solve for velocities after an impact (Eqs 8, 9, 11, 21).
+
+    Reads: run.
+    Writes: run.
+    """
     trigger, joint, corner = run.motion.trigger, -1, -1
     if run.progress[Progress.CAUSE] == transitions.BY_IMPACT:
         joint, corner = trigger[0], trigger[1] - GAP_0
@@ -90,7 +94,11 @@ def impact(run):
 
 @kernel
 def modes_of_accelerations(run):
-    """Find the contact modes from now on (Eqs 15-19, 29-35)."""
+    """Find the contact modes from now on (Eqs 15-19, 29-35).
+
+    Reads: run.
+    Writes: run.
+    """
     trigger = run.motion.trigger
     if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
@@ -106,7 +114,11 @@ def modes_of_accelerations(run):
 
 @kernel
 def assemble_mega_voussoirs(run, output):
-    """Assemble mega-voussoirs of the present modes (section 3.3)."""
+    """Assemble mega-voussoirs of the present modes (section 3.3).
+
+    Reads: run, output (log, log.time, written).
+    Writes: run, output (log.cause, log.joint, log.mode, log.model, log.time, written).
+    """
     model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, motion = state.clock, run.motion
     clock[Clock.FASTEST] = transitions.fastest_of(run)
@@ -144,7 +156,11 @@ def assemble_mega_voussoirs(run, output):
 
 @kernel
 def integrate_to_next_event(run, output):
-    """Integrate mega-voussoirs until the next event (section 3.5)."""
+    """Integrate mega-voussoirs until the next event (section 3.5).
+
+    Reads: run, output (due, frames, frames.time, interval, written).
+    Writes: run, output.
+    """
     model, state, work, clock = run.model, run.state, run.work, run.state.clock
     mega, before = assemble.in_use(run.mega), clock[Clock.TIME]
     record_end = end_of_motion(run.grounds, clock, 0.0)
@@ -177,7 +193,7 @@ def integrate_to_next_event(run, output):
     return DONE
 
 
-@llvm_inlined
+@inlined
 def impact_or_mechanism_change(run):
     """Classify an event, and detect whether events accumulate."""
     state, progress, recent = run.state, run.progress, run.recent
@@ -197,7 +213,11 @@ def impact_or_mechanism_change(run):
 
 @kernel
 def go_on(run, output, phase):
-    """Go from event to event, phase by phase, until another kind of phase is due."""
+    """Go from event to event, phase by phase, until another kind of phase is due.
+
+    Reads: run, output.
+    Writes: run, output.
+    """
     while phase <= UPON_EVENT:
         if phase == IMPACT:
             phase = impact(run)
@@ -212,7 +232,7 @@ def go_on(run, output, phase):
     return phase
 
 
-@llvm_inlined
+@inlined
 def step_until(run, until, output):
     """Step all voussoirs while their modes go on changing."""
     model, state, work, grounds, options = run.model, run.state, run.work, run.grounds, run.options
@@ -238,7 +258,11 @@ def step_until(run, until, output):
 
 @kernel
 def step_all_voussoirs(run, output):
-    """Step all voussoirs for a while after events accumulate or a mechanism is not found."""
+    """Step all voussoirs for a while after events accumulate or a mechanism is not found.
+
+    Reads: run, output.
+    Writes: run, output.
+    """
     model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, unit = state.clock, _unit(run)
     state.count[Count.SWITCHES] += 1.0
@@ -272,7 +296,11 @@ def step_all_voussoirs(run, output):
 
 @kernel
 def rest_if_still(run, output):
-    """Rest until the ground moves the chain, if the chain stays at rest now."""
+    """Rest until the ground moves the chain, if the chain stays at rest now.
+
+    Reads: run, output (frames, frames.time, log, log.time, written).
+    Writes: run, output.
+    """
     state, rests = run.state, run.state.count[Count.RESTS]
     model, work, options = run.model, run.work, run.options
     code = service.handle_pause(model, run.grounds, state, work, run.path, options, output)
@@ -283,7 +311,7 @@ def rest_if_still(run, output):
     return leave_rest(run, code, output)
 
 
-@llvm_inlined
+@inlined
 def leave_rest(run, code, output):
     """Begin to move at the end of a rest."""
     if code == common.IDLE:
@@ -297,7 +325,11 @@ def leave_rest(run, code, output):
 
 @kernel
 def follow_phases(run, at_rest, output, results, row):
-    """Run from beginning to end, phase by phase."""
+    """Run from beginning to end, phase by phase.
+
+    Reads: run, output, results.peak.
+    Writes: run, output, results.
+    """
     model, state, work, options = run.model, run.state, run.work, run.options
     state.clock[Clock.FACTOR] = 1.0
     if at_rest:

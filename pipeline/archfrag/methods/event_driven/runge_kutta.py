@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel, llvm_inlined
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.placing import corner_rate_at
 from archfrag.mechanics.ground import ground_after
 from archfrag.mechanics.laws import contact_of
@@ -43,6 +44,7 @@ D = (
 BY_GROUND, BY_FRICTION = 0, 1
 
 
+@struct()
 class Scheme(NamedTuple):
     """Coefficients of a method whose last stage is the first one of the next step."""
 
@@ -63,6 +65,7 @@ THIRD_ORDER = Scheme(
 )
 
 
+@struct()
 class Stages(NamedTuple):
     """Stages and dense output of one step."""
 
@@ -83,7 +86,7 @@ def new_stages(n_row: int) -> Stages:
     )  # fmt: skip
 
 
-@llvm_inlined
+@inlined
 def _travel(far, time):
     """Displacement and velocity of the far springing a time after the beginning of a segment.
 
@@ -96,7 +99,11 @@ def _travel(far, time):
 
 @kernel
 def sliding_rate(j, position, velocity, work):
-    """Tangential velocity of the later body at a sliding joint [m/s], and the normal there."""
+    """Tangential velocity of the later body at a sliding joint [m/s], and the normal there.
+
+    Reads: position, velocity, work (contact, normal, point, side_normal, slide).
+    Writes: nothing.
+    """
     nx, ny, px, py = contact_of(j, work)
     ux, uy = corner_rate_at(j, px, py, position, velocity)
     return nx * uy - ny * ux, nx, ny
@@ -104,7 +111,11 @@ def sliding_rate(j, position, velocity, work):
 
 @kernel
 def keep_stage(mega, stages, stage, position, velocity, ground):
-    """Store the last solution of the first level as a stage of the step."""
+    """Store the last solution of the first level as a stage of the step.
+
+    Reads: mega, position, velocity, ground.
+    Writes: mega.work.solved, stages (acceleration, power, velocity).
+    """
     work, by_ground, by_friction = mega.work, 0.0, 0.0
     last, end = work.slide.shape[0] - 1, position.shape[0] - 1
     if last == end - 1:
@@ -131,7 +142,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground):
     stages.power[stage, BY_FRICTION] = by_friction
 
 
-@llvm_inlined
+@inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
     """Make one step from stage 0; return its error, inf if a stage has no solution."""
     position, velocity = mega.next_position, mega.next_velocity
@@ -167,7 +178,7 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
     return worst if np.isfinite(total) else np.inf
 
 
-@llvm_inlined
+@inlined
 def _set_coefficients(out, start, end, first, last, highest):
     out[0] = start
     out[1] = end - start
@@ -176,7 +187,7 @@ def _set_coefficients(out, start, end, first, last, highest):
     out[4] = highest
 
 
-@llvm_inlined
+@inlined
 def make_dense(mega, stages, scheme, step):
     """Set the coefficients of the dense output of a step."""
     last = scheme.time.shape[0] - 1
@@ -203,7 +214,7 @@ def make_dense(mega, stages, scheme, step):
         _set_coefficients(stages.dense_work[p], 0.0, end, first, final, highest)
 
 
-@llvm_inlined
+@inlined
 def blend(r, part):
     """Evaluate a dense output at a part of the step."""
     left = 1.0 - part
@@ -212,7 +223,11 @@ def blend(r, part):
 
 @kernel
 def dense_state(stages, part, position, velocity):
-    """Set `position` and `velocity` at a part of the step."""
+    """Set `position` and `velocity` at a part of the step.
+
+    Reads: stages (dense_position, dense_velocity).
+    Writes: position, velocity.
+    """
     for i in range(1, position.shape[0]):
         for c in range(3):
             position[i, c] = blend(stages.dense_position[i, c], part)

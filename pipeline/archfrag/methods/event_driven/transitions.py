@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from archfrag.kernels.kernel import inlined, kernel
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import kernel, llvm_inlined
 from archfrag.mechanics.contact import placing
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
@@ -52,11 +52,15 @@ SOONEST = 1e-9
 
 @kernel
 def place_voussoirs(model, state, work):
-    """Place faces and contacts of all joints where the voussoirs are."""
+    """Place faces and contacts of all joints where the voussoirs are.
+
+    Reads: model, state, work.
+    Writes: state.slip, work.
+    """
     placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
 
 
-@llvm_inlined
+@inlined
 def pose_impact(run, joint, corner):
     """Set up the impact at the present state.
 
@@ -78,7 +82,7 @@ def pose_impact(run, joint, corner):
     return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
 
 
-@llvm_inlined
+@inlined
 def _close_slow_joints(run):
     """Close joints and stop slips, in `work`, whose motion is so slow that it is nearly over.
 
@@ -108,7 +112,7 @@ def _close_slow_joints(run):
     return changed
 
 
-@llvm_inlined
+@inlined
 def _approaches(run):
     """Whether the solved velocities close a corner that touches."""
     work, limit = run.work, -STAYING * run.motion.speed
@@ -121,7 +125,7 @@ def _approaches(run):
     return approaches
 
 
-@llvm_inlined
+@inlined
 def take_impact(run):
     """Accept the velocities after an impact, and close slow joints."""
     model, state, work = run.model, run.state, run.work
@@ -136,7 +140,7 @@ def take_impact(run):
         for i in range(1, state.velocity.shape[0]):
             for c in range(3):
                 work.free[i, c] = state.velocity[i, c]
-        solve_modes(model, state.position, work, run.motion.speed, EXACT)
+        solve_modes(model, state.position, work, run.motion.speed, EXACT, 0)
         # Where bringing velocities there would give energy, or another joint would have to be
         # struck, nothing is closed.
         if kinetic_energy(model, work.solved) <= left and not _approaches(run):
@@ -145,7 +149,7 @@ def take_impact(run):
     state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had - by_far
 
 
-@llvm_inlined
+@inlined
 def _take_velocities(run):
     """Accept solved velocities and modes; return the work of the far springing [J]."""
     state, work = run.state, run.work
@@ -164,7 +168,7 @@ def _take_velocities(run):
     return by_far
 
 
-@llvm_inlined
+@inlined
 def _find_touching(j, run):
     """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
     model, state, work = run.model, run.state, run.work
@@ -183,7 +187,7 @@ def _find_touching(j, run):
     return rate
 
 
-@llvm_inlined
+@inlined
 def ground_now(run, leaves_rest):
     """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
     range."""
@@ -199,7 +203,7 @@ def ground_now(run, leaves_rest):
     return ground_after(segment, later)
 
 
-@llvm_inlined
+@inlined
 def pose_accelerations(run, ground):
     """Set up the problem of accelerations at the present state.
 
@@ -233,6 +237,9 @@ def solve_posed(model, state, work, path):
     """Solve the problem that is posed, along solution paths where its modes go round in circles.
 
     Returns whether it is solved.
+
+    Reads: model, state, work, path.
+    Writes: state.count, work, path.
     """
     count = state.count
     copy_modes(work, path)
@@ -249,7 +256,7 @@ def solve_posed(model, state, work, path):
     return solved
 
 
-@llvm_inlined
+@inlined
 def take_modes(run):
     """Accept the modes of solved accelerations; False if the accelerations are impossible."""
     model, state, work = run.model, run.state, run.work
@@ -269,7 +276,7 @@ def take_modes(run):
     return True
 
 
-@llvm_inlined
+@inlined
 def cause_of(run):
     """Return why the mechanism ends: the cause, and the joint of the chain."""
     joint, law = run.motion.trigger[0], run.motion.trigger[1]
@@ -286,7 +293,7 @@ def cause_of(run):
     return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
 
 
-@llvm_inlined
+@inlined
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended, to start the search for modes."""
     contact, slide = run.work.contact, run.work.slide
@@ -306,7 +313,7 @@ def change_mode(run, cause, joint, law):
         contact[joint, 0] = contact[joint, 1] = slide[joint] = 0.0
 
 
-@llvm_inlined
+@inlined
 def fastest_of(run):
     """Return the largest speed of any body, with rotations times joint length; nan if broken."""
     fastest = spoiled = 0.0

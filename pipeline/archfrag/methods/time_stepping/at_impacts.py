@@ -15,13 +15,14 @@ shortest and largest steps are equal none is refused.
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.contact.modes import closes_soon
 from archfrag.mechanics.contact.placing import corner_velocity
 from archfrag.mechanics.energy import contact_works, kinetic_energy, unexplained_work
 from archfrag.mechanics.laws import MINUS, PLUS
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import larger, opposite, select, smaller, some
+from archfrag.mechanics.numbers import larger, smaller
 from archfrag.mechanics.status import Count, Energy
 from archfrag.methods.time_stepping.step import (
     add_carried,
@@ -69,6 +70,9 @@ def time_to_impact(model, state, work, shortest, ahead):
     """Return the time from now at which the first corner that asks to close will close [s].
 
     Returns step and time ahead where no corner does.
+
+    Reads: model.rounding, state (clock, velocity), work.
+    Writes: nothing.
     """
     step = state.clock[Clock.STEP]
     latest = step + ahead
@@ -99,6 +103,9 @@ def errors_of_step(model, state, work, tolerance):
     """Return where a solved step closes a corner, and where its energy error is too large.
 
     A slip that ends inside a long step sticks until its end, held by a friction that made energy.
+
+    Reads: model (inertia, mass), state (contact, impact, slide), work.
+    Writes: nothing.
     """
     closes = False
     for j in range(state.slip.shape[0]):
@@ -116,6 +123,9 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 
     Reactions of the last step may be wrong for the time before an impact, as they are where joints
     open instead: such a step is made again without.
+
+    Reads: model (inertia, mass), state (clock, contact, force, impact, slide), work.
+    Writes: state.force, work.reaction.
     """
     carries = False
     for j in range(state.slip.shape[0]):
@@ -138,7 +148,11 @@ def refuse_poor(model, state, work, solved, stops, tolerance):
 
 @kernel
 def expect_impact(model, state, work, options, solved):
-    """Update the expected time of an impact in the step that leads up to it."""
+    """Update the expected time of an impact in the step that leads up to it.
+
+    Reads: model.rounding, state (clock, velocity), work, options.time_step.
+    Writes: state.clock.
+    """
     clock, shortest = state.clock, options.time_step
     step = clock[Clock.STEP]
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME] - step

@@ -6,17 +6,19 @@ what else a run may need is done for it alone (`service`), and a run that has en
 the next. A run's results are the same to the last bit whichever path it takes.
 """
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.kernels.kernel import kernel
+from archfrag.kernels.numbers import LANES, lane, lane_array, opposite, runs_of, select, some
+from archfrag.kernels.structs import struct
 from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
-from archfrag.mechanics.lanes import LANES, lane_array, runs_of
 from archfrag.mechanics.model import (
     Clock,
     Model,
@@ -25,9 +27,7 @@ from archfrag.mechanics.model import (
     model_of,
     new_state,
     new_work,
-    with_shapes,
 )
-from archfrag.mechanics.numbers import lane, opposite, select, some
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
 from archfrag.methods import common
@@ -43,6 +43,9 @@ def try_step(model, grounds, state, work, options, live):
 
     Returns impulse, solved, unsolved. What is neither has been shortened, or its modes go on
     changing in the next call.
+
+    Reads: model, grounds, state, work, options.time_step.
+    Writes: state (clock, count, force, velocity), work.
     """
     clock = state.clock
     step, time = clock[Clock.STEP], clock[Clock.TIME]
@@ -70,8 +73,11 @@ def try_step(model, grounds, state, work, options, live):
 
 @kernel
 def step_four(model, grounds, state, work, options):
-    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``."""
-    model, state, work = with_shapes(model, state, work)
+    """Step four runs until one waits; the reason is in ``state.clock[Clock.CODE]``.
+
+    Reads: model, grounds, state, work, options.
+    Writes: state, work.
+    """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     waits = False
@@ -91,7 +97,11 @@ def step_four(model, grounds, state, work, options):
 
 @kernel
 def step_one(model, grounds, state, work, options, output):
-    """Step one run with its history; as `step_four`."""
+    """Step one run with its history; as `step_four`.
+
+    Reads: model, grounds, state, work, options, output.
+    Writes: state, work, output.
+    """
     clock = state.clock
     until = end_of_motion(grounds, clock, options.follow)
     while clock[Clock.CODE] == common.GO:
@@ -109,7 +119,11 @@ def step_one(model, grounds, state, work, options, output):
 
 @kernel
 def finish_one(model, grounds, state, work, path, options, output, results, row):
-    """Move one run to its end."""
+    """Move one run to its end.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output, results.
+    """
     code = int(state.clock[Clock.CODE])
     while code == common.GO:
         step_one(model, grounds, state, work, options, output)
@@ -121,7 +135,11 @@ def finish_one(model, grounds, state, work, path, options, output, results, row)
 
 @kernel
 def start_at_rest(model, grounds, state, work, path, options, output):
-    """Let the chain rest in its own geometry until the ground moves it."""
+    """Let the chain rest in its own geometry until the ground moves it.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
     common.begin(model, state, work, 0, state.clock[Clock.FACTOR])
     service.write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = service.rest_until_onset(
@@ -131,7 +149,11 @@ def start_at_rest(model, grounds, state, work, path, options, output):
 
 @kernel
 def start_given(model, state, work, options, output):
-    """Start from the positions and velocities of a given state."""
+    """Start from the positions and velocities of a given state.
+
+    Reads: model, state, work, options, output.
+    Writes: state, work (face, rotated, tangent, tie), output.
+    """
     common.read_state(model, state, work)
     common.log_change(state, 0.0, service.BY_START, -1, common.ALL, output)
     service.start_moving(state, options, output)
@@ -139,7 +161,11 @@ def start_given(model, state, work, options, output):
 
 @kernel
 def fetch_run(four, number, one):
-    """Copy the state of one of four runs; tuples of arrays, (n, 4) and (n,)."""
+    """Copy the state of one of four runs; tuples of arrays, (n, 4) and (n,).
+
+    Reads: four.
+    Writes: one.
+    """
     for k in range(len(four)):
         for i in range(four[k].shape[0]):
             one[k][i] = four[k][i, number]
@@ -147,12 +173,17 @@ def fetch_run(four, number, one):
 
 @kernel
 def return_run(one, number, four):
-    """Copy the state of a run back among four."""
+    """Copy the state of a run back among four.
+
+    Reads: one.
+    Writes: four.
+    """
     for k in range(len(one)):
         for i in range(four[k].shape[0]):
             four[k][i, number] = one[k][i]
 
 
+@struct()
 class Jobs(NamedTuple):
     """Many runs, and the numbers of those in progress."""
 
@@ -162,6 +193,7 @@ class Jobs(NamedTuple):
     runs: np.ndarray  # (4,) int64: those in progress side by side; -1: none
 
 
+@struct()
 class Four(NamedTuple):
     """State and workspace of four runs, and the same memory as columns of numbers."""
 
@@ -171,6 +203,7 @@ class Four(NamedTuple):
     returned: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays
 
 
+@struct()
 class One(NamedTuple):
     """State and workspace of one run, and the same memory as plain arrays."""
 
@@ -202,6 +235,9 @@ def next_run(model, grounds, one, options, jobs, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
     Returns its number, -1 if there is none.
+
+    Reads: model, grounds, one, options, jobs, output.
+    Writes: one, jobs.upcoming, output, results.
     """
     state = one.state
     while jobs.upcoming[0] < jobs.motion.size:
@@ -223,7 +259,11 @@ def next_run(model, grounds, one, options, jobs, output, results):
 
 @kernel
 def run_four(model, grounds, four, one, options, jobs, output, results):
-    """Many runs from rest, four at a time; arguments as `next_run`."""
+    """Many runs from rest, four at a time; arguments as `next_run`.
+
+    Reads: model, grounds, four, one, options, jobs (factor, motion, runs, upcoming), output.
+    Writes: four, one, jobs (runs, upcoming), output, results.
+    """
     state, runs, running = one.state, jobs.runs, 0
     for number in range(LANES):
         runs[number] = next_run(model, grounds, one, options, jobs, output, results)
@@ -251,10 +291,30 @@ def run_four(model, grounds, four, one, options, jobs, output, results):
 
 def rest_of(model: Model) -> tuple[float, float]:
     """Return the rest range of a chain in its own geometry [g]; nan if it cannot rest."""
-    one = new_one(model)
-    common.begin(model, one.state, one.work, 0, 0.0)
-    found, plus, minus = service.rest_range(model, one.state, one.work)
-    return (plus, minus) if found else UNKNOWN
+    kept = model.__dict__
+    if "rest" not in kept:
+        one = new_one(model)
+        common.begin(model, one.state, one.work, 0, 0.0)
+        found, plus, minus = service.rest_range(model, one.state, one.work, one.path.rest)
+        kept["rest"] = (plus, minus) if found else UNKNOWN
+    rest: tuple[float, float] = kept["rest"]
+    return rest
+
+
+def _buffers(model: Model) -> tuple[Four, One]:
+    """Buffers for many runs of a chain, as new; a thread keeps those that it used last."""
+    kept = _kept.__dict__
+    if kept.get("model") is not model:
+        kept["model"], kept["buffers"] = model, (new_four(model), new_one(model))
+        return kept["buffers"]
+    four, one = kept["buffers"]
+    for array in (*four.work, *one.work, *one.path[1:-1]):
+        array.view(np.ndarray).view(np.uint8)[...] = 0
+    runs_of(four.work.rotated)[:, 0] = one.work.rotated[:, 0] = 1.0
+    return four, one
+
+
+_kept = threading.local()
 
 
 def run(
@@ -310,5 +370,5 @@ def run_many(
         np.full(LANES, -1),
     )
     output = common.no_output(chain.mass.size, chain.friction.size)
-    run_four(model, grounds, new_four(model), new_one(model), options, jobs, output, results)
+    run_four(model, grounds, *_buffers(model), options, jobs, output, results)
     return results

@@ -6,14 +6,15 @@ contact residual.
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import select
 from archfrag.mechanics.contact.path import solve_with_fallback
 from archfrag.mechanics.contact.placing import clearance, place_contacts
 from archfrag.mechanics.energy import kinetic_energy, record_work
 from archfrag.mechanics.ground import end_of_motion, end_rest, impulse_between
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import nearest, select
-from archfrag.mechanics.onset import rest_limit
+from archfrag.mechanics.numbers import nearest
+from archfrag.mechanics.onset import find_rest_limit
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Peak
 from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
@@ -35,7 +36,11 @@ MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
 
 @kernel
 def is_as_built(model, state):
-    """Whether all joints are closed and none has slipped: the chain is in its own geometry."""
+    """Whether all joints are closed and none has slipped: the chain is in its own geometry.
+
+    Reads: model.length, state (contact, slip).
+    Writes: nothing.
+    """
     for j in range(state.slip.size):
         if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
             return False
@@ -44,33 +49,36 @@ def is_as_built(model, state):
     return True
 
 
-@allocating
-def rest_range(model, state, work):
-    """Return whether a configuration can rest, and its load factors plus and minus."""
+@kernel
+def rest_range(model, state, work, problem):
+    """Return whether a configuration can rest, and its load factors plus and minus.
+
+    Reads: model, state, work, problem.
+    Writes: work (normal, pivot, point, side_normal, tie), problem.
+    """
     place_contacts(model, state.slip, work.face, work.tangent, work)
-    n_joint = state.slip.size
-    candidate = np.ones((n_joint, 2), np.int8)
-    for j in range(n_joint):
+    for j in range(state.slip.size):
         for k in range(2):
-            if clearance(j, k, work.face, work.tangent) > common.CLOSED_GAP * model.length[j]:
-                candidate[j, k] = 0
-    centroid, pull = state.position[1:-1, :2].copy(), np.zeros(state.position.shape)
-    pull_at_rest(model, state, work, pull)
-    found = np.ones(2, np.bool_)
-    factor = np.zeros(2)
-    for k in range(2):
-        sense = 1.0 - 2.0 * k
-        limit = rest_limit(
-            model.mass[1:-1], centroid, work.point, work.normal, candidate, model.friction,
-            model.gravity, sense, pull[1:-1],
-        )  # fmt: skip
-        found[k], factor[k] = limit.found, sense * limit.load_factor
-    return found[0] and found[1], factor[0], factor[1]
+            gap = clearance(j, k, work.face, work.tangent)
+            problem.candidate[j, k] = 0 if gap > common.CLOSED_GAP * model.length[j] else 1
+    for i in range(state.position.shape[0]):
+        for c in range(3):
+            problem.pull[i, c] = 0.0
+        for c in range(2):
+            problem.centroid[i, c] = state.position[i, c]
+    pull_at_rest(model, state, work, problem.pull)
+    found, plus, _ = find_rest_limit(model, work, problem, 1.0)
+    also, minus, _ = find_rest_limit(model, work, problem, -1.0)
+    return found and also, plus, -minus
 
 
 @kernel
 def start_moving(state, options, output):
-    """Begin to step from the positions and velocities of a state."""
+    """Begin to step from the positions and velocities of a state.
+
+    Reads: state (clock, impact), options.time_step.
+    Writes: state (clock, force, impact), output.span.
+    """
     clock = state.clock
     clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
     output.span[0] = 0.0
@@ -82,7 +90,11 @@ def start_moving(state, options, output):
 
 @kernel
 def write_rest(model, grounds, state, work, path, output):
-    """Write a frame of the chain at rest, with reactions that balance the body force."""
+    """Write a frame of the chain at rest, with reactions that balance the body force.
+
+    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
+    Writes: state, work, path, output.
+    """
     if output.frames.time.size == 0:
         return
     clock = state.clock
@@ -113,7 +125,11 @@ def write_rest(model, grounds, state, work, path, output):
 
 @kernel
 def rest_until_onset(model, grounds, state, options, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code."""
+    """Let a chain rest until the ground motion moves it; returns the code.
+
+    Reads: model, grounds, state, options, output.
+    Writes: state (clock, force, impact), output.
+    """
     clock = state.clock
     leave, for_good = end_rest(model, grounds, clock, plus, minus)
     clock[Clock.RESTING] += leave - clock[Clock.TIME]
@@ -131,6 +147,9 @@ def write_if_due(model, state, work, output):
     """Write a frame of the beginning of a solved step, if one is due.
 
     Reactions act at the middles of steps; those of the instant lie between them.
+
+    Reads: model.start, state (clock, position, slip, velocity), work.reaction, output.
+    Writes: output.
     """
     clock, frames, n = state.clock, output.frames, output.written[0]
     if frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
@@ -151,7 +170,11 @@ def write_if_due(model, state, work, output):
 
 @kernel
 def keep_forces(work, step, output):
-    """Keep the mean reactions of a step that has been made, for the frame after it."""
+    """Keep the mean reactions of a step that has been made, for the frame after it.
+
+    Reads: work.reaction, output.frames.time.
+    Writes: output (forces, span).
+    """
     if output.frames.time.size == 0:
         return
     output.span[0] = step
@@ -162,7 +185,11 @@ def keep_forces(work, step, output):
 
 @kernel
 def dominant_change(state, work):
-    """Return the most important change of a joint in a solved step: cause, joint."""
+    """Return the most important change of a joint in a solved step: cause, joint.
+
+    Reads: state (contact, slide, slip), work (contact, slide).
+    Writes: nothing.
+    """
     cause, joint, rank = -1, -1, 0
     for j in range(state.slip.size):
         was = state.contact[j, 0] + state.contact[j, 1]
@@ -188,7 +215,11 @@ def dominant_change(state, work):
 
 @kernel
 def accept_recorded(model, state, work, impulse, options, output):
-    """Accept a solved step of one run, and write frames and log; as `accept_step`."""
+    """Accept a solved step of one run, and write frames and log; as `accept_step`.
+
+    Reads: model, state, work, impulse (x, y), output.
+    Writes: state, work (face, reaction, rotated, tangent, tie), output.
+    """
     write_if_due(model, state, work, output)
     cause, joint, time = -1, -1, state.clock[Clock.TIME]
     if output.log.time.size > 0:
@@ -203,14 +234,22 @@ def accept_recorded(model, state, work, impulse, options, output):
 
 @kernel
 def measure_state(model, state, work):
-    """Record the contact residual of the present state."""
+    """Record the contact residual of the present state.
+
+    Reads: model, state, work.
+    Writes: state.peak, work.
+    """
     residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @kernel
 def handle_unsolved(model, grounds, state, work, path, options, output):
-    """Solve an unsolved step along paths, or halve it; return the code."""
+    """Solve an unsolved step along paths, or halve it; return the code.
+
+    Reads: model, grounds, state, work, path, options (largest_step, time_step), output.
+    Writes: state, work, path, output.
+    """
     clock = state.clock
     time, step = clock[Clock.TIME], clock[Clock.STEP]
     impulse = impulse_between(grounds, clock, time, time + step)
@@ -233,7 +272,11 @@ def handle_unsolved(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle_pause(model, grounds, state, work, path, options, output):
-    """Measure what is due, and let the chain rest if it stays at rest; return the code."""
+    """Measure what is due, and let the chain rest if it stays at rest; return the code.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
     clock = state.clock
     if int(state.count[Count.STEPS]) % options.check_interval == 0:
         measure_state(model, state, work)
@@ -241,7 +284,7 @@ def handle_pause(model, grounds, state, work, path, options, output):
         return common.GO
     found, plus, minus = True, options.rest_plus, options.rest_minus
     if np.isnan(plus) or not is_as_built(model, state):
-        found, plus, minus = rest_range(model, state, work)
+        found, plus, minus = rest_range(model, state, work, path.rest)
     if not found:
         return common.GO
     motion = int(clock[Clock.MOTION])
@@ -260,7 +303,11 @@ def handle_pause(model, grounds, state, work, path, options, output):
 
 @kernel
 def handle(model, grounds, state, work, path, options, output):
-    """Handle the reason for which a run waits; return the code that it goes on or ends with."""
+    """Handle the reason for which a run waits; return the code that it goes on or ends with.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
     code = int(state.clock[Clock.CODE])
     if code == common.UNSOLVED:
         code = handle_unsolved(model, grounds, state, work, path, options, output)

@@ -5,8 +5,8 @@ before it: M w = h S + H r. With h so long that M w is small beside h S, forces 
 and h w is how far the bodies move. Springings move by their joint faces.
 """
 
+from archfrag.kernels.kernel import kernel
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact import placing
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
@@ -25,6 +25,9 @@ def creep(model, state, work, path, step, loss_limit):
 
     Returns whether its contact problem is solved, the largest displacement of a centroid in it
     [m], and whether a joint has lost its contact for good.
+
+    Reads: model, state, work, path.
+    Writes: state, work, path.
     """
     end = state.position.shape[0] - 1
     for i in range(1, end):

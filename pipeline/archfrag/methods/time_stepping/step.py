@@ -18,12 +18,13 @@ law at q', so that a change of the step moves no contact.
 
 import math
 
+from archfrag.kernels.kernel import inlined, kernel
+from archfrag.kernels.numbers import opposite, select, some
 from archfrag.mechanics.collapse import follow_joints
-from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact import placing
 from archfrag.mechanics.energy import kinetic_energy, record_calm, record_step, record_ties
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
+from archfrag.mechanics.numbers import flag, larger, nearest, smaller
 from archfrag.mechanics.status import Count, Energy, Peak
 from archfrag.mechanics.ties import accept_ties, aim_ties
 
@@ -89,6 +90,9 @@ def aim_contacts(model, state, work, step, shortest):
 
     An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
     the velocity u to come, and a time k at the one then reached. b is `bend_of`.
+
+    Reads: model (gravity, length, rounding), state (contact, velocity), work.
+    Writes: work (bias, candidate, side_normal).
     """
     velocity, gravity = state.velocity, model.gravity
     fastest = 0.0
@@ -146,7 +150,11 @@ def move_far_springing(state, work, impulse):
 
 @kernel
 def go_to_middle(model, state, work, step):
-    """Move bodies, faces and slips to the middle of a step."""
+    """Move bodies, faces and slips to the middle of a step.
+
+    Reads: model, state, work.
+    Writes: work.
+    """
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
@@ -172,6 +180,9 @@ def carry_on(model, state, work, span):
 
     Else joints that the impact opens would bear nothing in that time, and the impact would take
     what the ground gives against them: a part of the energy of the order of the step, each time.
+
+    Reads: model (inverse_inertia, inverse_mass), state.force, work (pivot, position).
+    Writes: work.free.
     """
     for j in range(state.slip.shape[0]):
         fx, fy = span * state.force[j, 0], span * state.force[j, 1]
@@ -186,7 +197,11 @@ def carry_on(model, state, work, span):
 
 @kernel
 def pose_step(model, state, work, impulse, step, shortest):
-    """Set up the contact problem of a step, without initial modes."""
+    """Set up the contact problem of a step, without initial modes.
+
+    Reads: model, state, work, impulse.
+    Writes: state.velocity, work.
+    """
     free_fall(model, state, work, impulse, step)
     move_far_springing(state, work, impulse)
     go_to_middle(model, state, work, step)
@@ -199,7 +214,11 @@ def pose_step(model, state, work, impulse, step, shortest):
 
 @kernel
 def take_velocities(model, state, work, impulse, where):
-    """Accept the solved velocities, and record the work of the ground."""
+    """Accept the solved velocities, and record the work of the ground.
+
+    Reads: model.mass, state.velocity, work.solved, impulse (x, y).
+    Writes: state (energy, velocity).
+    """
     given = 0.0
     for i in range(1, state.position.shape[0] - 1):
         mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
@@ -242,7 +261,11 @@ def _is_complete(j, model, state, work):
 
 @kernel
 def count_changes(model, state, work, where):
-    """Count changes of joints in a step, and mark impacts that go on after it."""
+    """Count changes of joints in a step, and mark impacts that go on after it.
+
+    Reads: model, state, work.
+    Writes: state (count, impact).
+    """
     count = state.count
     for j in range(state.slip.shape[0]):
         was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
@@ -266,7 +289,11 @@ def count_changes(model, state, work, where):
 
 @kernel
 def record_motion(model, state, where):
-    """Record peaks of displacement, rotation, kinetic energy; return where they are not finite."""
+    """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
+
+    Reads: model, state.
+    Writes: state (clock, energy, peak).
+    """
     farthest = fastest = 0.0
     rotation, length = state.peak[Peak.ROTATION], model.length[0]
     spoiled = farthest
@@ -295,7 +322,11 @@ def record_motion(model, state, where):
 
 @kernel
 def record_overlap(model, state, work, where):
-    """Record the deepest overlap of two neighbours at a corner, over the joint's length."""
+    """Record the deepest overlap of two neighbours at a corner, over the joint's length.
+
+    Reads: model.length, state.peak, work (face, tangent).
+    Writes: state.peak.
+    """
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
         for k in range(2):
@@ -306,7 +337,11 @@ def record_overlap(model, state, work, where):
 
 @kernel
 def make_step(model, state, work, impulse, where, loss_limit):
-    """Accept solved velocities and the positions that they reach; as `accept_step`."""
+    """Accept solved velocities and the positions that they reach; as `accept_step`.
+
+    Reads: model, state, work, impulse (x, y).
+    Writes: state, work (face, reaction, rotated, tangent, tie).
+    """
     clock, count = state.clock, state.count
     step, changes = clock[Clock.STEP], False
     for i in range(1, state.position.shape[0]):
@@ -345,7 +380,11 @@ def make_step(model, state, work, impulse, where, loss_limit):
 
 @kernel
 def add_carried(state, work, span):
-    """Add the impulses of `carry_on` to those of the step."""
+    """Add the impulses of `carry_on` to those of the step.
+
+    Reads: state.force.
+    Writes: work.reaction.
+    """
     for j in range(state.slip.shape[0]):
         for c in range(3):
             work.reaction[j, c] += span * state.force[j, c]
@@ -356,6 +395,9 @@ def accept_step(model, state, work, impulse, where, loss_limit):
     """Accept a step whose contact problem is solved; return collapsed, broken.
 
     ``work.reaction`` goes from impulses into the mean forces over the step.
+
+    Reads: model, state, work, impulse (x, y).
+    Writes: state, work (face, reaction, rotated, tangent, tie).
     """
     count_changes(model, state, work, where)
     span = time_before(state, state.clock[Clock.STEP])

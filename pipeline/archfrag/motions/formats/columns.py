@@ -1,7 +1,5 @@
 """Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -2,26 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
 
 import numpy as np
+import xarray as xr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import shared_events
-from archfrag.fragility.ratio import Estimate, left_out, parts_of, ratios
+from archfrag.fragility.ratio import left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.curves import Runs, onsets_in_measure, runs_of_cube
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Table = dict[str, dict[str, float]]
 
 
 def compare(
-    cubes: Sequence["xr.Dataset"], names: Sequence[str],
+    cubes: Sequence[xr.Dataset], names: Sequence[str],
     curves: Sequence[Mapping[str, Fragility | str]],
     hazard: HazardCurve | None = None, confidence: float = 0.9,
 ) -> dict[str, Table]:  # fmt: skip
@@ -50,7 +48,13 @@ def compare(
     groups = record if groups is None else groups
     rows = [np.tile(groups, len(each.verdict) // record.size) for each in runs]
     parts = [parts_of(each) for each in rows]
-    without = [left_out(own.brackets, part, _estimate(own)) for own, part in zip(runs, parts)]
+
+    def estimate(own: Runs, found: Brackets) -> Fragility:
+        """What the jackknife repeats: the posterior of the design's curve, without scatter."""
+        plain = replace(found, contradictions=0 * found.contradictions)
+        return own.design.posterior(plain)[0].fragility
+
+    without = [left_out(own.brackets, p, partial(estimate, own)) for own, p in zip(runs, parts)]
     least = [onsets_in_measure(each.cube) for each in runs]
     least = [each if fit.members is not None else each.min() for each, fit in zip(least, fits)]
     return {
@@ -60,17 +64,7 @@ def compare(
     }  # fmt: skip
 
 
-def _estimate(runs: Runs) -> Estimate:
-    """What the jackknife repeats: the posterior of the design's curve, without scatter."""
-
-    def estimate(found: Brackets) -> Fragility:
-        plain = replace(found, contradictions=0 * found.contradictions)
-        return runs.design.posterior(plain)[0].fragility
-
-    return estimate
-
-
-def _same_motions(own: "xr.Dataset", other: "xr.Dataset") -> "xr.Dataset":
+def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     """The other cube with its records in the order of the own; InputError unless they agree."""
     refused = "the two studies cannot be compared, since their"
     measures = [str(cube["intensity"].attrs["measure"]) for cube in (own, other)]
@@ -87,7 +81,7 @@ def _same_motions(own: "xr.Dataset", other: "xr.Dataset") -> "xr.Dataset":
     return ordered
 
 
-def _of_motions(cube: "xr.Dataset") -> list[dict[str, float]]:
+def _of_motions(cube: xr.Dataset) -> list[dict[str, float]]:
     """What is known of each record as it is: its measures, and whether its vertical is used."""
     names = cube["measure"].values.astype(str).tolist()
     values = cube["record_measure"].transpose("record", "measure").values

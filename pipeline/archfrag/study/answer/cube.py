@@ -71,13 +71,11 @@ def build_cube(
         return cube
 
     values: dict[str, Any] = {
-        "level": np.arange(shape[2]),
-        "model": [model.name.lower() for model in Model],
-        "measure": names,
-        "measure_unit": [measure_unit(name) for name in names],
-        "measure_exponent": [scaling_exponent(name) for name in names],
+        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Model],
+        "measure": names, "measure_unit": list(map(measure_unit, names)),
+        "measure_exponent": list(map(scaling_exponent, names)),
         "record_measure": [[record.measures[name] for name in names] for record in records],
-    }
+    }  # fmt: skip
     about = VARIABLES | {"intensity": VARIABLES["intensity"]._replace(
         units=_UDUNITS[measure_unit(measure)], long_name=f"{measure} of the scaled record"
     )}  # fmt: skip
@@ -131,23 +129,24 @@ def in_si(cube: "xr.Dataset") -> "xr.Dataset":
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
     """Global attributes of the cube: the same on every run of the same study with this code."""
-    config = {
-        "id": study.id,
-        "title": study.title,
-        "arches": [_portable_arch(entry) for entry in study.arches],
-        "intensity": {**study.intensity.model_dump(), "levels": list(study.intensity.given)},
-        "method": study.method.model_dump(),
-        "design": study.design.model_dump(),
-    }
-    steps = [{"step": name, "settings": given} for name, given in study.motions.steps]
-    inputs = read_manifest(study)["inputs"]
+    inputs, about = read_manifest(study)["inputs"], study.intensity
+    facts = {
+        "config": {
+            "id": study.id, "title": study.title,
+            "arches": [_portable_arch(entry) for entry in study.arches],
+            "intensity": {**about.model_dump(), "levels": list(about.given)},
+            "method": study.method.model_dump(), "design": study.design.model_dump(),
+        },
+        "inputs_sha256": _by_name(inputs["record"]), "index_sha256": _by_name(inputs["index"]),
+        "inventories_sha256": _by_name(inputs["inventory"]),
+        "processing": [{"step": name, "settings": given} for name, given in study.motions.steps],
+        "versions": files.versions(),
+    }  # fmt: skip
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
     counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
     return {
-        "Conventions": "CF-1.11",
-        "title": study.title,
-        "institution": study.institution,
+        "Conventions": "CF-1.11", "title": study.title, "institution": study.institution,
         "source": f"rigid-block simulations with archfrag {archfrag.__version__}, method "
         f"{study.method.name}",
         "vertical_component": some if 0 < count < of else "used" if count else "not used",
@@ -156,25 +155,13 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "archfrag.",
         "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
         "README of archfrag",
-        "comment": f"{counts} scaled by {study.intensity.measure}. Wall times and machine are in "
-        "a log beside this file.",
-        "loss_limit": f"{study.method.loss_limit:g}",
-        "archfrag_study": study.id,
-        "archfrag_config": strict_json(config),
-        **{
-            f"archfrag_{name}_sha256": strict_json(_by_name(inputs[kind]))
-            for name, kind in (
-                ("inputs", "record"),
-                ("index", "index"),
-                ("inventories", "inventory"),
-            )
-        },
-        "archfrag_processing": strict_json(steps),
-        "archfrag_versions": strict_json(files.versions()),
-        "archfrag_commit": files.commit(),
-        "archfrag_machine": platform.machine(),
+        "comment": f"{counts} scaled by {about.measure}. Wall times and machine are in a log "
+        "beside this file.",
+        "loss_limit": f"{study.method.loss_limit:g}", "archfrag_study": study.id,
+        **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
+        "archfrag_commit": files.commit(), "archfrag_machine": platform.machine(),
         "archfrag_plan": files.digest_of(plan.digests),
-    }
+    }  # fmt: skip
 
 
 def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
@@ -244,14 +231,13 @@ def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
 
     built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]
-    lengths = [arch.dimensions[2] for arch in built]
     values = {
         "arch": [member.id for member in arches],
         "arch_class": [member.arch_class for member in arches],
         "onset_plus": [start.plus for start in starts],
         "onset_minus": [start.minus for start in starts],
         "static_limit": [static_limit(arch, start) for arch, start in zip(built, starts)],
-        "joint_length": lengths,
+        "joint_length": [arch.dimensions[2] for arch in built],
     }
     found = {name: _variable(VARIABLES[name], each) for name, each in values.items()}
     about = VARIABLES["arch"]

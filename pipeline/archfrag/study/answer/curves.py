@@ -4,24 +4,28 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import NOTHING, Brackets, Verdict, count_verdicts, find_brackets
-from archfrag.fragility.curve import FloatArray, Fragility, mixture
+from archfrag.fragility.curve import FloatArray, Fragility, mixture, split_capacities, split_curves
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.limit_states import state_to_dict, told_order
 from archfrag.fragility.measures import compare_measures
-from archfrag.fragility.quoted import Answer, curve_to_dict, shared_events
+from archfrag.fragility.quoted import (
+    Answer,
+    check_lognormal,
+    curve_to_dict,
+    isotonic_curve,
+    shared_events,
+)
 from archfrag.study.runs import Design, design_of
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 POINTS = 120  # of a band
 MISFIT = 0.05  # p-value below which the lognormal curve does not describe the collapses
@@ -62,7 +66,7 @@ class Runs:
 
 
 def runs_of_cube(
-    cube: "xr.Dataset", names: Iterable[str] | None = None, worded: Worded = str
+    cube: xr.Dataset, names: Iterable[str] | None = None, worded: Worded = str
 ) -> list[Runs]:
     """Runs of arches or classes of a cube; of each of its arches if no names are given."""
     design = design_of(json.loads(cube.attrs["archfrag_design"]))
@@ -83,15 +87,13 @@ def runs_of_cube(
     return found
 
 
-def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
+def capacities(cube: xr.Dataset, factor: float) -> pd.DataFrame:
     """Capacity of each record for each arch, and the levels between which it lies.
 
     `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the lowest
     at which it collapses, inf if there is none; `capacity` their geometric mean; all times
     `factor`.
     """
-    import pandas as pd
-
     records = cube["record"].values.astype(str)
     tables = [
         pd.DataFrame({
@@ -103,14 +105,12 @@ def capacities(cube: "xr.Dataset", factor: float) -> "pd.DataFrame":
     return pd.concat(tables, ignore_index=True)
 
 
-def fractions(cube: "xr.Dataset", levels: Sequence[float]) -> "pd.DataFrame":
+def fractions(cube: xr.Dataset, levels: Sequence[float]) -> pd.DataFrame:
     """Fraction of the records that make each arch collapse at each level, (n_level, n_arch).
 
     `levels` are those of the cube in the unit of the study. InputError if each run has an
     intensity of its own.
     """
-    import pandas as pd
-
     columns = {}
     if cube["intensity"].ndim > 1:
         rule = "runs have intensities of their own, so that no level has a fraction; see the curve"
@@ -177,14 +177,14 @@ def without_verdict(runs: Runs, confidence: float) -> dict[str, Any]:
     return found
 
 
-def arch_classes(cube: "xr.Dataset") -> dict[str, str]:
+def arch_classes(cube: xr.Dataset) -> dict[str, str]:
     """Class of each arch of a cube; its own name where the cube holds none."""
     classes = cube["arch_class" if "arch_class" in cube else "arch"]
     return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
 
 
 def quoted(
-    cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
+    cube: xr.Dataset, answers: Mapping[str, Answer], classes: Mapping[str, Answer],
     members: bool = False,
 ) -> dict[str, Answer]:  # fmt: skip
     """Answers of classes and of arches that are of none; with `members` of all arches."""
@@ -195,8 +195,6 @@ def quoted(
 
 def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
-    from archfrag.fragility.quoted import check_lognormal, isotonic_curve
-
     found: dict[str, Any] = {}
     try:
         curve = isotonic_curve(runs.brackets, runs.group, confidence=confidence, **_DRAWN)
@@ -245,23 +243,41 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Answer) -> dic
 
     A run exceeds a state if it does or collapses. `keys` are the ``limit_states`` of a study.
     """
-    onset, found, collapsed = _onset(runs.cube), [], runs.verdict == Verdict.COLLAPSED
-    for name, (meaning, condition) in _states(runs.cube, keys).items():
-        holds = runs.decided & condition(runs.cube).values.reshape(runs.verdict.shape)
+    cube, collapsed = runs.cube, runs.verdict == Verdict.COLLAPSED
+    limits, residual, rotation = cube["static_limit"], keys["residual"], keys["rotation"]
+    rad = f", {limits.values[0]:.3g} rad" if limits.size == 1 else ""
+    exceeded = {
+        "motion": ("a joint opens or slides",
+                   cube["openings"] + cube["slides"] + cube["impacts"] > 0),
+        "impact": ("a joint closes by an impact", cube["impacts"] > 0),
+        "residual": (f"a displacement of {residual:g} of a joint's length is left",
+                     cube["residual_displacement"] >= residual * cube["joint_length"]),
+        "rotation": (f"rotation by {rotation:g} of the static limit{rad}",
+                     cube["peak_rotation"] >= rotation * limits),
+        "contact lost": ("a joint opens at both corners, regained or not",
+                         np.isfinite(cube["lost_contact_time"])),
+    }  # fmt: skip
+    if not np.isfinite(limits).all():
+        del exceeded["rotation"]
+    onset, found = _onset(cube), []
+    for name, (meaning, condition) in exceeded.items():
+        holds = runs.decided & condition.values.reshape(runs.verdict.shape)
+        why = "no run exceeds it short of collapse, so it has no curve of its own"
         if runs.design.adaptive:
             # Measured: theta 9 to 34 % too low at 0.6 to 0.8 of that of collapse.
             why = f"{runs.design.kind} chose the levels of the runs by collapse, which biases it"
-            own = Answer(why, why, confidence=collapse.confidence)
-        elif (holds & ~collapsed).any():
-            exceeded = np.where(holds | collapsed, Verdict.COLLAPSED, Verdict.STANDING)
-            codes = np.where(runs.decided, exceeded, runs.verdict)
+        own = Answer(why, why, confidence=collapse.confidence)
+        if not runs.design.adaptive and (holds & ~collapsed).any():
+            codes = np.where(holds | collapsed, Verdict.COLLAPSED, Verdict.STANDING)
+            codes = np.where(runs.decided, codes, runs.verdict)
             own = answer(replace(runs, verdict=codes), collapse.confidence)
             if isinstance(own.curve, str):
                 own = replace(own, curve=f"to collapse means to exceed it, and {own.curve}")
-            own = replace(own, curve=_above(own.curve, onset))
-        else:
-            why = "no run exceeds it short of collapse, so it has no curve of its own"
-            own = Answer(why, why, confidence=collapse.confidence)
+            elif onset > 0.0 and (below := float(own.curve.probability(onset))) > MOST_BELOW:
+                own = replace(own, curve=(
+                    f"it would give a probability of {below:.2f} at the onset of motion, below "
+                    "which nothing moves; levels near the onset may show it"
+                ))  # fmt: skip
         found.append((name, meaning, own))
     # The lightest first; what has no curve before them.
     found.sort(key=lambda each: getattr(each[2].curve, "theta", 0.0))
@@ -273,30 +289,7 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Answer) -> dic
     return {"message": told_order(known), "states": states}
 
 
-def _states(
-    cube: "xr.Dataset", keys: Mapping[str, float]
-) -> dict[str, tuple[str, Callable[[Any], Any]]]:
-    """By name of each limit state what it means, and which runs of an arch exceed it."""
-    limits = cube["static_limit"].values
-    rad = f", {limits[0]:.3g} rad" if limits.size == 1 else ""
-    residual, rotation = keys["residual"], keys["rotation"]
-    known: dict[str, tuple[str, Callable[[Any], Any]]] = {
-        "motion": ("a joint opens or slides",
-                   lambda part: part["openings"] + part["slides"] + part["impacts"] > 0),
-        "impact": ("a joint closes by an impact", lambda part: part["impacts"] > 0),
-        "residual": (f"a displacement of {residual:g} of a joint's length is left",
-                     lambda p: p["residual_displacement"] >= residual * p["joint_length"]),
-        "rotation": (f"rotation by {rotation:g} of the static limit{rad}",
-                     lambda part: part["peak_rotation"] >= rotation * part["static_limit"]),
-        "contact lost": ("a joint opens at both corners, regained or not",
-                         lambda part: np.isfinite(part["lost_contact_time"])),
-    }  # fmt: skip
-    if not np.isfinite(limits).all():
-        del known["rotation"]
-    return known
-
-
-def onsets(cube: "xr.Dataset") -> FloatArray:
+def onsets(cube: xr.Dataset) -> FloatArray:
     """Least PGA at which each arch can move, (n_arch,), 0 where that is not known [m/s2].
 
     It is known where all points of the ground have one horizontal motion and no vertical one.
@@ -308,7 +301,7 @@ def onsets(cube: "xr.Dataset") -> FloatArray:
     return 0.0 * least if unknown else least
 
 
-def onsets_in_measure(cube: "xr.Dataset") -> FloatArray:
+def onsets_in_measure(cube: xr.Dataset) -> FloatArray:
     """Least levels at which arches can move, (n_arch,), 0 where that is not known [SI].
 
     It is known in PGA, if the mechanism at onset does not slide: else its onset is an upper bound.
@@ -318,7 +311,7 @@ def onsets_in_measure(cube: "xr.Dataset") -> FloatArray:
     return np.where(known, onsets(cube), 0.0)
 
 
-def _onset(cube: "xr.Dataset") -> float:
+def _onset(cube: xr.Dataset) -> float:
     """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
     own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
     if not {own, "PGA"} <= set(names):
@@ -328,19 +321,6 @@ def _onset(cube: "xr.Dataset") -> float:
     return float(np.min(value[own] * (onsets(cube).min() / value["PGA"]) ** power))
 
 
-def _above(fit: Fragility | str, onset: float) -> Fragility | str:
-    """The curve, or why there is none: it gives a probability where nothing can move."""
-    if isinstance(fit, str) or not onset > 0.0:
-        return fit
-    below = float(fit.probability(onset))
-    if below <= MOST_BELOW:
-        return fit
-    return (
-        f"it would give a probability of {below:.2f} at the onset of motion, below which nothing "
-        "moves; levels near the onset may show it"
-    )
-
-
 def dispersion_split(runs: Runs, answers: Sequence[Answer], beta: float) -> dict[str, Any]:
     """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
 
@@ -348,8 +328,6 @@ def dispersion_split(runs: Runs, answers: Sequence[Answer], beta: float) -> dict
     where records withstand the largest level, since without these, the mildest, what is left would
     differ less.
     """
-    from archfrag.fragility.curve import split_capacities, split_curves
-
     if not runs.design.on_levels:
         return {}
     capacity = runs.brackets.middle.reshape(len(answers), -1)

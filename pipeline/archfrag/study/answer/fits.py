@@ -5,9 +5,11 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.files import write_csv
@@ -22,9 +24,6 @@ from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Intensity, Study
 from archfrag.study.files import CUBE, NETCDF, finite, read_json, refuse_foreign_cube, write_text
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 FITS, CURVE = "fits.json", "curve.csv"
 DECIMALS = 9  # of a probability
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level, beyond which there is a caution
@@ -32,16 +31,14 @@ MOST_SURVIVING, MOST_AGAIN = 0.25, 0.2  # fractions of the records
 MOST_SCALING = 10.0
 LEAST_EVENTS = 4
 # Answers of arches, answers of classes of several arches, and the cube that they are from.
-Fitted = tuple[dict[str, Answer], dict[str, Answer], "xr.Dataset"]
+Fitted = tuple[dict[str, Answer], dict[str, Answer], xr.Dataset]
 
 
-def open_cube(study: Study) -> "xr.Dataset":
+def open_cube(study: Study) -> xr.Dataset:
     """Read the cube of a study into memory.
 
     InputError if there is none, OutputError if it is another study's.
     """
-    import xarray as xr
-
     path = study.folder / CUBE
     refuse_foreign_cube(study)
     try:
@@ -93,10 +90,8 @@ def fit_cube(study: Study) -> Fitted:
 
 
 def _store(
-    study: Study, arches: dict[str, Answer], classes: dict[str, Answer], cube: "xr.Dataset"
+    study: Study, arches: dict[str, Answer], classes: dict[str, Answer], cube: xr.Dataset
 ) -> None:
-    import pandas as pd
-
     measure, unit, factor = study.intensity.measure, study.intensity.unit, study.intensity.factor
     plain = {name: each.to_dict() for name, each in arches.items()}
     content = {
@@ -150,7 +145,7 @@ def fit_lines(study: Study, fitted: Fitted) -> tuple[list[str], list[str]]:
     return lines, gathered(cautions, cube, list(found)[:SHOWN])
 
 
-def gathered(cautions: Iterable[str], cube: "xr.Dataset", shown: Collection[str]) -> list[str]:
+def gathered(cautions: Iterable[str], cube: xr.Dataset, shown: Collection[str]) -> list[str]:
     """List cautions; of those on arches that are not `shown` alone only the first of each kind.
 
     Cautions are of one kind if they differ in numbers, and their arches are of one class.
@@ -202,7 +197,7 @@ def lost_text(found: Answer, median: Callable[[float], str]) -> str:
     return f"{runs} no verdict: the median is {low} if all collapse, {high} if all stand"
 
 
-def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
+def cautions_of_cube(study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]) -> list[str]:
     """List the cautions on a study's cube and curves, with levels in the study's unit."""
     unit, named = study.intensity.unit, ["levels of their own"]
     if study.design.on_levels:
@@ -261,7 +256,7 @@ def arch_cautions(runs: curves.Runs, named: list[str], curve: Fragility | str) -
             )
 
 
-def record_cautions(cube: "xr.Dataset") -> Iterator[str]:
+def record_cautions(cube: xr.Dataset) -> Iterator[str]:
     """Messages on motions that are scaled too far, and on records of one to three earthquakes."""
     scaled = cube["scale_factor"].where(cube["verdict"] != Verdict.NOT_SIMULATED)
     largest = scaled.max(["arch", "level"]).values

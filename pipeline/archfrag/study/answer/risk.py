@@ -7,21 +7,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from jinja2 import Template
 from numpy.typing import NDArray
 
 from archfrag.files import counted
+from archfrag.fragility import risk as rates
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.fragility.risk import (
-    CollapseRate,
-    Contributions,
-    collapse_rate,
-    contributions,
-    level_edges,
-    parameter_draws,
-    rate_by_level,
-)
 from archfrag.hazard import Hazard, load_hazard
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.answer.curves import Runs, onsets_in_measure, runs_of_cube
@@ -34,19 +27,7 @@ NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a m
 MOST_UNSEEN = 0.25  # fraction of a rate from below the lowest collapse; of more there is a caution
 MOST_CATEGORIES = 4
 OTHER = "others"
-ASSUMPTIONS = (
-    "hazard: ln rate linear in ln intensity between its points, the first and the last slope "
-    "beyond them",
-    "band: of the fragility curve's parameters only, from draws; none of the hazard, whose curves "
-    "are listed one by one",
-    "mean rate: over the same draws; what the hazard's extension below its first point adds to "
-    "each is at most the hazard's rate at that point",
-    "collapses: a Poisson process, the arch being put up again each time",
-    "a class: the mean of the rates of its arches, if all of them have a curve",
-    "by mechanism: as the collapses of this set of records, level by level",
-    "onset: in PGA, without vertical motion and sliding, nothing moves below the onset of motion, "
-    "and the rate leaves out what the fitted curve has there",
-)
+ASSUMPTIONS = tuple(Path(__file__).with_name("assumptions.txt").read_text("utf-8").splitlines())
 _SCATTERED_BINS = 10
 _N_MODE = len(CollapseMode)
 
@@ -57,7 +38,7 @@ class ArchRisk:
 
     arch: str
     fit: Fragility
-    rate: CollapseRate  # with the first curve of the hazard
+    rate: rates.CollapseRate  # with the first curve of the hazard
     by_curve: dict[str, float]  # rate with each curve of the hazard [1/year]: its own uncertainty
     levels: FloatArray  # (n_level,): intensities that stand for ranges, from 0 to infinity [SI]
     level_rate: FloatArray  # (n_level,) [1/year]
@@ -65,7 +46,7 @@ class ArchRisk:
     # simulated, where the fitted curve is extrapolated.
     beyond: tuple[float, float]
     below_collapse: float  # fraction of the rate from below the lowest level with a collapse
-    by_mechanism: Contributions
+    by_mechanism: rates.Contributions
     onset: float | FloatArray = 0.0  # at or below it nothing moves, of each arch of a class [SI]
 
     @property
@@ -160,11 +141,12 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
     levels, collapsed, code, ends = _on_levels(runs.verdict, joint * _N_MODE + mode, runs.level)
     least = onsets_in_measure(cube)
     onset = least if fit.members is not None else least.min()
-    rate = collapse_rate(hazard.main, fit, parameter_draws(fit, SEED), confidence, onset)
-    level_rate = rate_by_level(hazard.main, fit, level_edges(levels), onset)
+    draws, curves = rates.parameter_draws(fit, SEED), hazard.curves.items()
+    rate = rates.collapse_rate(hazard.main, fit, draws, confidence, onset)
+    level_rate = rates.rate_by_level(hazard.main, fit, rates.level_edges(levels), onset)
     at = np.broadcast_to(runs.level, runs.verdict.shape)[runs.verdict == Verdict.COLLAPSED]
     outer, unseen = (
-        rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
+        rates.rate_by_level(hazard.main, fit, edges, onset) / (rate.rate or 1.0)
         for edges in (np.unique(ends), [at.min() if at.size else ends[-1]])
     )
     # Mechanisms are joint and mode; the rare ones together.
@@ -175,10 +157,8 @@ def _arch_risk(runs: Runs, fit: Fragility, hazard: Hazard, confidence: float) ->
         for kind in kept.tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    parts = contributions(level_rate, collapsed, category, (*labels, OTHER))
-    by_curve = {
-        key: collapse_rate(curve, fit, onset=onset).rate for key, curve in hazard.curves.items()
-    }
+    parts = rates.contributions(level_rate, collapsed, category, (*labels, OTHER))
+    by_curve = {key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
         runs.name, fit, rate, by_curve, levels, level_rate, beyond, float(unseen[0]), parts, onset
@@ -206,7 +186,7 @@ def _on_levels(
     count = _SCATTERED_BINS if ends[1] > ends[0] else 1
     edges = np.geomspace(ends[0], ends[1], count + 1)
     levels = np.sqrt(edges[1:] * edges[:-1])
-    column = np.searchsorted(level_edges(levels), at[row, place], side="right")
+    column = np.searchsorted(rates.level_edges(levels), at[row, place], side="right")
     grid = np.zeros((len(at), levels.size), dtype=bool)
     codes = np.full(grid.shape, -_N_MODE)
     grid[row, column], codes[row, column] = collapsed[row, place], code[row, place]
@@ -237,7 +217,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
             "rate_below_onset_left_out": rate.below_onset,
             "rate_by_hazard_curve": arch.by_curve,
             "levels": (arch.levels / factor).tolist(),
-            "edges": (level_edges(arch.levels) / factor).tolist(),
+            "edges": (rates.level_edges(arch.levels) / factor).tolist(),
             "rate_by_level": arch.level_rate.tolist(),
         }  # fmt: skip
         found = arch.by_mechanism
@@ -264,43 +244,6 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
 
 def risk_text(facts: dict[str, Any]) -> str:
     """Write `risk_facts` for a terminal, without parts by level."""
-    hazard = facts["hazard"]
-    lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
-    lines += [f"note: {message}" for message in hazard["notes"]]
-    for name, arch in facts["arches"].items():
-        count = facts["classes"].get(name)
-        title = f"\nclass {name}, {count} arches" if count else f"\n{name}"
-        if "none" in arch:
-            lines.append(f"{title}: no rate, since there is no curve: {arch['none']}")
-            continue
-        bound, period = arch["rate_is_lower_bound"], arch["return_period"]
-        least, most = ("at least ", "at most ") if bound else ("", "")
-        of = "the mean curve of its arches" if arch["of_mean_curve"] else "these medians"
-        returns = "never" if period is None else f"return period {most}{period:.4g} years"
-        lines += [
-            f"{title}: median {arch['theta']:.4g} {facts['unit']} of {facts['measure']}, "
-            f"dispersion {arch['beta']:.3g}",
-            f"  rate of collapse of {of} {least}{arch['rate']:.3g} a year, {returns}",
-            f"  probability in {facts['years']:g} years {least}{arch['probability']:.3g}",
-        ]
-        if not bound:
-            ends = (*arch["rate_band"], *arch["probability_band"])
-            lines += [
-                "  {:.0f} % intervals: rate {:.3g} to {:.3g} a year, probability {:.3g} to "
-                "{:.3g}".format(100 * arch["confidence"], *ends),
-                f"  mean rate over uncertain theta and beta {arch['rate_mean']:.3g} a year",
-            ]
-        if arch["onset"] is not None:
-            lines.append(
-                f"  not in it: {arch['rate_below_onset_left_out']:.2g} a year by the fitted curve "
-                f"below the onset of motion ({arch['onset']:.3g} {facts['unit']})"
-            )
-        others = list(arch["rate_by_hazard_curve"].items())[1:]
-        lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
-        lines += [
-            f"  by {part['category']}: {part['fraction']:.3f} of the rate, "
-            f"{counted(part['collapses'], 'collapse')}"
-            for part in arch["by_mechanism"]
-        ]
-        lines += [f"  caution: {caution}" for caution in arch["cautions"]]
-    return "\n".join([*lines, "", *(f"assumed: {each}" for each in facts["assumptions"])])
+    source = Path(__file__).with_name("risk.txt.j2").read_text("utf-8")
+    template = Template(source, trim_blocks=True, lstrip_blocks=True)
+    return template.render(facts, counted=counted, repr=repr).rstrip()

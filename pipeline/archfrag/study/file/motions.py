@@ -26,24 +26,22 @@ def _mapping(given: Any) -> Any:
     return {name: {} if settings is None else settings for name, settings in named.items()}
 
 
-def _setting(about: dict[str, Any]) -> Any:
-    """Type and field of a setting, as the table of steps describes it."""
-    if "one_of" in about:
-        kind: Any = Literal[tuple(about["one_of"])]
-    else:
-        bounds = {key: about[key] for key in ("gt", "ge", "le") if key in about}
-        kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
-    if least := about.get("size", about.get("least")):
-        kind = Annotated[list[kind], Field(min_length=least, max_length=about.get("size"))]
-    default = about.get("default", ... if "required" in about else None)
-    return kind | None if default is None else kind, Field(default, description=about["text"])
-
-
-def _settings(name: str) -> Any:
-    given = STEPS[name].get("settings", {})
-    fields: dict[str, Any] = {key: _setting(about) for key, about in given.items()}
-    about = STEPS[name]["text"]
-    return create_model(name.capitalize(), __base__=Section, __doc__=about, **fields)
+def _settings(step: str) -> Any:
+    """Block of the settings of a step, as the table of steps describes them."""
+    fields: dict[str, Any] = {}
+    for key, about in STEPS[step].get("settings", {}).items():
+        if "one_of" in about:
+            kind: Any = Literal[tuple(about["one_of"])]
+        else:
+            bounds = {name: about[name] for name in ("gt", "ge", "le") if name in about}
+            kind = Annotated[_KINDS[about["kind"]], Field(**bounds)]
+        if least := about.get("size", about.get("least")):
+            kind = Annotated[list[kind], Field(min_length=least, max_length=about.get("size"))]
+        default = about.get("default", ... if "required" in about else None)
+        kind = kind | None if default is None else kind
+        fields[key] = kind, Field(default, description=about["text"])
+    about = STEPS[step]["text"]
+    return create_model(step.capitalize(), __base__=Section, __doc__=about, **fields)
 
 
 _blocks: dict[str, Any] = {name: (_settings(name), None) for name in STEPS}

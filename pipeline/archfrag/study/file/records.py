@@ -15,23 +15,18 @@ import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import make_folder, sha256_of
-from archfrag.motions import index
+from archfrag.motions import index, partners
 from archfrag.motions.calibrate import check_file
 from archfrag.motions.cautions import sample_cautions
 from archfrag.motions.earthquakes import earthquakes, recording_of
 from archfrag.motions.measures import measure, scale_factor
-from archfrag.motions.partners import (
-    VERTICAL,
-    folder_names,
-    numbered,
-    partners,
-    vertical_files,
-)
+from archfrag.motions.partners import VERTICAL, folder_names
 from archfrag.motions.process import REVERSED, both_senses
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
 from archfrag.study.files import Inputs, canonical_json, read_json, sha256_if_there, write_text
+from archfrag.study.text import relative
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -112,7 +107,7 @@ def find_sources(asked: Motions, measure: str) -> list[Source]:
         if inventory := source.options.get("inventory"):
             check_file(Path(inventory))
     # Without those that hold only the vertical component of another one's record.
-    verticals = vertical_files(sorted({source.path for source in every}))
+    verticals = partners.vertical_files(sorted({source.path for source in every}))
     sites = {_site(source.entry) for source in every if not _is_vertical(source.entry)} - {None}
     found = [source for source in every if source.path not in verticals
              and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
@@ -206,7 +201,7 @@ def _add_others(
     """
     asked = [kind for kind, is_needed in needed.items() if is_needed]
     places = {source.path.parent for source in sources} if asked else ()
-    by_name = {place: partners(folder_names(place)) for place in places}
+    by_name = {place: partners.partners(folder_names(place)) for place in places}
     for source in sources if asked else ():
         site = _site(source.entry)
         alike = [row for row in rows if site and _site(row) == site and row is not source.entry]
@@ -249,7 +244,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
             else:
                 every = [load_motion(entry)]
             facts = {"file": path.name, "file_sha256": sha256_of(path)}
-            pairs.setdefault(path.parent, partners(folder_names(path.parent))[0])
+            pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
             for motion in every:
                 about, code = motion.metadata, str(motion.metadata.get("component", ""))
                 shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
@@ -259,7 +254,7 @@ def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
                     continue
                 used.add(record)
                 other = pairs[path.parent].get(path.name)
-                if other and not numbered(path.name, other):
+                if other and not partners.numbered(path.name, other):
                     first = sha256_of(path.with_name(min(path.name, other)))
                     facts["pair"] = f"{first[:16]} {motion.acceleration.size} {motion.dt:g}"
                 if (path, code) in turned:  # the other component of a motion that was rotated
@@ -296,7 +291,6 @@ def _with_components(
     asked: dict[str, bool], motion: "Motion", every: Sequence["Motion"], source: Source
 ) -> "Motion":
     """Give a motion the components that are asked for, and no others."""
-    from archfrag.motions import partners
     from archfrag.motions.read import read_horizontals, read_vertical
 
     own = motion
@@ -347,23 +341,18 @@ def described(
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    cautions = [*about.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    if motion.vertical is not None:
+        found = sample_cautions(motion.vertical, motion.dt)
+        cautions += [f"vertical: {text}" for text in found]
     return PreparedRecord(
         motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
         about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
         scale_factor(motion, own, 1.0, measures[own]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        cautions=_cautions(motion), samples=samples.hexdigest(),
+        cautions=cautions, samples=samples.hexdigest(),
     )  # fmt: skip
-
-
-def _cautions(motion: "Motion") -> list[str]:
-    """Cautions on a motion as it moves an arch."""
-    dt, found = motion.dt, list(motion.metadata.get("cautions", ()))
-    found += sample_cautions(motion.acceleration, dt)
-    if motion.vertical is not None:
-        found += [f"vertical: {text}" for text in sample_cautions(motion.vertical, dt)]
-    return found
 
 
 def prepare_motions(study: Study) -> list[PreparedRecord]:
@@ -436,9 +425,5 @@ def _check_stored(work: Path, record: PreparedRecord) -> Path:
 
 def motions_key(study: Study) -> dict[str, Any]:
     """Settings of a study on its motions and its measure; paths are as in `study_inputs`."""
-    motions = study.motions.model_dump(mode="json")
-    for given in (motions, *motions["files"]):
-        for name in ("index", "path", "inventory"):
-            if given.get(name) is not None:
-                given[name] = os.path.relpath(given[name], study.folder)
+    motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}

@@ -13,15 +13,11 @@ from archfrag.study.runs.ida import Ida
 __all__ = ["AnyDesign", "Design", "Stripes", "design_of"]
 
 
-def _block(given: Any) -> Any:
-    """Block of keys of a design, which its name alone may stand for."""
-    return {"kind": given} if isinstance(given, str) else given
-
-
-# By the key `design` of a study file.
+# By the key `design` of a study file; the name of a design may stand for its block.
 AnyDesign = Annotated[
     Stripes | Ida | Cloud, Field(discriminator="kind"),
-    BeforeValidator(partial(check_block, key="kind")), BeforeValidator(_block),
+    BeforeValidator(partial(check_block, key="kind")),
+    BeforeValidator(lambda given: {"kind": given} if isinstance(given, str) else given),
 ]  # fmt: skip
 
 

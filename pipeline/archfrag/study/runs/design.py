@@ -11,7 +11,7 @@ workers, and a study that was stopped goes on by asking again.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
-Requests = Generator[Cases, tuple[Cases, Verdicts], dict[str, Any]]
+_T = TypeVar("_T")
+Asking = Generator[Cases, tuple[Cases, Verdicts], _T]
+Requests = Asking[dict[str, Any]]
 
 
 @dataclass
@@ -48,7 +50,7 @@ class Grid:
 
     def run(
         self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
-    ) -> Generator[Cases, tuple[Cases, Verdicts], Verdicts]:
+    ) -> Asking[Verdicts]:
         """Request runs of some rows, wait for all of them and return their verdicts."""
         row, place = np.asarray(rows, dtype=np.int64), np.asarray(places, dtype=np.int64)
         cases, waiting = self.cases(row, place, level), row.size
@@ -57,9 +59,7 @@ class Grid:
             cases, waiting = cases[:0], waiting - verdicts.size
         return self.seen[row, place]
 
-    def some(
-        self, cases: Cases
-    ) -> Generator[Cases, tuple[Cases, Verdicts], tuple[IntArray, IntArray, Verdicts]]:
+    def some(self, cases: Cases) -> Asking[tuple[IntArray, IntArray, Verdicts]]:
         """Request runs, and return rows, places and verdicts of the first that are made."""
         made, verdicts = yield cases
         row, place = np.searchsorted(self.records, made["record"]), made["place"]

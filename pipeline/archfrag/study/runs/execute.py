@@ -188,7 +188,7 @@ def chunks(cases: Cases, size: int) -> Iterator[Cases]:
 
 def _prepare(plan: Plan, bar: tqdm) -> float:
     """Compile kernels that are not, and see that all arches stand; return the compile time [s]."""
-    from archfrag.warmup import every, kernels_are_compiled, warmup
+    from archfrag.warmup import every, is_shipped, kernels_are_compiled, warmup
 
     compile_time = 0.0
     with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
@@ -202,7 +202,8 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
     bar.unpause()  # its clock is that of the runs
     if compile_time and not bar.disable:
         bar.delay = 0.0
-        bar.write(f"archfrag: kernels: compiled in {compile_time:.1f} s", sys.stderr)
+        what = "machine code made" if is_shipped() else "compiled"
+        bar.write(f"archfrag: kernels: {what} in {compile_time:.1f} s", sys.stderr)
     return compile_time
 
 

@@ -1,6 +1,6 @@
 """The design `ida`, which searches each record's border between survival and collapse."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.runs.design import Cases, Design, Grid, Requests, Verdicts
+from archfrag.study.runs.design import Asking, Design, Grid, Requests
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.
@@ -55,8 +55,7 @@ class Ida(Design):
         first = min(FIRST_RECORDS, n_record)
         yield from search(grid, low, high, expected, range(first))
         if n_record > first:
-            found = capacities_of_borders(grid.levels, low[:first], high[:first])
-            expected[first:] = expected_borders(grid.levels, found.mean(), found.std(ddof=1))
+            expected[first:] = expected_borders(grid.levels, low[:first], high[:first])
             yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
         place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_SIMULATED
@@ -106,7 +105,7 @@ class Ida(Design):
 
 def search(
     grid: Grid, low: IntArray, high: IntArray, expected: FloatArray, rows: ArrayLike
-) -> Generator[Cases, tuple[Cases, Verdicts], None]:
+) -> Asking[None]:
     """Narrow the brackets of some rows, from `low` to `high`, until neighbouring levels are left.
 
     The level to try next is the most informative one for its cost: the entropy of its verdict over
@@ -133,17 +132,17 @@ def search(
         low[left[survived]] = places[survived]
 
 
-def expected_borders(levels: FloatArray, mean: float, deviation: float) -> FloatArray:
-    """Probability of each border, (n_level + 1,), of normal ln capacities."""
-    ends = np.concatenate([[-np.inf], np.log(levels), [np.inf]])
-    reach = max(deviation, LEAST_DEVIATION)
-    mass = np.diff(scipy.special.ndtr((ends - mean) / reach)) + LEAST_PRIOR
-    return mass / mass.sum()
+def expected_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
+    """Probability of each border, (n_level + 1,), of normal ln capacities.
 
-
-def capacities_of_borders(levels: FloatArray, low: IntArray, high: IntArray) -> FloatArray:
-    """ln capacities between borders, (n_record,), half a level beyond the ends."""
+    Their mean and deviation are those of the capacities between the borders that were found,
+    (n_record,); a border beyond the ends is half a level away.
+    """
     logs = np.log(levels)
     step = np.diff(logs).mean() if logs.size > 1 else 0.5
     ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
-    return 0.5 * (ends[low + 1] + ends[high + 1])
+    found = 0.5 * (ends[low + 1] + ends[high + 1])
+    ends[[0, -1]] = -np.inf, np.inf
+    reach = max(found.std(ddof=1), LEAST_DEVIATION)
+    mass = np.diff(scipy.special.ndtr((ends - found.mean()) / reach)) + LEAST_PRIOR
+    return mass / mass.sum()

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.kernel_cache import kernel_platform
+from archfrag.kernels.cache import digest_of_syntax, kernel_platform
 from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
 from archfrag.motions.measures import scaling_exponent
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
-from archfrag.study.files import digest_of, digest_of_syntax
+from archfrag.study.files import digest_of, files_of_code
 from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
@@ -39,8 +39,9 @@ if TYPE_CHECKING:
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
-    "mechanics/**/*.py", "methods/**/*.py", "simulation/**/*.py", "simulate.py",
-    "study/runs/store.py",
+    *(f"kernels/{name}.py" for name in ("compile", "kernel", "lower", "numbers", "structs")),
+    "mechanics/**/*.py", "methods/**/*.py", "simulation/**/*.py",
+    "simulate.py", "study/runs/store.py",
 )  # fmt: skip
 KEY = 16  # bytes
 Table = NDArray[np.void]
@@ -68,7 +69,7 @@ def code_identity() -> str:
     Texts that only label are left out: a run stays what it was if they are mended.
     """
     rows = [[column.name, column.dtype, column.source] for column in COLUMNS]
-    return digest_of([kernel_platform(), digest_of_syntax(*DECIDING), rows])
+    return digest_of([kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows])
 
 
 def columns_of(results: "Results") -> dict[str, NDArray]:
@@ -147,15 +148,12 @@ class Plan:
         """Digest of each part of the plan, by the name that a message gives it."""
         study = self.study
         parts = {
-            "archfrag": self.identity,
-            "study": study.id,
+            "archfrag": self.identity, "study": study.id,
             "arches": [[member.entry.parameters, member.chain] for member in self.arches],
             "records": [asdict(record) for record in self.records],
-            "levels": study.intensity.si,
-            "measure": study.intensity.measure,
-            "method": study.method.model_dump(),
-            "design": study.design.model_dump(mode="json"),
-        }
+            "levels": study.intensity.si, "measure": study.intensity.measure,
+            "method": study.method.model_dump(), "design": study.design.model_dump(mode="json"),
+        }  # fmt: skip
         return {name: digest_of(part) for name, part in parts.items()}
 
     @cached_property

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 ANSWER_WITHIN = 10.0  # of a scheduler [s]
 HEARD_WITHIN = 0.5  # of Ctrl-C [s]
 # What the steps after the runs import, half a second of it because xarray asks for dask's arrays.
-NEEDED_LATER = ("xarray", "dask.array", "distributed")
+# This thread alone does so: two that import the same at once may fail.
+NEEDED_LATER = ("archfrag.study.answer.fits", "dask.array", "distributed")
 _GO_ON = "finished parts are kept, the same command goes on"
 Made = tuple[Any, Table]  # the key of a chunk, and the rows of its runs
 _identity = cache(store.code_identity)
@@ -192,27 +193,27 @@ def workers_of(
     given = plan.study.execution.scheduler
     with contextlib.ExitStack() as stack:
         workers: Threads | Cluster
-        client = None if given or count else _current_client()
+        client: Client | None = None
         if given:
             client = stack.enter_context(_client_of(given))
+        elif not count and "distributed" in sys.modules:
+            from distributed import default_client
+
+            with contextlib.suppress(ValueError):  # a script has made none
+                client = default_client()
         if client is None:
             workers = Threads(plan, count or available_cores())
         else:
             name = given or client.scheduler.address
             workers = Cluster(plan, client, name)
-            say(f"archfrag: {_about(client, name)}")
+            threads, link = workers.count, ""
+            with contextlib.suppress(KeyError):  # without a dashboard
+                link = f"; dashboard {client.dashboard_link}" if client.dashboard_link else ""
+            have = "no worker yet; runs begin when one comes"
+            have = counted(threads, "thread") if threads else have
+            say(f"archfrag: cluster {name}: {have}{link}")
         stack.callback(workers.close)
         yield workers
-
-
-def _current_client() -> "Client | None":
-    """Return the dask client that a script has made, if it has."""
-    if "distributed" in sys.modules:
-        from distributed import default_client
-
-        with contextlib.suppress(ValueError):  # there is none
-            return default_client()
-    return None
 
 
 def _client_of(given: str) -> "Client":
@@ -230,12 +231,3 @@ def _client_of(given: str) -> "Client":
     except (OSError, TimeoutError, ValueError, RuntimeError, LookupError, TypeError) as error:
         what = f"{given} cannot be used: {error or type(error).__name__}"
         raise WorkerError(f"execution.scheduler: {what}; {_GO_ON}") from error
-
-
-def _about(client: "Client", name: str) -> str:
-    """Say how many threads a cluster has, and where it shows what they do."""
-    threads, link = sum(client.nthreads().values()), ""
-    with contextlib.suppress(KeyError):  # without a dashboard
-        link = client.dashboard_link
-    have = counted(threads, "thread") if threads else "no worker yet; runs begin when one comes"
-    return f"cluster {name}: {have}{f'; dashboard {link}' if link else ''}"

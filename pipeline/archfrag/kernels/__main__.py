@@ -1,0 +1,78 @@
+"""Make the sets of kernels of a study ready, or write the LLVM code that archfrag ships.
+
+``python -m archfrag.kernels ready [SET ...]`` or ``python -m archfrag.kernels build [FOLDER]``
+"""
+
+import contextlib
+import json
+import lzma
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from archfrag.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.kernels.load import SETS, SHIPPED, as_tuples, is_ready, make_ready
+
+
+def make_all_ready() -> None:
+    """Make the machine code of all sets; a second process makes what this one comes to last."""
+    missing = [name for name in SETS if not is_ready(name)]
+    with _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext():
+        for name in missing:
+            make_ready(name)
+
+
+@contextlib.contextmanager
+def _second_process(names: Sequence[str]) -> Iterator[None]:
+    """A process that makes some sets; none on one core. It ends with this one, by whatever end."""
+    places, process = [str(HOME.parent), os.environ.get("PYTHONPATH")], None
+    if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
+        with contextlib.suppress(OSError):
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "archfrag.kernels", "ready", *names],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
+                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+    try:
+        yield
+    finally:
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)
+
+
+def build(folder: Path = SHIPPED) -> None:
+    """Write the LLVM code of all sets, with the hash of the kernels' source.
+
+    The sets have what studies call, as `archfrag.warmup` tells.
+    """
+    from archfrag.kernels.compile import compile_set
+
+    used = subprocess.check_output([sys.executable, "-P", "-m", "archfrag.warmup"])
+    folder.mkdir(exist_ok=True)
+    for name, entries in json.loads(used).items():
+        offers, code = compile_set((kernel, as_tuples(key)) for kernel, key in entries)
+        header = json.dumps([source_hash(), offers]).encode()
+        (folder / f"{name}.xz").write_bytes(lzma.compress(header + b"\n" + code, preset=9))
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case ["build", *places]:
+            build(*map(Path, places))
+        case ["ready"]:
+            make_all_ready()
+        case ["ready", *names]:
+            threading.Thread(target=_end_with_parent, daemon=True).start()
+            for each in names:
+                make_ready(each)
+        case _:
+            sys.exit(__doc__)
