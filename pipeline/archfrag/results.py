@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.errors import FitError, InputError
 from archfrag.export.command import export_study
 from archfrag.files import WORK, make_folder
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
@@ -28,7 +28,7 @@ from archfrag.hazard import hazard_of_table, load_hazard
 from archfrag.report import make_report
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import in_unit
-from archfrag.study.answer.curves import capacities, fractions, quoted
+from archfrag.study.answer.curves import capacities, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.answer.risk import risk_facts, risk_of
 from archfrag.study.file.schema import Intensity, Study, load_study
@@ -253,7 +253,15 @@ class Results:
         records whose capacity lies below the level, as in the report. nan where nothing is known.
         InputError if runs have intensities of their own, as in a cloud.
         """
-        return fractions(self._cube, self._study.intensity.given)
+        columns, intensity = {}, self._cube["intensity"]
+        if intensity.ndim > 1:
+            rule = "so that no level has a fraction; see the curve"
+            raise InputError(f"fractions: runs have intensities of their own, {rule}")
+        for runs in runs_of_cube(self._cube):
+            known = count_verdicts(runs.brackets.filled if runs.design.adaptive else runs.verdict)
+            columns[runs.name] = known["collapsed"] / np.where(known["n"] > 0, known["n"], np.nan)
+        index = pd.Index(self._study.intensity.given, name=intensity.attrs["measure"])
+        return pd.DataFrame(columns, index=index)
 
     @property
     def capacities(self) -> pd.DataFrame:

@@ -4,6 +4,8 @@ On the probit scale P(collapse | im) = Phi((ln im - ln theta) / beta) is a strai
 with slope 1 / beta, in which all likelihoods are concave: there is one maximum, or none.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 

@@ -5,6 +5,8 @@ A channel is an obspy Trace. Its ``stats.record`` has what the header states, ``
 is refused unless accepted); if ``unit_in_file`` is empty the samples are those of the file.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any

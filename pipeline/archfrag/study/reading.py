@@ -70,7 +70,7 @@ class MotionList(list[Motion]):
             for about in (motion.metadata,)
         ]  # fmt: skip
         found = pd.DataFrame(rows)
-        return found[[name for name in found if (found[name].astype(str) != "").any()]]
+        return found[[name for name in found if found[name].astype(str).ne("").any()]]
 
     def __repr__(self) -> str:
         return self.table.to_string(max_rows=_MOST_ROWS) if self else "no motions"

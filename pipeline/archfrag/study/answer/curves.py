@@ -12,8 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import NOTHING, Brackets, Verdict, count_verdicts, find_brackets
+from archfrag.errors import FitError
+from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture, split_capacities, split_curves
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.limit_states import state_to_dict, told_order
@@ -88,12 +88,7 @@ def runs_of_cube(
 
 
 def capacities(cube: xr.Dataset, factor: float) -> pd.DataFrame:
-    """Capacity of each record for each arch, and the levels between which it lies.
-
-    `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the lowest
-    at which it collapses, inf if there is none; `capacity` their geometric mean; all times
-    `factor`.
-    """
+    """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
     records = cube["record"].values.astype(str)
     tables = [
         pd.DataFrame({
@@ -103,23 +98,6 @@ def capacities(cube: xr.Dataset, factor: float) -> pd.DataFrame:
         for runs in runs_of_cube(cube) for known in [runs.brackets]
     ]  # fmt: skip
     return pd.concat(tables, ignore_index=True)
-
-
-def fractions(cube: xr.Dataset, levels: Sequence[float]) -> pd.DataFrame:
-    """Fraction of the records that make each arch collapse at each level, (n_level, n_arch).
-
-    `levels` are those of the cube in the unit of the study. InputError if each run has an
-    intensity of its own.
-    """
-    columns = {}
-    if cube["intensity"].ndim > 1:
-        rule = "runs have intensities of their own, so that no level has a fraction; see the curve"
-        raise InputError(f"fractions: {rule}")
-    for runs in runs_of_cube(cube):
-        known = count_verdicts(runs.brackets.filled if runs.design.adaptive else runs.verdict)
-        columns[runs.name] = known["collapsed"] / np.where(known["n"] > 0, known["n"], np.nan)
-    index = pd.Index(levels, name=cube["intensity"].attrs["measure"])
-    return pd.DataFrame(columns, index=index)
 
 
 def answer(runs: Runs, confidence: float) -> Answer:

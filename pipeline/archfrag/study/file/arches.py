@@ -25,6 +25,7 @@ PROFILES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "block": (("width", "height", "friction"), ()),
     "polygons": (("outlines", "friction"), ("ground", *_DRAWN)),
 }  # fmt: skip
+_Profile: Any = Literal[tuple(PROFILES)]
 _MATERIAL = ("friction", "density", "depth")
 _COMMON = ("id", *_MATERIAL, "recess", "vary")
 # Columns of a table that are keys of its arches.
@@ -277,10 +278,7 @@ class ArchEntry(Section):
 
     id: Identifier
     """Name of the arch or class of arches in results: letters, digits and _ . + - only."""
-    profile: Literal[
-        "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block",
-        "polygons",
-    ] | None = None  # fmt: skip
+    profile: _Profile | None = None
     """Shape of the arch; not with drawing, and with table only if its rows do not give it."""
     table: PathText | None = None
     """Table (CSV) with an arch in each row: a column id, columns named like the keys here, and

@@ -105,6 +105,7 @@ class Plan:
     records: tuple[PreparedRecord, ...]
     identity: str = field(default_factory=lambda: code_identity())  # of the code that makes runs
     motions: tuple["Motion", ...] = ()  # of the records, where the study's folder is not at hand
+    built: "dict[int, Arch]" = field(default_factory=dict, compare=False)  # so far, by number
 
     def with_motions(self) -> "Plan":
         """Return the plan for workers that do not have the study's folder."""
@@ -116,11 +117,6 @@ class Plan:
         if self.motions:
             return self.motions[record]
         return _stored_motion(self.study.work, self.records[record])
-
-    @cached_property
-    def built(self) -> "dict[int, Arch]":
-        """Arches built so far, by their number."""
-        return {}
 
     def arch(self, number: int) -> "Arch":
         """Return an arch, built once."""
