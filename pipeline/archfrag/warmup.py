@@ -63,8 +63,8 @@ def is_shipped() -> bool:
     return all(load.is_shipped(name) for name in load.SETS)
 
 
-def kernels_are_compiled(method: str | None = None) -> bool:
-    """Whether `warmup` has only to load kernels; `method` as there."""
+def kernels_are_compiled() -> bool:
+    """Whether `warmup` has only to load the kernels of a study."""
     return all(load.is_ready(name) for name in load.SETS)
 
 

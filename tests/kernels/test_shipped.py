@@ -1,16 +1,20 @@
 """LLVM code that comes with archfrag: of this source, ready at once, the same bits everywhere."""
 
+import contextlib
 import json
 import lzma
 import os
 import subprocess
 import sys
+import time
 
 import llvmlite.binding as llvm
 import numpy as np
+import psutil
 import pytest
 
 import archfrag as af
+from archfrag.kernels import __main__ as ready
 from archfrag.kernels import load
 from archfrag.kernels.cache import source_hash
 from archfrag.simulate import results_of_runs
@@ -48,18 +52,36 @@ def test_machine_code_is_made_of_it_once_and_without_numba(tmp_path):
     assert told[1] == [True, True, "loading kernels", False]
 
 
-def test_a_second_process_makes_a_set_and_ends_with_the_first(tmp_path):
-    """Also where the source has no shipped code: here one that is of another source."""
-    code = (
-        "import archfrag.kernels.__main__ as m, archfrag.kernels.load as load\n"
-        "made = []\n"
-        "m.make_ready = lambda name: made.append(name)\n"
-        "m.make_all_ready()\n"
-        "print(made)"
-    )
+def test_a_second_process_ends_with_a_first_one_that_is_killed(tmp_path):
+    code = "from archfrag.kernels.__main__ import make_all_ready; make_all_ready()"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    printed = subprocess.check_output([sys.executable, "-c", code], env=environment, text=True)
-    assert printed == "['rest', 'steps', 'events']\n"
+    first = subprocess.Popen([sys.executable, "-c", code], env=environment)
+    try:
+        helpers, until = [], time.monotonic() + 60.0
+        while not helpers:
+            assert time.monotonic() < until
+            helpers = psutil.Process(first.pid).children()
+    finally:
+        first.kill()
+        first.wait()
+    _, alive = psutil.wait_procs(helpers, timeout=20.0)
+    assert not alive
+    assert not list(tmp_path.rglob("events-*"))  # it has not gone on to its end
+
+
+def test_a_list_of_kernels_that_is_older_than_their_source_is_said(monkeypatch):
+    made = []
+
+    def make(name):
+        made.append(name)
+        raise TypeError("missing a required argument")
+
+    monkeypatch.setattr(ready, "is_ready", lambda name: False)
+    monkeypatch.setattr(ready, "make_ready", make)
+    monkeypatch.setattr(ready, "_second_process", lambda names: contextlib.nullcontext())
+    with pytest.warns(UserWarning, match="run `python -m archfrag.kernels build`") as said:
+        ready.make_all_ready()
+    assert (made, len(said)) == (list(load.SETS), 3)
 
 
 def runs(name):

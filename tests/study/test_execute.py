@@ -85,7 +85,7 @@ def test_the_bar_counts_from_the_first_run_to_an_estimate_that_stays(
     for part in copied.plan.parts.glob("*.npy"):
         part.unlink()
     monkeypatch.setattr(execute, "_Bar", Bar)
-    monkeypatch.setattr("archfrag.warmup.kernels_are_compiled", lambda name: False)
+    monkeypatch.setattr("archfrag.warmup.kernels_are_compiled", lambda: False)
     monkeypatch.setattr("archfrag.warmup.warmup", warmup)
     monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
     monkeypatch.setattr(sys, "stderr", Terminal())

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -18,11 +19,19 @@ from archfrag.kernels.load import SETS, SHIPPED, as_tuples, is_ready, make_ready
 
 
 def make_all_ready() -> None:
-    """Make the machine code of all sets; a second process makes what this one comes to last."""
+    """Make the machine code of all sets; a second process makes what this one comes to last.
+
+    Kernels of a set that cannot be compiled as its list says are compiled when they are called.
+    """
     missing = [name for name in SETS if not is_ready(name)]
     with _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext():
         for name in missing:
-            make_ready(name)
+            try:
+                make_ready(name)
+            except Exception as error:  # numba's errors have many bases
+                how = "if the kernels are right, run `python -m archfrag.kernels build`"
+                what = f"kernels of set {name} do not take what they took when it was built"
+                warnings.warn(f"{what} ({type(error).__name__}); {how}", stacklevel=2)
 
 
 @contextlib.contextmanager

@@ -193,7 +193,7 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
     compile_time = 0.0
     with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
         name = method_to_compile(plan)
-        if not kernels_are_compiled(name):  # else each worker loads them for itself
+        if not kernels_are_compiled():  # else each worker loads them for itself
             bar.bar_format = "{desc}"
             show = partial(bar.set_description_str, refresh=False)
             compile_time = warmup(name, progress=show)
