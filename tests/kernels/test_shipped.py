@@ -41,6 +41,11 @@ def test_it_is_of_this_source_and_of_the_kernels_that_studies_call():
     assert found == shipped, f"run `{BUILD}`"
 
 
+def test_it_does_not_say_where_numba_was_installed():
+    for name in load.SETS:
+        assert "site-packages" not in str(llvm.parse_bitcode(load._shipped(name)[2]))
+
+
 def test_machine_code_is_made_of_it_once_and_without_numba(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     told = [
