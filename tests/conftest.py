@@ -62,7 +62,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def change_last_bits(k: int) -> None:
     """Multiply the ground motions of all simulations in this process by 1 + `k` 1e-13."""
-    simulation: Any = import_module("archfrag.simulate")
+    simulation: Any = import_module("archfrag.simulation.simulate")
     exact = simulation.ground_of
 
     def changed(*given: Any) -> tuple[Any, ...]:

@@ -23,14 +23,12 @@ def test_names_are_there_and_an_unknown_one_is_refused():
     [
         ("import archfrag; print([m for m in ('numpy', 'numba', 'scipy', 'obspy', 'xarray', "
          "'matplotlib', 'dask') if m in sys.modules])", "[]"),
-        ("import archfrag, archfrag.simulate; from archfrag.simulate import simulate;"
-         "print(callable(archfrag.simulate), archfrag.simulate is simulate)", "True True"),
         ("import numpy as np, archfrag as af;"
          "af.simulate(af.Block(1.0, 2.0, 0.6), af.Motion(np.zeros(5), 0.01));"
          "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])",
          "[]"),
     ],
-    ids=["importing loads nothing heavy", "simulate is a function", "a worker loads no reader"],
+    ids=["importing loads nothing heavy", "a worker loads no reader"],
 )  # fmt: skip
 def test_a_new_process(code, printed):
     command = [sys.executable, "-c", f"import sys; {code}"]

@@ -12,7 +12,7 @@ from IPython import get_ipython
 from IPython.display import HTML
 from matplotlib.figure import Figure, FigureBase
 
-from archfrag.report.drawing import GREY, INK, PALE
+from archfrag.report.svg import GREY, INK, PALE
 
 WIDTH = 7.4  # of a figure as wide as the text [inch]
 STYLE = {

@@ -17,8 +17,8 @@ from look import picture, svg_of, themed
 from matplotlib.figure import Figure
 
 import archfrag as af
-from archfrag.report.arch import Example, arch_at_onset
-from archfrag.report.drawing import BLUE, GREY, SKY, VERMILION
+from archfrag.report.arch_figure import Example, arch_at_onset
+from archfrag.report.svg import BLUE, GREY, SKY, VERMILION
 from archfrag.report.html import STYLE
 from archfrag.report.moving import film as film_and_frames
 

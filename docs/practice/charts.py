@@ -13,7 +13,7 @@ from showing import ROOT, table
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as G
-from archfrag.report.drawing import BLUE, GREY, INK, VERMILION
+from archfrag.report.svg import BLUE, GREY, INK, VERMILION
 from archfrag.study.file.schema import load_study
 
 STEP = 0.005  # of motions [s]

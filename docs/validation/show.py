@@ -10,7 +10,7 @@ import numpy as np
 from IPython.display import HTML
 from matplotlib.figure import Figure
 
-from archfrag.report.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION
+from archfrag.report.svg import BLUE, GREEN, GREY, ORANGE, VERMILION
 
 ROWS = Path(__file__).with_name("values.csv")
 SOLVERS = re.compile("LMGC90|MuJoCo|pymunk|Siconos|UDEC|HybriDFEM")

@@ -14,9 +14,9 @@ from archbench.scene import Scene
 from archbench.settings import default_setting
 from archbench.solve import arch_of, solve
 from archfrag.errors import ArchfragError
-from archfrag.mechanics.status import Status
-from archfrag.simulate import onset
-from archfrag.simulation.checks import available_methods
+from archfrag.physics.status import Status
+from archfrag.simulation.arguments import available_methods
+from archfrag.simulation.simulate import onset
 
 FOLDER = Path(__file__).parent / "cases"
 # Longest that a case may take a method, all variants together [s].

@@ -12,9 +12,9 @@ from archbench.exact import Rocking, largest_load
 from archbench.measures import energy_gain, overlap, path_energy_gain
 from archbench.scene import STANDARD_GRAVITY, Array, Scene
 from archbench.solve import arch_of, motion_of
-from archfrag.mechanics.status import Status
-from archfrag.simulate import onset
+from archfrag.physics.status import Status
 from archfrag.simulation.response import Response
+from archfrag.simulation.simulate import onset
 
 # What contacts may not do in any case; both in parts, see `archbench.measures`.
 MOST_ENERGY_GAIN = 1e-3

@@ -17,7 +17,7 @@ from archbench.scene import Array, Scene, load_scene
 from archbench.settings import COLUMNS, Setting, default_setting
 from archbench.solve import Solution, solve
 from archfrag.errors import ArchfragError
-from archfrag.simulation.checks import available_methods
+from archfrag.simulation.arguments import available_methods
 
 NUMBERS = {True: (7, 10, 14, 20, 27, 38, 54), False: (7, 10, 14, 20, 27, 38, 54, 81, 108)}
 REPEATS, SECONDS = 5, 1.5

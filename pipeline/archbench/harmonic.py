@@ -20,7 +20,7 @@ import numpy as np
 import archfrag as af
 from archbench.scene import STANDARD_GRAVITY
 from archfrag.errors import UnitWarning
-from archfrag.study.files import commit
+from archfrag.study.provenance import commit
 
 PACE, SAMPLES = 5.0, 60  # p [1/s]; samples of a period of the ground
 # The map: slenderness [rad], W and A; it starts from rest where the ground accelerates most.

@@ -27,7 +27,7 @@ import archfrag as af
 from archbench.scene import STANDARD_GRAVITY
 from archfrag.fragility.counts import draws_of_records
 from archfrag.fragility.probit import binomial_lines
-from archfrag.study.files import commit
+from archfrag.study.provenance import commit
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -17,7 +17,7 @@ from archbench.quantities import QUANTITIES
 from archbench.runner import Bench, load_tables
 from archfrag.errors import InputError
 from archfrag.files import replacing
-from archfrag.study.files import available_cores
+from archfrag.study.provenance import available_cores
 
 PARTS = {
     "speed": "Speed against accuracy",

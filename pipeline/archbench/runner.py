@@ -21,10 +21,10 @@ import psutil
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.kernels.cache import kernel_hash
-from archfrag.simulation.checks import available_methods
-from archfrag.study.files import commit, machine, strict_json, versions
-from archfrag.warmup import warmup
+from archfrag.physics.kernels.cache import kernel_hash
+from archfrag.simulation.arguments import available_methods
+from archfrag.simulation.warmup import warmup
+from archfrag.study.provenance import commit, machine, strict_json, versions
 
 Key = tuple[Any, ...]
 Row = dict[str, Any]

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from archfrag.methods.registry import known_methods
-from archfrag.simulation.checks import available_methods, default_of
+from archfrag.physics.methods.registry import known_methods
+from archfrag.simulation.arguments import available_methods, default_of
 
 OTHERS = "other solvers"
 COLUMNS = ("method", "parameter", "value", "settings")

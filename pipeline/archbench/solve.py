@@ -16,11 +16,11 @@ from archbench.scene import Array, Scene
 from archbench.settings import Setting
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.mechanics.status import Status
 from archfrag.motions.motion import Motion
 from archfrag.motions.read import read_motion
-from archfrag.simulate import simulate_runs
+from archfrag.physics.status import Status
 from archfrag.simulation.response import Response
+from archfrag.simulation.simulate import simulate_runs
 
 RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]
 NONE = np.zeros(0)

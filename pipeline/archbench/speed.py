@@ -18,7 +18,7 @@ from archbench.scene import Scene, load_scene, scene_names
 from archbench.settings import COLUMNS, Setting, ladders
 from archbench.solve import Solution, collapses, nearest_change, solve, solve_many, with_samples
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import AUTO, known_methods
+from archfrag.physics.methods.registry import AUTO, known_methods
 
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5

@@ -18,8 +18,8 @@ from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
 from archbench.settings import Setting
 from archbench.solve import Frames, arch_of, solve
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import known_methods
-from archfrag.simulation.checks import available_methods, default_of
+from archfrag.physics.methods.registry import known_methods
+from archfrag.simulation.arguments import available_methods, default_of
 
 # Kinds of failure from the worst to the mildest.
 FAILURES = (

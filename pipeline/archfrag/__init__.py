@@ -1,25 +1,25 @@
 """Earthquake records to collapse probabilities of masonry arches."""
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+from archfrag.version import __version__
 
 _NAMES = {
     "archfrag.arch": ("Arch", "Block"),
     "archfrag.motions.formats.columns": ("Columns",),
     "archfrag.motions.motion": ("Motion",),
     "archfrag.motions.read": ("read_motion",),
-    "archfrag.simulate": ("Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"),
+    "archfrag.simulation.simulate": (
+        "Onset", "Response", "limit_load", "onset", "simulate", "simulate_many",
+    ),
     "archfrag.simulation.springings": ("move_springing", "springing_path"),
     "archfrag.simulation.strength": ("crushed",),
     "archfrag.fragility.fit": ("Fragility", "fit_ida", "fit_stripes"),
     "archfrag.study.reading": ("read_motions",),
     "archfrag.studies": ("Study",),
     "archfrag.results": ("Curve", "Results", "open"),
-}
+}  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Arch", "Block", "Columns", "Curve", "Fragility", "Motion", "Onset", "Response", "Results",
@@ -34,7 +34,14 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
     from archfrag.results import Curve, Results, open
-    from archfrag.simulate import Onset, Response, limit_load, onset, simulate, simulate_many
+    from archfrag.simulation.simulate import (
+        Onset,
+        Response,
+        limit_load,
+        onset,
+        simulate,
+        simulate_many,
+    )
     from archfrag.simulation.springings import move_springing, springing_path
     from archfrag.simulation.strength import crushed
     from archfrag.studies import Study
@@ -49,13 +56,3 @@ def __getattr__(name: str):
 
 def __dir__():
     return __all__
-
-
-class _Package(ModuleType):
-    # ``archfrag.simulate`` is the function though a module has the same name.
-    simulate = property(
-        lambda self: import_module("archfrag.simulate").simulate, lambda self, module: None
-    )
-
-
-sys.modules[__name__].__class__ = _Package

@@ -4,8 +4,6 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar
 
-from archfrag.mechanics.status import Status
-
 Made = TypeVar("Made")
 
 
@@ -109,27 +107,3 @@ def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -
         # After all simulations a report without one part is better than none.
         kind = type(error).__name__
         return f"{kind}: {error}; this is an error in archfrag: please report it"
-
-
-STATUS_MESSAGE = {
-    Status.STANDING:
-        "the arch came to rest with contact kept or regained at every joint, or sways calmly on "
-        "its ties",
-    Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
-    Status.UNFINISHED:
-        "the arch was still moving at the end of the follow-on time; raise `follow`",
-    Status.NO_CONTACT_SOLUTION:
-        "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
-        "report the case",
-    Status.DOES_NOT_STAND:
-        "the arch does not stand under its own weight; make it thicker or raise the friction",
-    Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
-    Status.WORK_BOUND:
-        "the run needed more steps than its length allows; try a larger `rtol` or another "
-        "`method`",
-    Status.NOT_APPLICABLE:
-        "the method has no model for this mechanism or this initial state; use `auto`",
-    Status.INACCURATE:
-        "energy balance or overlap missed the tolerance; try a smaller `rtol`, and please report "
-        "the case",
-}  # fmt: skip

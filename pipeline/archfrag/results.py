@@ -24,7 +24,6 @@ from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
-from archfrag.hazard import hazard_of_table, load_hazard
 from archfrag.report import make_report
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import in_unit
@@ -32,14 +31,15 @@ from archfrag.study.answer.curves import capacities, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube, fit_text
 from archfrag.study.answer.risk import risk_facts, risk_of
 from archfrag.study.file.schema import Intensity, Study, load_study
-from archfrag.study.files import OWNER, read_stamp, read_state, write_text
+from archfrag.study.hazard import hazard_of_table, load_hazard
+from archfrag.study.provenance import OWNER, read_stamp, read_state, write_text
 from archfrag.study.steps import finished, make_step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from archfrag.plots import Film
-    from archfrag.simulate import Response
+    from archfrag.simulation.simulate import Response
 
 PathLike = str | os.PathLike[str]
 Hazards = Any  # PathLike, sequence of PathLike, or a table (n, 2)

@@ -25,10 +25,11 @@ from archfrag.report import make_report
 from archfrag.results import Results
 from archfrag.study.file import check_text, schema
 from archfrag.study.file.arches import VARIABLE
-from archfrag.study.files import digest_of, write_text
+from archfrag.study.provenance import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study
-from archfrag.study.text import LARGEST_FILE, relative, yaml_of
+from archfrag.study.yaml_text import LARGEST_FILE, relative, yaml_of
+from archfrag.version import __version__
 
 Arches = Arch | Mapping[str, Any] | Sequence[Arch]
 Motions = Motion | str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
@@ -154,8 +155,6 @@ class Study:
         Other files stay where they are, and their paths are relative to the new file. Its results
         will be in results/ID beside it. OutputError if a file cannot be written.
         """
-        from archfrag import __version__
-
         path, keys = Path(path), self._keys.model_dump(exclude_unset=True)
         folder = make_folder(path.parent).resolve()
         if folder != self.folder.resolve():

@@ -10,7 +10,7 @@ import archfrag as af
 from archfrag.arch.facts import facts_of, facts_text, unit_cautions
 from archfrag.errors import StabilityError, UnitWarning
 from archfrag.study.file.arches import ArchEntry
-from archfrag.study.text import parse_value
+from archfrag.study.yaml_text import parse_value
 from tests.arch.test_arch import CHAINS
 from tests.study.small import ROOT, TEXT, command, small_study
 

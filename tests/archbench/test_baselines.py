@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from tests.mechanics.linkages import joined
+from tests.physics.linkages import joined
 from tests.validation.scenes import g, oppenheim, pulse, tilted
 
 import archfrag as af
@@ -22,12 +22,12 @@ from archbench.baselines.springs import Sum, new_springs, press_joints
 from archbench.exact import Rocking
 from archbench.paper.arch import hinge_matrix
 from archfrag.errors import InputError
-from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import grounds_of
-from archfrag.mechanics.model import model_of, new_state, new_work
-from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
-from archfrag.mechanics.status import Status
-from archfrag.mechanics.types import Options
+from archfrag.physics.contact.placing import move_faces
+from archfrag.physics.ground import grounds_of
+from archfrag.physics.interface import Options
+from archfrag.physics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
+from archfrag.physics.state import model_of, new_state, new_work
+from archfrag.physics.status import Status
 from archfrag.simulation.response import empty_output
 
 LINKS, SPRINGS = "four_link", "penalty"

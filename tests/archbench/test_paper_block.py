@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.mechanics.adapters import Mode, pose, solve
+from tests.physics.adapters import Mode, pose, solve
 
 from archbench.paper import block as paper
 from archbench.paper.block import CORNER_A, CORNER_B, gradient, metric, uniform_block

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from archfrag.export.formats import CurveSet
+from archfrag.export.writers import CurveSet
 from archfrag.fragility.fit import Fragility
 
 MADE = {

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
-from archfrag.export import FORMATS, formats
+from archfrag.export import FORMATS, writers
 from archfrag.export.command import LIMIT_STATES, _not_fitted, export_study
 from archfrag.study import steps
 from archfrag.study.answer.fits import load_fits
@@ -159,7 +159,7 @@ def test_formats_have_their_functions_and_are_told_in_the_help():
     for name, (about, receiver, functions) in FORMATS.items():
         assert f"{name:15}  {about}" in text
         assert bool(functions) == bool(receiver)
-        assert all(callable(getattr(formats, each)) for each in functions.values())
+        assert all(callable(getattr(writers, each)) for each in functions.values())
 
 
 def test_no_curve_at_all(study):

@@ -19,7 +19,7 @@ import pytest
 import scipy.stats
 
 from archfrag.errors import InputError
-from archfrag.export import formats
+from archfrag.export import writers
 from tests.export.made import STATES, curve_set, fragility, lognormal
 
 G = 9.80665
@@ -29,7 +29,7 @@ NONE = dict.fromkeys(STATES, "all runs stood & nothing fell")
 def parsed(text):
     root = lxml.etree.fromstring(text.encode("utf-8"))
     (model,) = root
-    assert root.tag == f"{{{formats.NAMESPACE}}}nrml"
+    assert root.tag == f"{{{writers.NAMESPACE}}}nrml"
     return model
 
 
@@ -46,7 +46,7 @@ def parsed(text):
     ],
 )
 def test_names_of_measures(receiver, measure, name, unit, si, note):
-    named = formats.named_measure(receiver, measure)
+    named = writers.named_measure(receiver, measure)
     assert named[:2] == (name, unit)
     assert named.factor * si == pytest.approx(1.0, rel=1e-15)
     assert note in named.condition
@@ -60,11 +60,11 @@ def test_names_of_measures(receiver, measure, name, unit, si, note):
 )  # fmt: skip
 def test_measures_that_a_receiver_does_not_know(receiver, measure, message):
     with pytest.raises(InputError, match=message):
-        formats.named_measure(receiver, measure)
+        writers.named_measure(receiver, measure)
 
 
 class TestNrml:
-    @pytest.mark.parametrize("write", [formats.nrml_continuous, formats.nrml_discrete])
+    @pytest.mark.parametrize("write", [writers.nrml_continuous, writers.nrml_discrete])
     def test_structure(self, write):
         description, states, *functions = parsed(write(curve_set(tower=NONE)))
         assert "PGA in g" in description.text
@@ -80,7 +80,7 @@ class TestNrml:
     def test_levels_hold_the_curve_and_are_close_enough_between(self, beta):
         states = {name: fragility(f, beta) for name, f in zip(STATES, (2.0, 3.0, 4.0))}
         curves = curve_set(**{"ring-7": states})
-        imls, *rows = parsed(formats.nrml_discrete(curves))[2]
+        imls, *rows = parsed(writers.nrml_discrete(curves))[2]
         levels = np.array(imls.text.split(), dtype=float) * G
         assert (np.diff(levels) > 0).all()
         assert levels[0] <= curves.levels[0] < curves.levels[1] <= levels[-1]
@@ -97,7 +97,7 @@ class TestNrml:
 
 def test_pelicun():
     curves = curve_set("Sa(0.5)", tower=NONE)
-    rows = list(csv.DictReader(io.StringIO(formats.pelicun_table(curves))))
+    rows = list(csv.DictReader(io.StringIO(writers.pelicun_table(curves))))
     assert [row["ID"] for row in rows] == ["ring_7", "wall_2"]
     fixed = {
         "Demand-Type": "Spectral Acceleration|0.5", "Demand-Unit": "g", "Demand-Offset": "0",
@@ -109,17 +109,17 @@ def test_pelicun():
             assert row[f"LS{number}-Family"] == "lognormal"
             assert float(row[f"LS{number}-Theta_0"]) == pytest.approx(fit.theta / G, rel=1e-14)
             assert float(row[f"LS{number}-Theta_1"]) == fit.beta
-    about = json.loads(formats.pelicun_description(curves))
+    about = json.loads(writers.pelicun_description(curves))
     assert about["_GeneralInformation"]["archfrag"]["cube_sha256"] == "0" * 64
     assert list(about["_GeneralInformation"]["LeftOut"]) == ["tower"]
     assert about["ring_7"]["LimitStates"]["LS3"]["DS3"]["Description"] == "collapse"
     with pytest.raises(InputError, match="arch 'ring_7' would have the id 'ring_7'"):
-        formats.pelicun_table(curve_set(ring_7=curves.curves["ring-7"]))
+        writers.pelicun_table(curve_set(ring_7=curves.curves["ring-7"]))
 
 
 def test_in_core():
     curves = curve_set("Sa(0.2)", tower=NONE)
-    sets = formats.in_core_sets(curves)
+    sets = writers.in_core_sets(curves)
     assert list(sets) == ["ring-7", "wall+2"]
     for arch, text in zip(curves.complete, sets.values(), strict=True):
         content = json.loads(text)
@@ -134,7 +134,7 @@ def test_in_core():
                 expected = lognormal(im * G, fit.theta, fit.beta)
                 assert value == pytest.approx(expected, abs=1e-12)
     states = {f"s{n}": fragility(n + 1.0, 0.4) for n in range(5)}
-    (text, _) = formats.in_core_sets(curve_set(**{"ring-7": states, "wall+2": states})).values()
+    (text, _) = writers.in_core_sets(curve_set(**{"ring-7": states, "wall+2": states})).values()
     named = [each["description"] for each in json.loads(text)["fragilityCurves"]]
     assert named == ["LS_0: s1", "LS_1: s2", "LS_2: s3", "LS_3: s4"]
 
@@ -172,15 +172,15 @@ def compare(found, curves):
     "measure", ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "CAV", "Arias"]
 )
 def test_parser_of_openquake(tmp_path, measure):
-    curves, named = curve_set(measure), formats.named_measure("OpenQuake", measure)
+    curves, named = curve_set(measure), writers.named_measure("OpenQuake", measure)
     path, levels = tmp_path / "model.xml", json.dumps(asked(curves, named.factor))
-    path.write_text(formats.nrml_continuous(curves), encoding="utf-8")
+    path.write_text(writers.nrml_continuous(curves), encoding="utf-8")
     found = ask("OPENQUAKE", path, levels)
     assert found["measures"] == [named.name]
     assert "0" * 64 in found["description"]
     compare({a: s.values() for a, s in found["probabilities"].items()}, curves)
     # A discrete curve is exact at its levels, the median among them; a line lies between.
-    path.write_text(formats.nrml_discrete(curves), encoding="utf-8")
+    path.write_text(writers.nrml_discrete(curves), encoding="utf-8")
     found = ask("OPENQUAKE", path, levels)
     for arch, states in found["probabilities"].items():
         assert states["collapse"][0] == pytest.approx(0.5, abs=1e-6), arch
@@ -189,9 +189,9 @@ def test_parser_of_openquake(tmp_path, measure):
 @pytest.mark.parametrize("measure", ["PGA", "PGV", "PGD", "Sa(0.5)"])
 @pytest.mark.parametrize("states", [("rocking", "damage", "collapse"), ("collapse",)])
 def test_parser_of_in_core(tmp_path, measure, states):
-    curves, named = curve_set(measure, states=states), formats.named_measure("IN-CORE", measure)
+    curves, named = curve_set(measure, states=states), writers.named_measure("IN-CORE", measure)
     found = {}
-    for arch, text in zip(curves.complete, formats.in_core_sets(curves).values()):
+    for arch, text in zip(curves.complete, writers.in_core_sets(curves).values()):
         path = tmp_path / f"{arch}.json"
         path.write_text(text, encoding="utf-8")
         levels = json.dumps(asked(curves, named.factor)[arch])
@@ -207,7 +207,7 @@ def test_parser_of_in_core(tmp_path, measure, states):
 def test_parser_of_pelicun(tmp_path, measure, demand):
     curves = curve_set(measure)
     path, ids = tmp_path / "damage.csv", {"ring-7": "ring_7", "wall+2": "wall_2"}
-    path.write_text(formats.pelicun_table(curves), encoding="utf-8")
+    path.write_text(writers.pelicun_table(curves), encoding="utf-8")
     levels = json.dumps({ids[arch]: values for arch, values in asked(curves).items()})
     found = ask("PELICUN", path, levels, demand)
     compare({a: found["probabilities"][i].values() for a, i in ids.items()}, curves)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.fragility.counts import find_brackets
-from archfrag.fragility.measures import compare_measures
+from archfrag.fragility.efficiency import compare_measures
 
 LEVELS = np.geomspace(0.2, 16.0, 18)
 THETA, BETA = 0.2, 0.25

@@ -6,8 +6,8 @@ import pytest
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
+from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes
-from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import check_lognormal, isotonic_curve, quoted_band, quoted_runs
 from archfrag.fragility.risk import HazardCurve, collapse_rate, level_edges

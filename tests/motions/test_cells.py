@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.hazard import load_hazard
 from archfrag.motions.formats.columns import parse_columns
 from archfrag.motions.index import load_index
 from archfrag.motions.read import read_motion
 from archfrag.motions.selection import read_target
+from archfrag.study.hazard import load_hazard
 
 from .helpers import at2_text, refused, wave
 

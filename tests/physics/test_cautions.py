@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.simulation.cautions import arch_cautions, inset_loss, inset_text
+from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text
 
 RING = af.Arch.segmental(span=8.0, rise=3.0, thickness=0.6, voussoirs=9, friction=0.6)
 

@@ -5,7 +5,7 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.mechanics.status import Status
+from archfrag.physics.status import Status
 from tests.validation.scenes import g, oppenheim, sampled
 
 STILL = af.Motion(np.zeros(100), 0.01)

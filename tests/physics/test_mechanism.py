@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics.contact.placing import clearance, corner_slip, move_faces
-from archfrag.mechanics.mega_voussoirs.assemble import (
+from archfrag.physics.contact.placing import clearance, corner_slip, move_faces
+from archfrag.physics.mega_voussoirs.assemble import (
     assemble,
     gather_state,
     new_mega_voussoirs,
     split_state,
 )
-from archfrag.mechanics.model import model_of, new_work
-from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, set_modes, views_of
+from archfrag.physics.state import model_of, new_work
+from tests.physics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, set_modes, views_of
 from tests.validation.scenes import oppenheim
 
 INNER, OUTER = Mode((0,)), Mode((1,))

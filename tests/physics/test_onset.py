@@ -9,8 +9,8 @@ import pytest
 import archfrag as af
 from archbench.paper.arch import least_load, mechanism_of
 from archfrag.errors import StabilityError
-from tests.mechanics.adapters import CLOSED, Posed
-from tests.mechanics.linkages import joined
+from tests.physics.adapters import CLOSED, Posed
+from tests.physics.linkages import joined
 from tests.validation.scenes import g, limit_analysis
 
 

@@ -10,7 +10,7 @@ import pytest
 import archfrag as af
 from archbench.measures import energy_gain, overlaps
 from archfrag.errors import GeometryError
-from archfrag.mechanics.status import Status
+from archfrag.physics.status import Status
 from tests.validation.scenes import g
 
 ANSWERS = Status.STANDING, Status.COLLAPSED, Status.UNFINISHED

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archbench.paper.arch import cross
-from tests.mechanics.linkages import rotate
+from tests.physics.linkages import rotate
 from tests.validation.scenes import g, sampled
 
 PERIOD = 0.8

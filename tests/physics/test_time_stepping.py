@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.kernels.kernel import kernel
-from archfrag.mechanics.contact.path import solve_with_fallback
-from archfrag.mechanics.contact.placing import move_faces, relative_velocity
-from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import grounds_of, impulse_between
-from archfrag.mechanics.model import Clock, model_of
-from archfrag.mechanics.status import Count, Energy, Status
-from archfrag.mechanics.types import Options
-from archfrag.methods.common import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
-from archfrag.methods.time_stepping.run import new_one
-from archfrag.methods.time_stepping.service import code_after
-from archfrag.methods.time_stepping.step import accept_step, pose_step, time_before
+from archfrag.physics.contact.path import solve_with_fallback
+from archfrag.physics.contact.placing import move_faces, relative_velocity
+from archfrag.physics.energy import energies_of
+from archfrag.physics.ground import grounds_of, impulse_between
+from archfrag.physics.interface import Options
+from archfrag.physics.kernels.kernel import kernel
+from archfrag.physics.methods.common import AT_END, EXHAUSTED, PAUSE, UNSOLVED, clear
+from archfrag.physics.state import Clock, model_of
+from archfrag.physics.status import Count, Energy, Status
+from archfrag.physics.steps.run import new_one
+from archfrag.physics.steps.service import code_after
+from archfrag.physics.steps.step import accept_step, pose_step, time_before
 from tests.validation.scenes import g, oppenheim, pulse, sampled
 
 simulate = functools.partial(af.simulate, method="time_stepping")
@@ -137,7 +137,7 @@ def test_a_run_ends_in_time_though_every_step_needs_service(time, steps, ends, s
 
 def test_residual_falls_with_the_step(monkeypatch):
     # Measured in every step, with the reactions of the step that led to a state.
-    monkeypatch.setattr(sys.modules["archfrag.simulate"], "CHECK_INTERVAL", 1)
+    monkeypatch.setattr(sys.modules["archfrag.simulation.simulate"], "CHECK_INTERVAL", 1)
     coarse, fine = (
         simulate(oppenheim(), pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
     )

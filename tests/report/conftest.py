@@ -2,7 +2,7 @@
 
 import pytest
 
-from archfrag.report.drawing import Panel, Sheet
+from archfrag.report.svg import Panel, Sheet
 
 
 @pytest.fixture

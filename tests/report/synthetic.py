@@ -7,10 +7,10 @@ from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
+from archfrag.physics.status import CollapseMode
 from archfrag.report.inputs import ReportInputs, Scale
-from archfrag.simulate import onset
+from archfrag.simulation.simulate import onset
 from archfrag.study.answer.curves import answer, runs_of_cube
 
 GRAVITY = 9.80665

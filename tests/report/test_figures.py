@@ -11,13 +11,13 @@ import pytest
 
 import archfrag as af
 from archfrag.fragility.counts import Verdict
-from archfrag.mechanics.status import CollapseMode, Status
-from archfrag.report import arch as arches
-from archfrag.report import curves, drawing, moving, page, runs
-from archfrag.report.drawing import NARROW, SIZE, SMALL, WIDE, text_width
+from archfrag.physics.status import CollapseMode, Status
+from archfrag.report import arch_figure as arches
+from archfrag.report import curve_figures, moving, page, run_tables, svg
 from archfrag.report.film import save_film
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, thetas
+from archfrag.report.svg import NARROW, SIZE, SMALL, WIDE, text_width
 from archfrag.simulation.response import MechanismChange
 from archfrag.study.file.schema import Method
 from tests.report import synthetic
@@ -75,10 +75,10 @@ class TestLabelsKeepClear:
     @pytest.mark.parametrize("n_level", [2, 9, 40])
     def test_figures_over_levels(self, n_level, drawn):
         data = results(n_level=n_level)
-        runs.verdict_map(data)
-        curves.curve(data, synthetic.none("no run collapsed"))
-        curves.curve(data, synthetic.answer_of(4.0))
-        runs.fractions(runs.groupings(data, 0.9), data, "the base")
+        run_tables.verdict_map(data)
+        curve_figures.curve(data, synthetic.none("no run collapsed"))
+        curve_figures.curve(data, synthetic.answer_of(4.0))
+        run_tables.fractions(run_tables.groupings(data, 0.9), data, "the base")
         assert [sheet.width for sheet in drawn] == 4 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
         assert "θ = 0.408 g" in {words for words, *_ in texts(drawn[5])}
@@ -87,18 +87,18 @@ class TestLabelsKeepClear:
     def test_records(self, n_record, drawn):
         items = synthetic.motions(n_record)
         names = [f"拼音{i}" for i in range(n_record)]
-        shown = runs.verdict_map(replace(results(items=items), records=names))
+        shown = run_tables.verdict_map(replace(results(items=items), records=names))
         assert all(name in shown.svg and name in shown.narrow for name in names)
         assert [overlaps(sheet) for sheet in drawn] == 2 * [[]]
         assert page.thumbnails(items).svg.count("<svg") == n_record
 
     def test_capacities_are_between_the_runs_that_bound_them(self, monkeypatch):
-        lines, drawn = [], drawing.Panel.line
+        lines, drawn = [], svg.Panel.line
         monkeypatch.setattr(
-            drawing.Panel, "line", lambda *given: lines.append(given[1:3]) or drawn(*given)
+            svg.Panel, "line", lambda *given: lines.append(given[1:3]) or drawn(*given)
         )
         data = results(n_level=9)
-        runs.verdict_map(data)
+        run_tables.verdict_map(data)
         x, y = lines[-1]
         collapsed = data.verdict == Verdict.COLLAPSED
         lowest = np.sort(np.where(collapsed.any(axis=1), collapsed.argmax(axis=1), 9))[::-1]
@@ -109,7 +109,7 @@ class TestLabelsKeepClear:
     @pytest.mark.parametrize("count", [2, 12, 40])
     def test_curves_of_all_arches(self, count, drawn):
         answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
-        shown = curves.all_curves(synthetic.inputs(at=0.3), answers, {})
+        shown = curve_figures.all_curves(synthetic.inputs(at=0.3), answers, {})
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert shown.svg.count("stroke-linejoin") >= count
 
@@ -118,12 +118,12 @@ class TestLabelsKeepClear:
         answers = {f"a{i}": a for i, a in enumerate(members)} | {"alone": synthetic.answer_of(6.0)}
         made, data = {"thin": synthetic.answer_of(3.0)}, synthetic.cube(list(answers))
         data["arch_class"] = ("arch", ["thin"] * 20 + ["alone"])
-        curves.all_curves(synthetic.inputs(cube=data, answers=answers), answers, made)
+        curve_figures.all_curves(synthetic.inputs(cube=data, answers=answers), answers, made)
         words = {words for words, *_ in texts(drawn[0])}
         assert {"thin", "alone", "each arch"} <= words
         assert "a3" not in words
         values = {"a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20)}
-        curves.theta_panels(thetas(members), values, "ring", "g")
+        curve_figures.theta_panels(thetas(members), values, "ring", "g")
         assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
         # A point for each arch.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 20
@@ -143,7 +143,7 @@ class TestLabelsKeepClear:
         ]
         answer = synthetic.answer_of(6.0)
         answer.more["limit_states"] = {"states": states}
-        curves.limit_states(synthetic.inputs(), answer, "ring")
+        curve_figures.limit_states(synthetic.inputs(), answer, "ring")
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         named = ["motion, impact", "residual", "contact lost", "collapse"]
         for sheet in drawn:
@@ -189,7 +189,7 @@ class TestLabelsKeepClear:
     )
     def test_ticks_are_round_whatever_the_levels(self, levels, expected, drawn):
         data = results(n_level=levels.size)
-        runs.verdict_map(replace(data, levels=levels))
+        run_tables.verdict_map(replace(data, levels=levels))
         for sheet in drawn:
             (panel,) = sheet.panels
             below = {
@@ -223,7 +223,7 @@ class TestLabelsKeepClear:
             change(3.0, 7.0, {0: "slides towards intrados"}, "all_voussoirs"),
         )
         shown = replace(fallen.response, mechanism=log, end_time=7.0, collapse_time=6.5)
-        runs.timeline(replace(fallen, arch=arch, response=shown))
+        run_tables.timeline(replace(fallen, arch=arch, response=shown))
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert drawn[0].panels[1].x[0] == pytest.approx(1.0 - 0.03 * 6.0)
 
@@ -248,7 +248,7 @@ def test_hinges_are_drawn_at_their_corners(voussoirs, drawn):
 @pytest.mark.parametrize("n", [2, 200, 5000])
 def test_envelope_keeps_the_peaks(n):
     values = np.random.default_rng(n).standard_normal(n)
-    place, low, high = drawing.envelope(values, 220)
+    place, low, high = svg.envelope(values, 220)
     assert (low.min(), high.max()) == (values.min(), values.max())
     assert place.size <= 220
 
@@ -256,7 +256,7 @@ def test_envelope_keeps_the_peaks(n):
 def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     data = results()
     fell = data.verdict == Verdict.COLLAPSED
-    groups = mode, joint = runs.groupings(data, 0.9)
+    groups = mode, joint = run_tables.groupings(data, 0.9)
     for group in groups:
         np.testing.assert_array_equal(group.counts.sum(axis=0), fell.sum(axis=0))
     sliding = (fell & (data["collapse_mode"] == CollapseMode.SLIDING)).sum()
@@ -264,11 +264,11 @@ def test_every_grouping_has_the_collapses_of_the_cube(drawn):
     for category, count in zip(joint.categories[:-1], joint.counts[:-1]):
         number = int(category.removeprefix("joint "))
         assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
-    runs.fractions(groups, data, "the base")
+    run_tables.fractions(groups, data, "the base")
     for sheet in drawn:
         for panel in sheet.panels:
             top = np.zeros(data.levels.size)
-            for colour, _ in runs.LOOKS:
+            for colour, _ in run_tables.LOOKS:
                 for left, right, _, high in rectangles(sheet, panel, colour):
                     level = round(0.5 * (left + right))
                     top[level] = max(top[level], high)
@@ -363,9 +363,9 @@ class TestRepeated:
 
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""
-        runs.timeline(fallen)
+        run_tables.timeline(fallen)
         shown, logged = np.zeros(8), np.zeros(8)
-        for colour in {entry.colour for entry in runs.JOINT_STATES}:
+        for colour in {entry.colour for entry in run_tables.JOINT_STATES}:
             for left, right, low, high in rectangles(drawn[1], drawn[1].panels[1], colour):
                 shown[round(0.5 * (low + high))] += right - left
         response = fallen.response

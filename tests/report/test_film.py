@@ -6,7 +6,7 @@ from PIL import Image
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
-from archfrag.report import arch as arches
+from archfrag.report import arch_figure as arches
 from archfrag.report import film
 from tests.report import synthetic
 from tests.study.small import command, small_study

@@ -10,14 +10,14 @@ from matplotlib import pyplot
 
 import archfrag as af
 from archfrag.fragility.risk import HazardCurve
-from archfrag.hazard import Hazard
-from archfrag.report import arch as arches
+from archfrag.report import arch_figure as arches
 from archfrag.report import moving
 from archfrag.report.first_page import first_page
 from archfrag.report.inputs import arch_results, fractions_seen
 from archfrag.report.page import render
 from archfrag.report.ratios import before_and_after, ratio_text
 from archfrag.study.answer.risk import risk_of
+from archfrag.study.hazard import Hazard
 from tests.report import synthetic
 from tests.report.test_page import text
 

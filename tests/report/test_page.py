@@ -13,17 +13,17 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.risk import HazardCurve
-from archfrag.hazard import Hazard
 from archfrag.motions.measures import spectral_acceleration
-from archfrag.report import curves, first_page, inputs
+from archfrag.report import curve_figures, first_page, inputs
 from archfrag.report.first_page import leading, leading_arch, site_levels
 from archfrag.report.html import digits, percentages, rounded
 from archfrag.report.inputs import arch_results
 from archfrag.report.page import _scaled_spectra, render, write_report
-from archfrag.report.risk import risk_parts
+from archfrag.report.risk_section import risk_parts
 from archfrag.study.answer import fits
 from archfrag.study.answer.risk import risk_of
 from archfrag.study.file.schema import load_study
+from archfrag.study.hazard import Hazard
 from tests.report import synthetic
 from tests.report.test_figures import overlaps
 from tests.study.small import small_study
@@ -412,10 +412,10 @@ class TestWords:
 
     def test_classes_are_named(self, full):
         given, _, _ = full
-        shown = curves.all_curves(given, given.answers, given.classes).caption
+        shown = curve_figures.all_curves(given, given.answers, given.classes).caption
         assert "Bold: an arch drawn at random from class both." in shown
         two = {"both": given.classes["both"], "other": given.classes["both"]}
-        shown = curves.all_curves(given, given.answers, two).caption
+        shown = curve_figures.all_curves(given, given.answers, two).caption
         assert shown.count("Shaded") == 1
         assert not shown.startswith("Lognormal")
         words = first_page._whose(replace(given, classes=two), "both")

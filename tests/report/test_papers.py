@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from archfrag.export.papers import RUN_COLUMNS, write_papers
-from archfrag.report.curves import effects_on_theta
-from archfrag.report.runs import fractiles, ida_line
+from archfrag.report.curve_figures import effects_on_theta
+from archfrag.report.run_tables import fractiles, ida_line
 from archfrag.study.answer.cube import in_si
 from tests.study.small import TEXT, command, small_study
 

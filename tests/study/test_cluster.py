@@ -16,7 +16,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from archfrag.errors import WorkerError
-from archfrag.study.files import PACKAGE
+from archfrag.study.provenance import PACKAGE
 from archfrag.study.runs import workers as fan
 from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.ida import Ida

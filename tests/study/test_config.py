@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from archfrag.errors import InputError
-from archfrag.study.checks import check_study
 from archfrag.study.file.schema import load_study, study_schema
+from archfrag.study.validate import check_study
 from tests.study.small import ROOT, TEXT, command, dumped, small_study
 
 

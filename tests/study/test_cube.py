@@ -13,7 +13,6 @@ from archfrag.errors import FitError, InputError, OutputError
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.hazard import load_hazard
 from archfrag.report.inputs import report_inputs
 from archfrag.report.page import render
 from archfrag.study.answer.cube import _variable, build_cube, write_cube
@@ -29,7 +28,8 @@ from archfrag.study.answer.fits import (
 )
 from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
 from archfrag.study.file.schema import load_study
-from archfrag.study.files import finite
+from archfrag.study.hazard import load_hazard
+from archfrag.study.provenance import finite
 from archfrag.study.runs import Stripes
 from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import COLUMNS, VARIABLES, gather

@@ -10,7 +10,7 @@ import xarray as xr
 import archfrag as af
 from archfrag.fragility.counts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior
-from archfrag.mechanics.status import CollapseMode
+from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.cube import in_si
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions

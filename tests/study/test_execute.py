@@ -44,7 +44,7 @@ def test_a_worker_loads_nothing_that_is_heavy():
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     heavy = {"obspy", "matplotlib", "xarray", "netCDF4", "dask", "distributed"}
     assert not heavy & set(found.stdout.split()), found.stderr
-    assert "archfrag.simulate" in found.stdout
+    assert "archfrag.simulation.simulate" in found.stdout
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
@@ -85,8 +85,8 @@ def test_the_bar_counts_from_the_first_run_to_an_estimate_that_stays(
     for part in copied.plan.parts.glob("*.npy"):
         part.unlink()
     monkeypatch.setattr(execute, "_Bar", Bar)
-    monkeypatch.setattr("archfrag.warmup.kernels_are_compiled", lambda: False)
-    monkeypatch.setattr("archfrag.warmup.warmup", warmup)
+    monkeypatch.setattr("archfrag.simulation.warmup.kernels_are_compiled", lambda: False)
+    monkeypatch.setattr("archfrag.simulation.warmup.warmup", warmup)
     monkeypatch.setattr(Ida, "size", lambda self, *shape: (estimate, "about"))
     monkeypatch.setattr(sys, "stderr", Terminal())
     study = copied.study.model_copy(update={"design": Ida(kind="ida")})

@@ -10,10 +10,10 @@ import pytest
 
 from archfrag.errors import OutputError
 from archfrag.files import replacing, sweep, temporary_prefix, write_csv
-from archfrag.kernels.cache import digest_of_syntax
 from archfrag.motions.index import load_index, write_index
-from archfrag.study import files
-from archfrag.study.files import write_text
+from archfrag.physics.kernels.cache import digest_of_syntax
+from archfrag.study import provenance
+from archfrag.study.provenance import write_text
 from tests.study.small import command, files_below, write_at2
 
 
@@ -98,12 +98,12 @@ def test_what_a_terminal_would_obey_is_shown(tmp_path):
 
 
 def test_the_digest_of_syntax_is_kept_for_the_next_process(monkeypatch):
-    own = tuple(files.files_of_code("study/file/*.py"))
+    own = tuple(provenance.files_of_code("study/file/*.py"))
     known = digest_of_syntax(own)
     digest_of_syntax.cache_clear()
     monkeypatch.setattr("ast.parse", None)
     assert digest_of_syntax(own) == known
     digest_of_syntax.cache_clear()
-    monkeypatch.setattr("archfrag.kernels.cache.use_kernel_cache", lambda: None)
+    monkeypatch.setattr("archfrag.physics.kernels.cache.use_kernel_cache", lambda: None)
     with pytest.raises(TypeError):
         digest_of_syntax(own)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError, StabilityError
-from archfrag.simulate import onset
+from archfrag.simulation.simulate import onset
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import check_buildable, check_standing, expand
 

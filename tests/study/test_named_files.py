@@ -5,7 +5,7 @@ import os
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.study.checks import logo_url
+from archfrag.study.validate import logo_url
 from tests.study.small import TEXT, command, small_study
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n rest", b"\xff\xd8\xff\xe0 rest"

@@ -9,9 +9,9 @@ import pytest
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.risk import HazardCurve
-from archfrag.hazard import _COLUMNS, Hazard, load_hazard
 from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.risk import risk_of
+from archfrag.study.hazard import _COLUMNS, Hazard, load_hazard
 from archfrag.study.steps import finish
 from tests.report.synthetic import answers_of, cube, motions
 from tests.study.small import ROOT, command, made, small_study

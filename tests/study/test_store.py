@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.kernels.cache import digest_of_syntax
+from archfrag.physics.kernels.cache import digest_of_syntax
 from archfrag.study.file.schema import load_study
-from archfrag.study.files import PACKAGE, files_of_code
+from archfrag.study.provenance import PACKAGE, files_of_code
 from archfrag.study.runs.store import (
     COLUMNS,
     DECIDING,
@@ -76,12 +76,12 @@ class TestPlan:
     @pytest.mark.parametrize(
         ("file", "old", "new", "same"),
         [
-            ("mechanics/laws.py", "Signorini's and", "The laws of", True),
+            ("physics/contact/laws.py", "Signorini's and", "The laws of", True),
             ("simulation/springings.py", "import math", "import math  # why not", True),
             ("simulate.py", "there must be one", "give one", True),
             ("simulate.py", "1.02, 1e-6", "1.03, 1e-6", False),
-            ("methods/auto.py", "return _made_well", "return 1 and _made_well", False),
-            ("mechanics/laws.py", " < ", " <= ", False),
+            ("physics/methods/auto.py", "return _made_well", "return 1 and _made_well", False),
+            ("physics/contact/laws.py", " < ", " <= ", False),
         ],
     )
     def test_words_do_not_decide_and_code_does(self, tmp_path, monkeypatch, file, old, new, same):
@@ -91,8 +91,8 @@ class TestPlan:
         text = (copy / file).read_text()
         assert old in text
         (copy / file).write_text(text.replace(old, new))
-        monkeypatch.setattr("archfrag.study.files.PACKAGE", copy)
-        monkeypatch.setattr("archfrag.kernels.cache.HOME", copy)
+        monkeypatch.setattr("archfrag.study.provenance.PACKAGE", copy)
+        monkeypatch.setattr("archfrag.physics.kernels.cache.HOME", copy)
         assert (digest_of_syntax(tuple(files_of_code(*DECIDING))) == before) == same
 
     @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 import archfrag as af
-from archfrag.mechanics.status import Status
+from archfrag.physics.status import Status
 
 g = 9.80665
 HEIGHT = np.append(np.arange(8) * 0.82, 5.95)

@@ -11,7 +11,7 @@ import statsmodels.api as sm
 from scipy.stats import norm
 
 import archfrag as af
-from archfrag.export.formats import nrml_continuous, pelicun_table
+from archfrag.export.writers import nrml_continuous, pelicun_table
 from archfrag.fragility.risk import HazardCurve, collapse_rate
 from tests.export.made import curve_set, fragility
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from archfrag.study.file.records import MANIFEST
-from archfrag.study.files import STAMPS, sha256_of
+from archfrag.study.provenance import STAMPS, sha256_of
 from tests.study.small import command, files_below, small_study
 
 PRECIOUS = b"years of work\n"

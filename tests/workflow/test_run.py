@@ -19,12 +19,12 @@ import pytest
 import xarray as xr
 
 import archfrag as af
-from archfrag.kernels import cache as kernel_cache
-from archfrag.study.checks import shipped_folder
+from archfrag.physics.kernels import cache as kernel_cache
 from archfrag.study.done import finished_folder
 from archfrag.study.file.schema import load_study
-from archfrag.study.files import sha256_of
+from archfrag.study.provenance import sha256_of
 from archfrag.study.running import only_run
+from archfrag.study.validate import shipped_folder
 from tests.study.small import ROOT, TEXT, command, files_below, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
@@ -402,7 +402,7 @@ class TestNothingToDo:
             (still.parent / new).unlink()
         (still.parent / "notes.txt").write_text("of the user")
         assert finished_folder(still, ())
-        monkeypatch.setattr("archfrag.study.files.digest_of_code", lambda *patterns: "edited")
+        monkeypatch.setattr("archfrag.study.provenance.digest_of_code", lambda *patterns: "edited")
         assert finished_folder(still, ()) is None
 
     def test_a_damaged_stamp_is_no_answer(self, still):

@@ -20,10 +20,10 @@ import pytest
 import xarray as xr
 
 from archfrag.study.answer.cube import write_cube
-from archfrag.study.checks import shipped_folder
 from archfrag.study.file.records import prepare_motions
 from archfrag.study.file.schema import load_study
 from archfrag.study.runs.execute import run_batch
+from archfrag.study.validate import shipped_folder
 from tests.study.small import ROOT, TEXT, cube_of, small_study
 
 CLIENTS = ("sbatch", "sinfo", "squeue", "scancel", "srun")

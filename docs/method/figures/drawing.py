@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import ArrayLike
 
 from archfrag import Arch
-from archfrag.report.drawing import (  # noqa: F401  # for the other modules here
+from archfrag.report.svg import (  # noqa: F401  # for the other modules here
     BLUE,
     GREEN,
     GREY,

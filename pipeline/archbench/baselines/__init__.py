@@ -8,7 +8,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from archfrag.methods.registry import FOLLOW, MethodInfo, Parameter, register
+from archfrag.physics.methods.registry import FOLLOW, MethodInfo, Parameter, register
 
 
 def _from(module: str) -> Callable[[], Callable]:

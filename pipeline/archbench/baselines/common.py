@@ -5,16 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.kernels.kernel import inlined, kernel
-from archfrag.kernels.structs import struct
-from archfrag.mechanics.contact.path import Path
-from archfrag.mechanics.ground import Grounds
-from archfrag.mechanics.model import Clock, Model, State, Work, model_of
-from archfrag.mechanics.status import Cause, Count
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods import common
-from archfrag.methods.time_stepping import run as stepper
-from archfrag.methods.time_stepping.service import handle
+from archfrag.physics.contact.path import Path
+from archfrag.physics.ground import Grounds
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.methods import common
+from archfrag.physics.state import Clock, Model, State, Work, model_of
+from archfrag.physics.status import Cause, Count
+from archfrag.physics.steps import run as stepper
+from archfrag.physics.steps.service import handle
 
 BY_REST = int(Cause.REST)
 

@@ -1,6 +1,6 @@
 """A step of contact dynamics with two contacts at each joint, as general codes for bodies have it.
 
-Shared by `gauss_seidel` and `quadratic_programme`, which are `archfrag.methods.time_stepping` with
+Shared by `gauss_seidel` and `quadratic_programme`, which are `archfrag.physics.steps` with
 equal steps but for the contact problem: a closed joint has a contact at each of its corners, each
 with a normal and a tangential impulse, four unknowns where three suffice; and how it is solved.
 
@@ -16,17 +16,17 @@ from typing import NamedTuple
 import numpy as np
 
 from archbench.baselines.common import Case, case_of, end_at_rest, stands, write_rows
-from archfrag.kernels.kernel import kernel
-from archfrag.kernels.structs import struct
-from archfrag.mechanics.contact.placing import AFTER, BEFORE, COINCIDENT, relative_velocity
-from archfrag.mechanics.ground import Grounds, end_of_motion, impulse_between
-from archfrag.mechanics.laws import MINUS, PLUS
-from archfrag.mechanics.model import Clock, Model
-from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options
-from archfrag.methods.time_stepping.at_impacts import next_step
-from archfrag.methods.time_stepping.service import accept_recorded, code_after, measure_state
-from archfrag.methods.time_stepping.step import free_fall, go_to_middle
+from archfrag.physics.contact.laws import MINUS, PLUS
+from archfrag.physics.contact.placing import AFTER, BEFORE, COINCIDENT, relative_velocity
+from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options
+from archfrag.physics.kernels.kernel import kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.state import Clock, Model
+from archfrag.physics.status import Count
+from archfrag.physics.steps.at_impacts import next_step
+from archfrag.physics.steps.service import accept_recorded, code_after, measure_state
+from archfrag.physics.steps.step import free_fall, go_to_middle
 
 # Speed over that of a fall through the longest joint below which the chain may be at rest, and
 # for how long after the record it is [s]: impulses are only as good as the tolerance of their

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.kernels.kernel import inlined, kernel
-from archfrag.kernels.structs import struct
-from archfrag.mechanics.model import Model
-from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
+from archfrag.physics.state import Model
 
 # A hinge whose joint would open slower than this part of the fastest does not open.
 OPENS = 1e-9
@@ -44,7 +44,7 @@ def cross(a, b):
 
 
 def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
-    """The linkage of an onset mechanism: bits (n_joint,) of `archfrag.mechanics.onset`.
+    """The linkage of an onset mechanism: bits (n_joint,) of `archfrag.physics.onset`.
 
     None if a joint slides, an arch has not four hinges, a free chain not one, or a joint would
     have to open about the side it closes on.

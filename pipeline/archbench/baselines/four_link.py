@@ -33,20 +33,28 @@ from archbench.baselines.four_bars import (
     place_linkage,
     speed_after_impact,
 )
-from archfrag.kernels.kernel import kernel
-from archfrag.kernels.structs import struct
-from archfrag.mechanics.contact.blocks import EXACT, solve_modes
-from archfrag.mechanics.contact.placing import move_faces, place_contacts
-from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.ground import Grounds, end_rest, one_of, segment_at
-from archfrag.mechanics.model import Clock
-from archfrag.mechanics.onset import NO_LIMIT, new_rest_problem, rest_limit
-from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import AT_END, COLLAPSES, EXHAUSTED, GO, IDLE, log_change, write_frame
-from archfrag.methods.event_driven.phases import balance_energy
-from archfrag.methods.time_stepping.service import dominant_change, measure_state
-from archfrag.methods.time_stepping.step import count_changes, record_motion
+from archfrag.physics.contact.blocks import EXACT, solve_modes
+from archfrag.physics.contact.placing import move_faces, place_contacts
+from archfrag.physics.energy import energies_of
+from archfrag.physics.events.phases import balance_energy
+from archfrag.physics.ground import Grounds, end_rest, one_of, segment_at
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.kernels.kernel import kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.methods.common import (
+    AT_END,
+    COLLAPSES,
+    EXHAUSTED,
+    GO,
+    IDLE,
+    log_change,
+    write_frame,
+)
+from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Model, Status
+from archfrag.physics.steps.service import dominant_change, measure_state
+from archfrag.physics.steps.step import count_changes, record_motion
 
 HINGING, OVERTURNING = int(CollapseMode.HINGING), int(CollapseMode.OVERTURNING)
 AT_REST, FOUR_HINGES = int(Model.REST), int(Model.FOUR_HINGES)
@@ -438,7 +446,7 @@ def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
 ) -> Results:  # fmt: skip
-    """Move a chain on four hinges; as `archfrag.methods.time_stepping.run.run`.
+    """Move a chain on four hinges; as `archfrag.physics.steps.run.run`.
 
     Frames at rest have no reactions.
     """

@@ -14,12 +14,12 @@ import numpy as np
 
 from archbench.baselines.common import integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
-from archfrag.kernels.kernel import inlined, kernel
-from archfrag.mechanics.ground import Grounds
-from archfrag.mechanics.model import Clock
-from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import GO
+from archfrag.physics.ground import Grounds
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.methods.common import GO
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Count
 
 
 @kernel
@@ -143,7 +143,7 @@ def run(
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, sweep_tolerance: float,
     sweeps: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
+    """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))
 

@@ -27,13 +27,11 @@ from archbench.baselines.springs import (
     press_joints,
     stiffness_matrix,
 )
-from archfrag.kernels.kernel import inlined, kernel
-from archfrag.mechanics.contact.placing import move_faces, place_contacts
-from archfrag.mechanics.ground import Grounds, Impulse, end_of_motion, impulse_between
-from archfrag.mechanics.model import Clock
-from archfrag.mechanics.status import Count, Energy
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import (
+from archfrag.physics.contact.placing import move_faces, place_contacts
+from archfrag.physics.ground import Grounds, Impulse, end_of_motion, impulse_between
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.methods.common import (
     ALL,
     AT_END,
     BROKEN,
@@ -44,8 +42,10 @@ from archfrag.methods.common import (
     PAUSE,
     log_change,
 )
-from archfrag.methods.time_stepping.service import dominant_change, measure_state, write_if_due
-from archfrag.methods.time_stepping.step import count_changes, go_to_middle, make_step
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Count, Energy
+from archfrag.physics.steps.service import dominant_change, measure_state, write_if_due
+from archfrag.physics.steps.step import count_changes, go_to_middle, make_step
 
 # A run of more steps than this is refused before it starts.
 MOST_STEPS = 1e9
@@ -253,7 +253,7 @@ def run(
     stiffness: float, shear_ratio: float, damping_stiffness: float, step_fraction: float,
     rounding: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`.
+    """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`.
 
     ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
     """

@@ -24,11 +24,11 @@ import numpy as np
 
 from archbench.baselines.common import Case, integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
-from archfrag.mechanics.ground import Grounds, Impulse
-from archfrag.mechanics.model import Clock
-from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Chain, Frames, MechanismLog, Options, Results
-from archfrag.methods.common import GO, UNSOLVED
+from archfrag.physics.ground import Grounds, Impulse
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.methods.common import GO, UNSOLVED
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Count
 
 # A corner without friction limit sticks from the start where its gap is below this part of the
 # joint; multipliers below NEGLIGIBLE of the largest, and slip slower than that part of what
@@ -184,7 +184,7 @@ def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog, solver_tolerance: float,
 ) -> Results:  # fmt: skip
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run.run`."""
+    """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     case = corner_case(chain, grounds, factor, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)
 

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from archbench.baselines.common import write_rows
-from archfrag.kernels.kernel import inlined, kernel
-from archfrag.kernels.structs import struct
-from archfrag.mechanics.contact.placing import AFTER, BEFORE
-from archfrag.mechanics.model import Model, State, Work
+from archfrag.physics.contact.placing import AFTER, BEFORE
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.state import Model, State, Work
 
 
 class Sum(IntEnum):

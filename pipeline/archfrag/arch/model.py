@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import bridge, checks, facts, shown
 from archfrag.arch import ring as rings
-from archfrag.arch.ties import tie_lines, tie_row
+from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
-from archfrag.mechanics.types import Chain
+from archfrag.physics.interface import Chain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -446,7 +446,7 @@ class Arch:
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
             return tied
-        from archfrag.arch.slow import follow_tie
+        from archfrag.arch.quasi_static import follow_tie
 
         return follow_tie(tied)
 

@@ -17,7 +17,7 @@ from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
 from archfrag.arch.geometry import Section, arc, cross
 from archfrag.errors import GeometryError
-from archfrag.mechanics.types import Chain
+from archfrag.physics.interface import Chain
 
 # Points of a centre line (n_joint, 2) [m], and its unit normals there, away from the intrados.
 CentreLine = tuple[FloatArray, FloatArray]

@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
-from archfrag import __version__
 from archfrag.cli import arch, records, results, study
 from archfrag.cli.options import PATH, echo, warn
 from archfrag.errors import ArchfragError
-from archfrag.study.files import commit
+from archfrag.study.provenance import commit
+from archfrag.version import __version__
 
 
 class _Group(click.Group):
@@ -61,7 +61,7 @@ def init(folder: Path) -> None:
 
     The shipped motions come with it.
     """
-    from archfrag.study.checks import write_starter
+    from archfrag.study.validate import write_starter
 
     echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
@@ -70,7 +70,7 @@ def init(folder: Path) -> None:
 @click.option("--method", help="Only the kernels of this method; all methods if not given.")
 def warmup(method: str | None) -> None:
     """Compile the kernels now, so that later commands start at once."""
-    from archfrag.warmup import warmup as compile_kernels
+    from archfrag.simulation.warmup import warmup as compile_kernels
 
     def show(message: str) -> None:
         click.echo(f"\r{message}\033[K", err=True, nl=False)

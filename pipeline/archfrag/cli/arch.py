@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from archfrag.cli.options import PATH, figure_option, json_option, show, takes, takes_record, warn
-from archfrag.errors import STATUS_MESSAGE, InputError
-from archfrag.study.files import finite, write_text
+from archfrag.errors import InputError
+from archfrag.simulation.response import STATUS_MESSAGE
+from archfrag.study.provenance import finite, write_text
 
 if TYPE_CHECKING:
-    from archfrag.simulate import Response
+    from archfrag.simulation.simulate import Response
     from archfrag.study.file.arches import ArchEntry
 
 _SHOWN = 40  # entries of a log that fit a screen
@@ -50,7 +51,7 @@ def _takes_arch(command: Callable) -> Callable:
         given["unit"] = given.pop("drawing_unit")
         entry = _by_numbers(given) if study is None else _of_study(study, arch_id)
         if entry.drawing is not None:
-            from archfrag.study.checks import read_from_drawing
+            from archfrag.study.validate import read_from_drawing
 
             warn("\narchfrag: caution: ".join(read_from_drawing(entry)))
         if entry.vary is not None:
@@ -131,8 +132,8 @@ def onset(arch: Any, spread: float | None, figure: Path | None, as_json: bool) -
     The figure shows the arch with hinges and thrust line at onset.
     """
     from archfrag.arch.facts import facts_of, facts_text
-    from archfrag.simulate import onset as find_onset
-    from archfrag.simulation.cautions import arch_cautions, inset_loss, inset_text, prestress_text
+    from archfrag.simulation.simulate import onset as find_onset
+    from archfrag.simulation.standing import arch_cautions, inset_loss, inset_text, prestress_text
 
     start = find_onset(arch)
     names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
@@ -200,7 +201,7 @@ def simulate(
     from archfrag.arch import STANDARD_GRAVITY
     from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
-    from archfrag.simulate import simulate as run_simulation
+    from archfrag.simulation.simulate import simulate as run_simulation
 
     keys = ("unit", "component", "inventory", "accept", "columns")
     motion = read_motion(record, **{key: options.pop(key) for key in keys})

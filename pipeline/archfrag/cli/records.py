@@ -18,7 +18,7 @@ from archfrag.cli.options import (
 )
 from archfrag.errors import InputError, RecordError, ServiceError
 from archfrag.files import counted, write_csv
-from archfrag.study.files import finite, write_text
+from archfrag.study.provenance import finite, write_text
 
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 _out = click.option("--out", type=PATH, required=True, help="Folder to write to.")

@@ -11,7 +11,7 @@ from archfrag.cli.study import cores_option
 from archfrag.errors import InputError
 from archfrag.files import opened
 from archfrag.report import make_report
-from archfrag.study.files import CUBE
+from archfrag.study.provenance import CUBE
 
 _MOST_NAMED = 12  # entries of a list
 

@@ -27,7 +27,7 @@ from archfrag.errors import FitError, attempt
 from archfrag.export import FORMATS
 from archfrag.files import counted, printable
 from archfrag.report import make_report
-from archfrag.study.files import check_own
+from archfrag.study.provenance import check_own
 
 members_option = click.option("--members", is_flag=True,
                               help="Include the arches of classes as well.")  # fmt: skip
@@ -43,7 +43,7 @@ def validate(study: Any, as_json: bool) -> None:
     Arches, records, hazard and output folder are checked; nothing is run. If there are very many
     arches, only some of them are checked here, and all of them at the start of a run.
     """
-    from archfrag.study.checks import check_study
+    from archfrag.study.validate import check_study
 
     path, found = click.get_current_context().params["study_file"], check_study(study)
     nouns = {"arches": "arch", "records": "record", "levels": "level"}
@@ -113,7 +113,7 @@ def _summary(study: Any) -> None:
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.fits import fit_lines, load_fits
     from archfrag.study.answer.risk import risk_lines, risk_of_study
-    from archfrag.study.checks import arch_texts
+    from archfrag.study.validate import arch_texts
 
     arches, classes, cube = load_fits(study)
     answers, cautions = fit_lines(study, (arches, classes, cube))
@@ -306,9 +306,9 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
-    from archfrag.hazard import load_hazard
     from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
+    from archfrag.study.hazard import load_hazard
     from archfrag.study.steps import finished
 
     hazard = load_hazard(hazards, study.intensity.measure, unit, site)

@@ -1,7 +1,7 @@
 """Exports of a study. Its formats stand here, where nothing heavy is loaded."""
 
 # By name: its use; the receiver whose names of measures it takes, none for tables; and functions
-# of `archfrag.export.formats` by the ends of their files' names.
+# of `archfrag.export.writers` by the ends of their files' names.
 FORMATS: dict[str, tuple[str, str, dict[str, str]]] = {
     "nrml-continuous": ("OpenQuake: lognormal curves by mean and standard deviation",
                         "OpenQuake", {"fragility-continuous.xml": "nrml_continuous"}),

@@ -11,11 +11,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-import archfrag
 from archfrag.errors import FitError, InputError, from_extra
-from archfrag.export import FORMATS
-from archfrag.export import formats as writers
-from archfrag.export.formats import CurveSet, named_measure
+from archfrag.export import FORMATS, writers
+from archfrag.export.writers import CurveSet, named_measure
 from archfrag.files import counted, make_folder, replacing, sha256_of, write_csv
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
@@ -24,8 +22,9 @@ from archfrag.fragility.quoted import Answer
 from archfrag.study.answer.curves import arch_classes, quoted
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
-from archfrag.study.files import CUBE, commit, write_text
+from archfrag.study.provenance import CUBE, commit, write_text
 from archfrag.study.steps import finished
+from archfrag.version import __version__
 
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _POINTS = 211
@@ -65,7 +64,7 @@ def export_study(
         levels, number = cube["intensity"].values, Counter(arch_classes(cube).values())
         made = {
             "study": study.id, "title": study.title,
-            "archfrag": archfrag.__version__, "archfrag_commit": commit(),
+            "archfrag": __version__, "archfrag_commit": commit(),
             "cube_archfrag_commit": str(cube.attrs.get("archfrag_commit", "unknown")),
             "cube_sha256": sha256_of(study.folder / CUBE),
         }  # fmt: skip

@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-import archfrag
 from archfrag.export.command import runs_table
 from archfrag.files import write_csv
 from archfrag.study.answer.curves import capacities
-from archfrag.study.files import write_text
+from archfrag.study.provenance import write_text
 from archfrag.study.steps import README
+from archfrag.version import __version__
 
 RUN_COLUMNS = (
     "arch", "arch_class", "record", "event", "magnitude", "distance", "intensity", "scale_factor",
@@ -37,7 +37,7 @@ def write_papers(cube: xr.Dataset, measure: str, unit: str, factor: float, folde
     path = folder / README
     if not path.is_file() or path.read_bytes().startswith(_HEAD.encode()):
         title, study = (cube.attrs.get(key, "") for key in ("title", "archfrag_study"))
-        about = f"{_HEAD} {archfrag.__version__}: {title} (study {study})\nIntensities are "
+        about = f"{_HEAD} {__version__}: {title} (study {study})\nIntensities are "
         write_text(path, f"{about}{measure} [{unit}].\n\n{_FILES}")
 
 

@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.mechanics.oscillator import largest_response
 from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.oscillator import largest_response
 from archfrag.motions.partners import check_right_angle
 
 # Units in which levels may be given, by the SI unit of their measure.

@@ -21,7 +21,7 @@ from archfrag.motions.calibrate import accept_or_refuse, implausible
 from archfrag.motions.cautions import sample_cautions
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
-from archfrag.motions.formats.common import known
+from archfrag.motions.formats.layout import known
 from archfrag.motions.headers import Warned
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.motion import Motion, unit_factor

@@ -8,7 +8,7 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.report.arch import Chosen, Example, repeat, typical_run
+from archfrag.report.arch_figure import Chosen, Example, repeat, typical_run
 from archfrag.report.html import digits
 from archfrag.report.inputs import ArchResults, arch_results, report_inputs
 from archfrag.report.moving import film

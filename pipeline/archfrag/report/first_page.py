@@ -8,23 +8,23 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-import archfrag
 from archfrag.arch import Arch
 from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.quoted import Answer
-from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.arch import Example, arch_panel, draw_hinges
-from archfrag.report.curves import curve_panel, draw_curve
-from archfrag.report.drawing import Entry, Panel, Sheet, figure
+from archfrag.report import svg as look
+from archfrag.report.arch_figure import Example, arch_panel, draw_hinges
+from archfrag.report.curve_figures import curve_panel, draw_curve
 from archfrag.report.html import TEXTS, Picture
 from archfrag.report.inputs import ReportInputs, fractions_seen, thetas
 from archfrag.report.limits import short, study_aspects
 from archfrag.report.moving import film
 from archfrag.report.ratios import before_and_after
-from archfrag.simulate import Onset
+from archfrag.report.svg import Entry, Panel, Sheet, figure
+from archfrag.simulation.simulate import Onset
 from archfrag.study.answer.curves import arch_classes
+from archfrag.version import __version__
 
 PERIODS = (475.0, 2475.0)  # return periods of building codes [years]
 _HALF = 560.0  # width of the curve [px]
@@ -61,7 +61,7 @@ def first_page(inputs: ReportInputs, example: Example | None) -> Markup:
     which = f" of {name}" * (len(inputs.answers) > 1)
     heading = [inputs.about[key] for key in ("project", "client", "author") if key in inputs.about]
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
-    heading += [date, f"archfrag {archfrag.__version__}"]
+    heading += [date, f"archfrag {__version__}"]
     return html.template(
         "first.html.j2", inputs=inputs, heading=heading, sentence=_sentence(inputs),
         arches=list(_drawn(inputs)), curve=_curve(inputs), film=moving, which=which,

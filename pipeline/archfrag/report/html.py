@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUn
 from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
-from archfrag.kernels.cache import use_kernel_cache
+from archfrag.physics.kernels.cache import use_kernel_cache
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TEMPLATES = files("archfrag.report") / "templates"

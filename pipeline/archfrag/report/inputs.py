@@ -18,22 +18,22 @@ from archfrag.files import counted
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
 from archfrag.fragility.quoted import Answer
-from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.motions.selection import target_of_index
+from archfrag.physics.status import CollapseMode
 from archfrag.report.html import digits
-from archfrag.simulate import Onset, onset
+from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
-from archfrag.study.checks import logo_url
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
-from archfrag.study.files import finite
+from archfrag.study.provenance import finite
 from archfrag.study.runs import Design
 from archfrag.study.steps import finished, read_timings
+from archfrag.study.validate import logo_url
 
 SUMMARY_FORMAT = "archfrag-summary/2"
 COUNTS = ("runs", "collapsed", "standing", "unfinished", "solver_failures")

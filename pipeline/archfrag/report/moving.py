@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.files import counted
-from archfrag.report import drawing as look
 from archfrag.report import html
-from archfrag.report.arch import Example
-from archfrag.report.drawing import NARROW, FloatArray, Panel, Sheet, even_ticks
+from archfrag.report import svg as look
+from archfrag.report.arch_figure import Example
 from archfrag.report.html import TEXTS, Picture
+from archfrag.report.svg import NARROW, FloatArray, Panel, Sheet, even_ticks
 
 LONGEST = 8.0  # [s] of a run, shown in real time
 _MOST_FRAMES = 40

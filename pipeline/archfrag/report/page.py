@@ -20,20 +20,20 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.motions.measures import measure, parse_measure, spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.report import curves, html
-from archfrag.report import drawing as look
-from archfrag.report.arch import typical_run
-from archfrag.report.drawing import Entry, Sheet, figure, log_ticks
+from archfrag.report import curve_figures, html
+from archfrag.report import svg as look
+from archfrag.report.arch_figure import typical_run
 from archfrag.report.first_page import first_page, leading_arch
 from archfrag.report.html import TEXTS, Picture, digits, measured, paragraph, table
 from archfrag.report.inputs import ReportInputs, arch_results, study_config, summary, thetas
 from archfrag.report.limits import study_aspects
-from archfrag.report.risk import risk_parts
+from archfrag.report.risk_section import risk_parts
 from archfrag.report.sections import arch_parts, card, class_parts
+from archfrag.report.svg import Entry, Sheet, figure, log_ticks
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import gathered
 from archfrag.study.file.members import SHOWN
-from archfrag.study.files import write_text
+from archfrag.study.provenance import write_text
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
@@ -64,7 +64,7 @@ def write_report(inputs: ReportInputs, out: Path) -> Path:
 def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     """The page as text, and by file name the figures that are files too."""
     cube, answers, classes = inputs.cube, inputs.answers, inputs.classes
-    every = curves.all_curves(inputs, answers, classes)
+    every = curve_figures.all_curves(inputs, answers, classes)
     results = [arch_results(cube, name, inputs.scale) for name, _, _ in inputs.arches]
     examples = [typical_run(inputs, own, i) for i, own in enumerate(results)]
     leads, of_class = leading_arch(inputs), arch_classes(cube)
@@ -79,7 +79,9 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
     figures = {}
     for i, name in enumerate(classes):
         mine = {each: answer for each, answer in members.items() if of_class[each] == name}
-        figures[f"curve-{name}.svg"] = curves.all_curves(inputs, mine, {name: classes[name]})
+        figures[f"curve-{name}.svg"] = curve_figures.all_curves(
+            inputs, mine, {name: classes[name]}
+        )
         parts = _parts(class_parts, inputs, name, figures[f"curve-{name}.svg"])
         sections.append((f"class{i}", f"Class {name}", parts))
     appendix = [html.folded("Answers", _answers(inputs, members))] if members else []
@@ -92,7 +94,7 @@ def render(inputs: ReportInputs) -> tuple[str, dict[str, Picture]]:
             alone = len(answers) == 1 and name == cube.attrs.get("archfrag_study")
             sections.append((f"arch{i}", "The arch" if alone else name, list(shown)))
         if len(answers) <= SHOWN:
-            figures[f"curve-{name}.svg"] = curves.curve(results[i], answers[name])
+            figures[f"curve-{name}.svg"] = curve_figures.curve(results[i], answers[name])
     if len(answers) > SHOWN:
         figures[ALL_CURVES] = every
     if inputs.compared is not None:
@@ -198,7 +200,7 @@ def _compared(
         yield html.heading(arch)
         results = [arch_results(cube, arch, inputs.scale) for cube in cubes]
         sides = [(each, answers[arch]) for each, answers in zip(results, of_each)]
-        yield curves.two_studies(names, sides)
+        yield curve_figures.two_studies(names, sides)
         fits = [answer.curve for _, answer in sides]
         if isinstance(fits[0], Fragility) and isinstance(fits[1], Fragility):
             change = f"{100 * (fits[1].theta / fits[0].theta - 1):+.1f} %".replace("-", "−")

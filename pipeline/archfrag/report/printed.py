@@ -13,7 +13,7 @@ from archfrag import plots
 from archfrag.files import make_folder
 from archfrag.fragility.curve import Fragility
 from archfrag.report.inputs import ArchResults, ReportInputs, arch_results
-from archfrag.report.runs import MEASURED, VERDICTS, ida_lines
+from archfrag.report.run_tables import MEASURED, VERDICTS, ida_lines
 
 _COLOURS = (plots.BLUE, plots.VERMILION, plots.GREEN, plots.ORANGE)
 _STYLES = {"16 %": "--", "84 %": ":"}

@@ -13,16 +13,16 @@ from archfrag.fragility.limit_states import answers_of_states
 from archfrag.fragility.quoted import Answer
 from archfrag.fragility.risk import Contributions
 from archfrag.motions.measures import LEVEL_UNITS
-from archfrag.report import arch as arch_figures
-from archfrag.report import curves, html, runs
-from archfrag.report.arch import Example
+from archfrag.report import arch_figure as arch_figures
+from archfrag.report import curve_figures, html, run_tables
+from archfrag.report.arch_figure import Example
 from archfrag.report.html import TEXTS, Picture, digits, heading, measured, paragraph, table
 from archfrag.report.inputs import COUNTS, ArchResults, ReportInputs, Scale, thetas
 from archfrag.report.limits import base_of
 from archfrag.report.moving import film
-from archfrag.simulate import Onset
-from archfrag.simulation.cautions import inset_loss, inset_text
 from archfrag.simulation.response import MODEL_WORDS
+from archfrag.simulation.simulate import Onset
+from archfrag.simulation.standing import inset_loss, inset_text
 from archfrag.study.answer.curves import arch_classes
 from archfrag.study.answer.fits import lost_text
 
@@ -48,19 +48,25 @@ def arch_parts(
     more, start = answer.more, f"{name}: "
     cautions = [each.removeprefix(start) for each in inputs.cautions if each.startswith(start)]
     yield card(answer, inputs.scale, percent, cautions, results, onset)
-    groups = runs.groupings(results, inputs.confidence)
+    groups = run_tables.groupings(results, inputs.confidence)
     yield heading("How it falls")
     yield arch_figures.lost_joints(arch, results)
     collapsed = results.counts["collapsed"].any()
     base = base_of(arch.free_end, arch.parameters)
-    yield runs.fractions(groups, results, base) if collapsed else paragraph("No run collapsed.")
+    yield (
+        run_tables.fractions(groups, results, base)
+        if collapsed
+        else paragraph("No run collapsed.")
+    )
     if animated and onset.stands:
         yield from _films(inputs, results, place, None if leads else example)
-    if picture := runs.ida_curves(results):
+    if picture := run_tables.ida_curves(results):
         yield heading("How far it moves")
         yield picture
     yield heading("Every run")
-    yield (runs.verdict_map if results.own_levels is None else runs.single_runs)(results)
+    yield (run_tables.verdict_map if results.own_levels is None else run_tables.single_runs)(
+        results
+    )
     if more.get("limit_states"):
         yield from _limit_states(inputs, answer, name)
     if more.get("measures"):
@@ -72,7 +78,7 @@ def arch_parts(
     if inset := inset_text(arch, inset_loss(arch)):
         yield paragraph(f"{inset[0].upper()}{inset[1:]}.")
     yield heading("Checks")
-    yield curves.curve(results, answer)
+    yield curve_figures.curve(results, answer)
     free = more.get("free", {})
     if "test_of_fit" in free:
         yield paragraph(free["test_of_fit"]["message"])
@@ -87,7 +93,7 @@ def arch_parts(
     yield html.folded("Geometry", geometry)
     computed = html.pairs(f"Models, time and accuracy of {name}", _computed(inputs, results))
     yield html.folded("How it was computed", computed)
-    if example is not None and (picture := runs.timeline(example)):
+    if example is not None and (picture := run_tables.timeline(example)):
         yield html.folded("The mechanism in one run", picture)
 
 
@@ -111,7 +117,7 @@ def class_parts(inputs: ReportInputs, name: str, curve: Picture) -> Parts:
             if np.unique(values).size > 1:
                 differences[str(key).removeprefix("arch_").replace("_", " ")] = values
     theta = inputs.scale.factor * thetas(inputs.answers.values())[own]
-    drawn = (curves.tornado, curves.theta_panels)
+    drawn = (curve_figures.tornado, curve_figures.theta_panels)
     figures = [draw(theta, differences, name, inputs.scale.unit) for draw in drawn]
     if any(figures):
         yield heading("What θ depends on")
@@ -185,7 +191,7 @@ def _limit_states(inputs: ReportInputs, answer: Answer, name: str) -> Parts:
         yield paragraph(f"They could not be found: {states['none']}.")
         return
     yield paragraph(TEXTS["notes"]["states"])
-    yield curves.limit_states(inputs, answer, name)
+    yield curve_figures.limit_states(inputs, answer, name)
     yield paragraph(states["message"])
     rows, scale = [], inputs.scale
     for state, own in zip(states["states"], answers_of_states(answer).values()):

@@ -1,1 +1,1 @@
-"""Results of a simulation: rest range, response, history, log of the mechanism."""
+"""From an arch and ground motions to onsets, responses and rows of results."""

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError
-from archfrag.mechanics.laws import CLOSED_STICK
-from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
-from archfrag.mechanics.types import Frames, MechanismLog, Results
+from archfrag.physics.contact.laws import CLOSED_STICK
+from archfrag.physics.interface import Frames, MechanismLog, Results
+from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Loss, Model, Peak, Status
 
 if TYPE_CHECKING:
     import xarray
@@ -23,6 +23,28 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.plots import Film
 
+STATUS_MESSAGE = {
+    Status.STANDING:
+        "the arch came to rest with contact kept or regained at every joint, or sways calmly on "
+        "its ties",
+    Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
+    Status.UNFINISHED:
+        "the arch was still moving at the end of the follow-on time; raise `follow`",
+    Status.NO_CONTACT_SOLUTION:
+        "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
+        "report the case",
+    Status.DOES_NOT_STAND:
+        "the arch does not stand under its own weight; make it thicker or raise the friction",
+    Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
+    Status.WORK_BOUND:
+        "the run needed more steps than its length allows; try a larger `rtol` or another "
+        "`method`",
+    Status.NOT_APPLICABLE:
+        "the method has no model for this mechanism or this initial state; use `auto`",
+    Status.INACCURATE:
+        "energy balance or overlap missed the tolerance; try a smaller `rtol`, and please report "
+        "the case",
+}  # fmt: skip
 _EVENTS = {
     "impacts": Count.IMPACTS, "openings": Count.OPENINGS, "slides": Count.SLIDES,
     "contact_losses": Count.LOSSES, "rests": Count.RESTS, "events": Count.EVENTS,
@@ -62,8 +84,8 @@ class MechanismChange:
         From when to when this mechanism holds [s]. `until` is nan if changes that followed were
         too many to be kept.
     cause, model : str
-        Why it changed, and the model from then on: names of `archfrag.mechanics.status.Cause` and
-        `archfrag.mechanics.status.Model` in lower case.
+        Why it changed, and the model from then on: names of `archfrag.physics.status.Cause` and
+        `archfrag.physics.status.Model` in lower case.
     joint : int
         Joint that caused it; -1 where none did.
     joints : dict of int to str
@@ -106,7 +128,7 @@ class Response:
     Attributes
     ----------
     status : Status
-        How the run ended; `archfrag.errors.STATUS_MESSAGE` has its text.
+        How the run ended; `archfrag.simulation.response.STATUS_MESSAGE` has its text.
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time, collapse_joint, collapse_mode
@@ -118,7 +140,7 @@ class Response:
         Largest rotation of a voussoir [rad] and displacement of its centroid relative to the
         ground [m]: of the whole run, and at its end.
     events, work : dict of str to int
-        What happened and what it took, counted: names of `archfrag.mechanics.status.Count`.
+        What happened and what it took, counted: names of `archfrag.physics.status.Count`.
     model_time, end_time, wall_time : dict of str to float, float, float
         Simulated time in each model, in all, and time that it took to compute [s].
     energy, energy_error : dict of str to float, float
@@ -324,8 +346,8 @@ def mechanism_of(
 
     `n_entry` changes were made: more than the log has space for if it was too small.
     """
-    # What a joint does in each contact mode of `archfrag.mechanics.laws`. Friction opposes slip:
-    # where it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
+    # What a joint does in each contact mode (`physics.contact.laws`). Friction opposes slip: where
+    # it acts along the tangent, from corner 0 to corner 1, the later voussoir slides towards
     # corner 0.
     sides = [arch.corner_name(corner) for corner in (0, 1)]
     slides = [f"towards {side}" for side in sides]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError, UnitWarning
-from archfrag.mechanics.contact.path import new_path, solve_with_fallback
-from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
-from archfrag.mechanics.onset import (
+from archfrag.physics.contact.path import new_path, solve_with_fallback
+from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
+from archfrag.physics.methods.common import begin
+from archfrag.physics.onset import (
     HINGE_EXTRADOS,
     HINGE_INTRADOS,
     SLIDING,
@@ -24,8 +24,8 @@ from archfrag.mechanics.onset import (
     new_rest_problem,
     rest_limit,
 )
-from archfrag.mechanics.ties import pull_at_rest, pull_by_ties
-from archfrag.methods.common import begin
+from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
+from archfrag.physics.ties import pull_at_rest, pull_by_ties
 from archfrag.simulation.thrust import contact_centres, thrust_curve
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def onset(arch: Arch) -> Onset:
 
     An arch that does not stand has an onset too (``stands`` is then False). By the static theorem,
     rest is the contact problem of the chain with no acceleration, solved for the largest load
-    factor (`archfrag.mechanics.onset`). With friction it is the largest load for which admissible
+    factor (`archfrag.physics.onset`). With friction it is the largest load for which admissible
     reactions exist.
 
     Examples

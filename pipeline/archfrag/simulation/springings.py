@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.arch.slow import STEP, SlowArch
+from archfrag.arch.quasi_static import STEP, SlowArch
 from archfrag.errors import InputError, StabilityError
-from archfrag.mechanics.model import Model
-from archfrag.mechanics.status import Tie
 from archfrag.motions.motion import Motion
-from archfrag.simulation.cautions import check_stands
-from archfrag.simulation.checks import check_number
+from archfrag.physics.state import Model
+from archfrag.physics.status import Tie
+from archfrag.simulation.arguments import check_number
+from archfrag.simulation.standing import check_stands
 
 Far = Motion | float | None  # motion of the right springing, or how much later it is [s]
 LATEST = 60.0  # [s]

@@ -9,7 +9,7 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.arch.facts import USUAL, warn_of_units
 from archfrag.errors import InputError, StabilityError
-from archfrag.simulation.checks import check_number
+from archfrag.simulation.arguments import check_number
 from archfrag.simulation.rest import onset
 
 # Depths of two rounds that differ by less than this part of a joint's length are equal.

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.arch.geometry import cross
-from archfrag.mechanics.model import Work
+from archfrag.physics.state import Work
 
 
 def contact_centres(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:

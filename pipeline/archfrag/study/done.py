@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.files import WORK
-from archfrag.study import files
-from archfrag.study.text import absolute, read_keys
+from archfrag.study import provenance
+from archfrag.study.yaml_text import absolute, read_keys
 
 if TYPE_CHECKING:
     from archfrag.study.file.schema import Study
@@ -25,7 +25,7 @@ def finished_folder(path: Path, overrides: Sequence[str]) -> Path | None:
     output = keys.get("output") or os.path.join("results", str(keys.get("id")))
     folder = Path(absolute(str(output), home))
     try:
-        known = dict(files.read_state(folder / WORK / files.STAMPS)["all"])
+        known = dict(provenance.read_state(folder / WORK / provenance.STAMPS)["all"])
         current = known["digest"] == _digest(path, keys, known["watched"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -57,10 +57,12 @@ def stamp_of_all(
 def _digest(path: Path, keys: dict[str, Any], watched: Sequence[str]) -> str:
     """Digest of a study file and its keys, of the code, and of what is in files and folders."""
     found = {
-        place: sorted(os.listdir(place)) if os.path.isdir(place) else files.sha256_if_there(place)
+        place: sorted(os.listdir(place))
+        if os.path.isdir(place)
+        else provenance.sha256_if_there(place)
         for place in watched
     }
-    return files.digest_of([
-        os.path.realpath(path), os.path.expanduser("~"), keys, files.digest_of_code("**/*"),
-        files.versions(), platform.machine(), found,
+    return provenance.digest_of([
+        os.path.realpath(path), os.path.expanduser("~"), keys, provenance.digest_of_code("**/*"),
+        provenance.versions(), platform.machine(), found,
     ])  # fmt: skip

@@ -73,7 +73,7 @@ def clock(what: str, say: Callable[[str], None], quiet: bool) -> Iterator[None]:
     """Say how long a block took; at a terminal show meanwhile how long it has taken."""
     from tqdm import tqdm
 
-    from archfrag.warmup import TICK, every
+    from archfrag.simulation.warmup import TICK, every
 
     started, form = time.perf_counter(), f"archfrag: {what}: {{elapsed}}"
     hidden = quiet or not sys.stderr.isatty()

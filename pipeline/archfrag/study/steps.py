@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
-from archfrag.study import files
+from archfrag.study import provenance
 from archfrag.study.answer.cube import attributes, write_cube
-from archfrag.study.checks import check_start
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
 from archfrag.study.running import clock, only_run
 from archfrag.study.runs.store import Plan, gather, make_plan
+from archfrag.study.validate import check_start
 
 if TYPE_CHECKING:
     from archfrag.study.answer.fits import Fitted
@@ -53,7 +53,11 @@ def products(study: Study, step: str) -> list[Path]:
         return [study.work / "runs" / f"{step}.csv"]
     if step == "motions":
         return [study.work / MANIFEST]
-    names = {"cube": [files.CUBE], "fit": ["fits.json", "curve.csv"], "report": [*REPORT_FILES]}
+    names = {
+        "cube": [provenance.CUBE],
+        "fit": ["fits.json", "curve.csv"],
+        "report": [*REPORT_FILES],
+    }
     if step == "report":
         ids = [member.id for member in study.members]
         sizes = Counter(member.arch_class for member in study.members)
@@ -135,16 +139,16 @@ def finish(study: Study, step: str, plan: Plan | None = None) -> None:
     Batches, which may end at the same time, are not in it: their runs are known by their parts.
     """
     made = {
-        os.path.relpath(path, study.folder): files.sha256_if_there(path)
+        os.path.relpath(path, study.folder): provenance.sha256_if_there(path)
         for path in products(study, step) if path.is_file()
     }  # fmt: skip
-    for name, digest in files.read_stamp(study, step)[1].items():
+    for name, digest in provenance.read_stamp(study, step)[1].items():
         path = study.folder / name
-        ours = name not in made and files.FIGURE.fullmatch(name) and not path.is_symlink()
-        if ours and files.sha256_if_there(path) == digest:
+        ours = name not in made and provenance.FIGURE.fullmatch(name) and not path.is_symlink()
+        if ours and provenance.sha256_if_there(path) == digest:
             path.unlink(missing_ok=True)
     stamp = {"from": _made_from(study, step, plan), "files": made}
-    files.write_stamp(study.work, step, stamp)
+    provenance.write_stamp(study.work, step, stamp)
 
 
 def require(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -166,14 +170,14 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
     """Steps to be done, and what has changed since they were done last."""
     names, inputs = step_names(study), study_inputs(study)
     try:
-        if changed := files.changes(read_manifest(study)["inputs"], inputs, study.folder):
+        if changed := provenance.changes(read_manifest(study)["inputs"], inputs, study.folder):
             return names, changed
         plan = make_plan(study)
     except InputError as error:
         return names, [str(error)] if (study.work / MANIFEST).exists() else []
     for step in ("motions", *names[-3:]):
         if wrong := out_of_date(study, step, plan):
-            known = files.read_stamp(study, step)[0]
+            known = provenance.read_stamp(study, step)[0]
             if step == "cube" and not _runs_are_there(study, plan, known):
                 step = names[1]
             return names[names.index(step) :], [wrong] * (known is not None)
@@ -182,7 +186,7 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
 
 def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
     """Whether all runs of a plan are made, and that of the cube `before`, if any, was the same."""
-    now = {name: files.digest_of(digest) for name, digest in plan.digests.items()}
+    now = {name: provenance.digest_of(digest) for name, digest in plan.digests.items()}
     if before is not None and not now.items() <= before.items():
         return False
     with contextlib.suppress(InputError):
@@ -195,11 +199,11 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
     own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
-    before, made = files.read_stamp(study, step)
+    before, made = provenance.read_stamp(study, step)
     if before is None:
         return f"{main}: is missing, or no step of this study made it"
     for name, digest in made.items():
-        if name not in own or files.sha256_if_there(own[name]) != digest:
+        if name not in own or provenance.sha256_if_there(own[name]) != digest:
             return f"{study.folder / name}: is missing, changed or damaged"
     now = _made_from(study, step, plan)
     if changed := [name for name in now | before if now.get(name) != before.get(name)]:
@@ -209,7 +213,10 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Digests of all that the results of a step follow from, by the names of messages."""
-    found: dict[str, Any] = {"code": files.digest_of_code("**/*"), "packages": files.versions()}
+    found: dict[str, Any] = {
+        "code": provenance.digest_of_code("**/*"),
+        "packages": provenance.versions(),
+    }
     if step == "motions":
         found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
     elif step == "cube":
@@ -223,20 +230,20 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, s
     elif step in ("fit", "report"):
         before = ("cube",) if step == "fit" else ("cube", "fit")
         paths = [path for name in before for path in products(study, name)]
-        found |= {path.name: files.sha256_if_there(path) for path in paths}
+        found |= {path.name: provenance.sha256_if_there(path) for path in paths}
         found["report.confidence"] = study.report.confidence
         found["limit_states"] = study.limit_states.model_dump()
     if step in ("cube", "report"):
-        found["motions"] = files.sha256_if_there(study.work / MANIFEST)
+        found["motions"] = provenance.sha256_if_there(study.work / MANIFEST)
     if step == "report":
         found["report"] = study.report.model_dump(exclude={"confidence", "logo"})
         logo = Path(study.report.logo or "")
-        found["logo"] = [logo.name, files.sha256_if_there(logo)]
+        found["logo"] = [logo.name, provenance.sha256_if_there(logo)]
         if study.risk is not None:
             hazard = Path(study.risk.hazard)
             given = study.risk.model_dump(exclude={"hazard"})
-            found["risk"] = [given, hazard.name, files.sha256_if_there(hazard)]
-    return {name: files.digest_of(value) for name, value in found.items()}
+            found["risk"] = [given, hazard.name, provenance.sha256_if_there(hazard)]
+    return {name: provenance.digest_of(value) for name, value in found.items()}
 
 
 def run_study(
@@ -247,7 +254,7 @@ def run_study(
 
     If the study is that of its file with `overrides`, `done.finished_folder` will know it again.
     """
-    files.check_own(study)
+    provenance.check_own(study)
     claim(study, study_file, write=False)
     if not stale_steps(study)[0]:
         return False
@@ -283,7 +290,7 @@ def run_study(
         if still:
             what = f"{(changed or still)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
-        files.write_stamp(study.work, "all", stamp)
+        provenance.write_stamp(study.work, "all", stamp)
     return True
 
 
@@ -292,7 +299,7 @@ def claim(study: Study, study_file: Path, write: bool = True) -> None:
 
     Its path is relative to them, so that both may be moved.
     """
-    file = study.folder / str(files.read_state(study.work / files.OWNER).get("file", ""))
+    file = study.folder / str(provenance.read_state(study.work / provenance.OWNER).get("file", ""))
     if file.is_file() and not file.samefile(study_file):
         raise OutputError(
             f"{study.folder}: holds the results of {file.resolve()}; give {study_file.name} "
@@ -300,5 +307,5 @@ def claim(study: Study, study_file: Path, write: bool = True) -> None:
         )
     if write:
         here = os.path.relpath(study_file.resolve(), study.folder.resolve())
-        owner = files.canonical_json({"id": study.id, "file": here})
-        files.write_text(make_folder(study.work) / files.OWNER, owner + "\n")
+        owner = provenance.canonical_json({"id": study.id, "file": here})
+        provenance.write_text(make_folder(study.work) / provenance.OWNER, owner + "\n")

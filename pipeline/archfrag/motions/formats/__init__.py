@@ -30,8 +30,8 @@ from archfrag.files import end_with_parent, opened, wide_encoding
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
-OWN = {"AT2": "keyed", "COSMOS": "csmip", "DMG": "csmip", "DYNA": "keyed", "GEONET": "blocks",
-       "RESORCE": "keyed", "SMC": "blocks"}  # fmt: skip
+OWN = {"AT2": "keyed", "COSMOS": "csmip", "DMG": "csmip", "DYNA": "keyed", "GEONET": "fixed_width",
+       "RESORCE": "keyed", "SMC": "fixed_width"}  # fmt: skip
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 # Formats that name other files (CSS, Q), that lose a cut-off trace silently (AH, DMX, SH_ASC,
 # WAV, WIN, Y) or that are no earthquakes' are not offered.

@@ -12,7 +12,7 @@ from obspy import Trace
 
 from archfrag import tables
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.formats.common import Text, split, trace_of
+from archfrag.motions.formats.layout import Text, split, trace_of
 
 MOST_COLUMNS = 1000
 _GEOCSV_UNIT = re.compile(r"(?m)^#\s*field_unit\s*:.*[,\s](\S+)\s*$")

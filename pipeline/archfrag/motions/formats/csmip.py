@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats import common
+from archfrag.motions.formats import layout
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
-_BEGINS = re.compile(rf"(?!{common.END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
+_BEGINS = re.compile(rf"(?!{layout.END_OF_DATA.pattern})[\s\x1a]*[^\s\x1a]", re.IGNORECASE)
 _Channel = tuple[Trace | None, int, str]  # a trace, the line after it, its header
 
 # COSMOS
@@ -49,19 +49,19 @@ _UNITS = (
 _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 
 
-def _stream(source: common.Source, channel: Callable[[common.Text, int], _Channel]) -> Stream:
+def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channel]) -> Stream:
     """Traces of channels one after the other, each read by `channel` from a line on."""
-    text, traces = common.Text(source), list[Trace]()
+    text, traces = layout.Text(source), list[Trace]()
     place = stated = 0
     while (place := text.first(place, _BEGINS.match)) < len(text.lines):
         trace, place, header = channel(text, place)
         if trace is None:
             continue
-        if not any(map(common.END_OF_DATA.match, text.lines[place : place + 1])):
+        if not any(map(layout.END_OF_DATA.match, text.lines[place : place + 1])):
             cut_off = "there is no end-of-data line: the file may be cut off"
             trace.stats.record.errors += (cut_off,)
         traces.append(trace)
-        stated = max(stated, int(common.search(_CHANNELS, header) or 0))
+        stated = max(stated, int(layout.search(_CHANNELS, header) or 0))
     if not traces:
         raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
     if stated > len(traces):
@@ -77,16 +77,16 @@ def _stream(source: common.Source, channel: Callable[[common.Text, int], _Channe
     return Stream(traces)
 
 
-is_cosmos = common.begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
+is_cosmos = layout.begins_with(_FORMAT.pattern, r"(?im)^\s*\d+\s+Integer-header values follow")
 
 
-def read_cosmos(source: common.Source, **_: Any) -> Stream:
+def read_cosmos(source: layout.Source, **_: Any) -> Stream:
     """Read the accelerations of a COSMOS file; counts with their ``g_per_count`` if stated."""
     return _stream(source, _cosmos_channel)
 
 
-def _cosmos_channel(text: common.Text, place: int) -> _Channel:
-    count = int(common.search(_FORMAT, text.lines[place]) or 0)
+def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
+    count = int(layout.search(_FORMAT, text.lines[place]) or 0)
     if not 5 <= count <= 100:
         raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
     lines = text.head(place, place + count)
@@ -101,15 +101,15 @@ def _cosmos_channel(text: common.Text, place: int) -> _Channel:
     section = "".join(text.head(at, at + 1))
     if not _SECTION.match(section):
         raise text.needs(at, "the line with the number of points and their units")
-    end, where = text.first(at + 1, common.WORDS.search), text.place(at)
+    end, where = text.first(at + 1, layout.WORDS.search), text.place(at)
     if not (integers[1] == 1 or (integers[1] == _NULL and "ACCEL" in section.upper())):
         return None, end, header
-    announced = common.checked_count(common.search(_SECTION, section), where)
-    samples = text.numbers(at + 1, end, announced, common.format_width(section))
+    announced = layout.checked_count(layout.search(_SECTION, section), where)
+    samples = text.numbers(at + 1, end, announced, layout.format_width(section))
     unit = _COSMOS_UNITS.get(int(integers[2]), "")
     record, codes = _cosmos_record([*lines, *[""] * 9], int(integers[53]), comments)
     size = real.get(12) or real.get(14) or None
-    record = common.known(magnitude=size, epicentral_km=real.get(16)) | record
+    record = layout.known(magnitude=size, epicentral_km=real.get(16)) | record
     level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
     record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
     if unit == "counts":
@@ -120,12 +120,12 @@ def _cosmos_channel(text: common.Text, place: int) -> _Channel:
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
     step = real[61] / 1000.0 if 61 in real else real.get(33)
     peak = f"{real[63]:.4E}" if 63 in real else ""
-    start = common.utc_time(lines[7])
-    trace = common.trace_of(samples, step, where, record, peak=peak, codes=codes, start=start)
+    start = layout.utc_time(lines[7])
+    trace = layout.trace_of(samples, step, where, record, peak=peak, codes=codes, start=start)
     return trace, end, header
 
 
-def _header_numbers(text: common.Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
+def _header_numbers(text: layout.Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
     """The integers or reals of a header, and the line after them."""
     line = text.lines[at] if at < len(text.lines) else ""
     found = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
@@ -133,7 +133,7 @@ def _header_numbers(text: common.Text, at: int, kind: str) -> tuple[NDArray[np.f
         raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
     count, height = map(int, found.groups())
     height = min(height, 200)  # no file takes long by what its header announces
-    values = text.numbers(at + 1, at + 1 + height, count, common.format_width(line))
+    values = text.numbers(at + 1, at + 1 + height, count, layout.format_width(line))
     if not 64 <= values.size <= count <= 1000:
         few = f"{count} {kind}-header values are announced, there are {values.size}"
         raise RecordError(f"{text.place(at)}: {few}; 64 to 1000 are needed")
@@ -150,14 +150,14 @@ def _cosmos_record(
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
     event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
-    direction = common.direction(bearing)
+    direction = layout.direction(bearing)
     if not {"azimuth", "vertical"} & direction.keys():
         word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
-        direction = common.direction(word)
-    record = direction | common.known(
+        direction = layout.direction(word)
+    record = direction | layout.known(
         event="" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
-        date=common.iso_date(text[3], text[1], text[7]),
-        magnitude=common.magnitude(text[2]),
+        date=layout.iso_date(text[3], text[1], text[7]),
+        magnitude=layout.magnitude(text[2]),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
         channel=number,
     )
@@ -171,18 +171,18 @@ def _cosmos_record(
 
 
 # Volume 1 has its number of points in one of the lines 9 to 13.
-is_dmg = common.begins_with(
+is_dmg = layout.begins_with(
     rf"(?i)\A\s*UNCORRECTED ACCELEROGRAM\b(?:.*\n){{8,12}}.*{_COUNT_LINE.pattern}"
     r"|\A\s*CORRECTED ACCELEROGRAM\b.*\n\s*UNCORRECTED ACCELEROGRAM DATA"
 )
 
 
-def read_dmg(source: common.Source, **_: Any) -> Stream:
+def read_dmg(source: layout.Source, **_: Any) -> Stream:
     """Read the accelerations of volume 1 or 2 of CSMIP in the unit of the file, g/10 as g."""
     return _stream(source, _dmg_channel)
 
 
-def _dmg_channel(text: common.Text, place: int) -> _Channel:
+def _dmg_channel(text: layout.Text, place: int) -> _Channel:
     title = _TITLE.match(text.lines[place])
     if title is None:
         raise text.needs(place, "a line that begins (UN)CORRECTED ACCELEROGRAM")
@@ -199,54 +199,54 @@ def _dmg_channel(text: common.Text, place: int) -> _Channel:
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
     found = next(filter(None, map(named.search, lines)), None)
     peak = found[1] if found and _unit_of(f"in {found[2]}")[0] == record["unit"] else ""
-    end = text.first(data_end, lambda line: common.END_OF_DATA.match(line) or _TITLE.match(line))
+    end = text.first(data_end, lambda line: layout.END_OF_DATA.match(line) or _TITLE.match(line))
     head = lines if level == "raw" else lines[1:]
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
     number, bearing = channel.groups() if channel else (None, "")
     bearing, _, position = bearing.partition("LOCATION:")
-    record |= {"level": level} | common.direction(bearing) | common.known(
+    record |= {"level": level} | layout.direction(bearing) | layout.known(
         event="" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
-        date=common.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
-        magnitude=common.magnitude(head[8]),
+        date=layout.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
+        magnitude=layout.magnitude(head[8]),
         station=re.split(r"\s{3,}", head[5].strip())[0],
         channel=number,
     )  # fmt: skip
-    code = common.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
-    trace = common.trace_of(
+    code = layout.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
+    trace = layout.trace_of(
         samples, step, text.place(place if section is None else section), record, peak=peak,
-        codes=("", code, " ".join(position.split())), start=common.utc_time(head[3]),
+        codes=("", code, " ".join(position.split())), start=layout.utc_time(head[3]),
     )  # fmt: skip
     return trace, end, "\n".join(lines)
 
 
 def _dmg_samples(
-    text: common.Text, place: int, lines: list[str], rows: int, section: int | None
+    text: layout.Text, place: int, lines: list[str], rows: int, section: int | None
 ) -> tuple[NDArray[np.float64], float | None, dict[str, Any], int]:
     """Samples, their step, what is stated, and the line after them; pairs without a `section`."""
     step, done, per, width, first = None, [""], 2, 7, place + len(lines) + rows
     if section is None:
         index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), 0)
-        where, stated = text.place(place + index), common.search(_COUNT_LINE, lines[index])
+        where, stated = text.place(place + index), layout.search(_COUNT_LINE, lines[index])
         line = next((each for each in lines if "UNITS OF" in each.upper()), "")
     else:
         where, (line,) = text.place(section), text.head(section, section + 1)
-        per, width, first = 1, common.format_width(line) or 10, section + 1
-        stated = common.search(_POINTS, line)
-        step = common.number(common.search(r"SPACED AT\s+(\S+)\s+SEC", line))
-        rate = common.number(common.search(r"AT\s+(\S+)\s+PTS/SEC", line))
+        per, width, first = 1, layout.format_width(line) or 10, section + 1
+        stated = layout.search(_POINTS, line)
+        step = layout.number(layout.search(r"SPACED AT\s+(\S+)\s+SEC", line))
+        rate = layout.number(layout.search(r"AT\s+(\S+)\s+PTS/SEC", line))
         step = 1.0 / rate if step is None and rate else step
-    announced, (unit, scale) = common.checked_count(stated, where), _unit_of(line)
-    end = text.first(first, common.WORDS.search)
+    announced, (unit, scale) = layout.checked_count(stated, where), _unit_of(line)
+    end = text.first(first, layout.WORDS.search)
     samples = text.numbers(first, end, per * announced, width)
     held = samples.size // per
     samples[per - 1 :: per] *= scale
     if section is None:
-        samples, step, *done = common.on_even_steps(samples, text.place(first))
+        samples, step, *done = layout.on_even_steps(samples, text.place(first))
         done.insert(0, "Unit g/10 converted into g." if scale != 1.0 else "")
     log = tuple(filter(None, done))
     return samples, step, {"announced": announced, "held": held, "unit": unit, "log": log}, end
 
 
 def _unit_of(text: str) -> tuple[str, float]:
-    found = ((unit, scale) for pattern, unit, scale in _UNITS if common.search(pattern, text))
+    found = ((unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text))
     return next(found, ("", 1.0))

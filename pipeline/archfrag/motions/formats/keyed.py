@@ -22,7 +22,7 @@ from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats import common
+from archfrag.motions.formats import layout
 from archfrag.motions.partners import AZIMUTHS
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
@@ -40,10 +40,10 @@ _DYNA = {
     "component": (str, "STREAM", "COMPONENT"),
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
-    "magnitude": (common.number, "MAGNITUDE_W", "MAGNITUDE_L"),
+    "magnitude": (layout.number, "MAGNITUDE_W", "MAGNITUDE_L"),
     "station": (str, "STATION_CODE"),
-    "vs30_mps": (common.number, "VS30_M/S", "VS30_MS"),
-    "epicentral_km": (common.number, "EPICENTRAL_DISTANCE_KM"),
+    "vs30_mps": (layout.number, "VS30_M/S", "VS30_MS"),
+    "epicentral_km": (layout.number, "EPICENTRAL_DISTANCE_KM"),
 }  # fmt: skip
 # Keys of RESORCE in those of DYNA.
 _RESORCE = {
@@ -55,21 +55,21 @@ _RESORCE = {
 
 
 # An acceleration with its unit, number of samples and time step.
-is_at2 = common.begins_with(
+is_at2 = layout.begins_with(
     r"(?i)\A(?:[^\n\x80-\xff]*\n){2}(?=.*ACCELERATION)"
     r"[^\n\x80-\xff]*?UNITS?[ \t]+OF[ \t]+[^\s.,;].*\n"
     rf"(?:(?=.*{_NPTS}).*{_DT}|{_TRAILING[1:]})"
 )
 # The event, and the time step or the number of samples in a later line.
-is_dyna = common.begins_with(
+is_dyna = layout.begins_with(
     r"\AEVENT_(?:NAME|ID)\s*:", r"(?m)^\s*(?:SAMPLING_INTERVAL_S|NDATA)\s*:"
 )
-is_resorce = common.begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
+is_resorce = layout.begins_with(r"\AEvent Date & Time", r"(?im)^\s*\w+ time series in .")
 
 
-def read_at2(source: common.Source, **_: Any) -> Stream:
+def read_at2(source: layout.Source, **_: Any) -> Stream:
     """Read a PEER AT2 acceleration record."""
-    text = common.Text(source)
+    text = layout.Text(source)
     if text.lines[-1] == "":
         text.lines.pop()
     if len(text.lines) <= 4:
@@ -77,13 +77,13 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
     about, quantity, last = (line.strip() for line in text.head(1, 4))
     if "ACCELERATION" not in quantity.upper():
         raise text.needs(2, "an acceleration")
-    unit = common.search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
-    count, step = (common.search(pattern, last) for pattern in (_NPTS, _DT))
+    unit = layout.search(r"UNITS?\s+OF\s+([^\s.,;]+)", quantity) or "none"
+    count, step = (layout.search(pattern, last) for pattern in (_NPTS, _DT))
     if not (count and step):
-        count, step = (common.search(_TRAILING, last, group) for group in (1, 2))
+        count, step = (layout.search(_TRAILING, last, group) for group in (1, 2))
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
-    stated, where = common.number(count), text.place(3)
+    stated, where = layout.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
     # Without a direction at its end, by which records of one event would differ.
     record: dict[str, Any] = {"event": _DIRECTION.sub("", about), "component": ""}
@@ -91,18 +91,18 @@ def read_at2(source: common.Source, **_: Any) -> Stream:
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
-        record = (common.direction(component) if component else {}) | {
+        record = (layout.direction(component) if component else {}) | {
             "event": parts[0], "date": parts[1] if dated else "",
             "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
         }  # fmt: skip
-    record |= {"unit": common.acceleration_unit(unit, text.place(2)),
-               "announced": common.checked_count(count, where)}  # fmt: skip
-    return Stream([common.trace_of(text.numbers(4), common.number(step), where, record)])
+    record |= {"unit": layout.acceleration_unit(unit, text.place(2)),
+               "announced": layout.checked_count(count, where)}  # fmt: skip
+    return Stream([layout.trace_of(text.numbers(4), layout.number(step), where, record)])
 
 
-def read_dyna(source: common.Source, **_: Any) -> Stream:
+def read_dyna(source: layout.Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
-    text = common.Text(source)
+    text = layout.Text(source)
     header: dict[str, str] = {}
     for count, line in enumerate(text.lines):
         match = _KEY.match(line)
@@ -118,9 +118,9 @@ def read_dyna(source: common.Source, **_: Any) -> Stream:
     return _keyed(text, header, len(header), codes)
 
 
-def read_resorce(source: common.Source, **_: Any) -> Stream:
+def read_resorce(source: layout.Source, **_: Any) -> Stream:
     """Read an acceleration record of RESORCE."""
-    text = common.Text(source)
+    text = layout.Text(source)
     series = text.first(0, _SERIES.match)
     match = _SERIES.match("".join(text.lines[series : series + 1]))
     if match is None:
@@ -136,7 +136,7 @@ def read_resorce(source: common.Source, **_: Any) -> Stream:
 
 
 def _keyed(
-    text: common.Text, header: dict[str, str], first: int, codes: tuple[str, str, str]
+    text: layout.Text, header: dict[str, str], first: int, codes: tuple[str, str, str]
 ) -> Stream:
     """The record of a header in DYNA's keys, its samples from line `first` on."""
     kind = header.get("DATA_TYPE", "")
@@ -145,15 +145,15 @@ def _keyed(
     for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
         if not header.get(key):
             raise RecordError(f"{text.name}: the header gives no {key}")
-    record = common.read_fields(_DYNA, header.get)
+    record = layout.read_fields(_DYNA, header.get)
     component = record.get("component", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    record |= common.known(
-        unit=common.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
+    record |= layout.known(
+        unit=layout.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
         level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
-        announced=common.checked_count(header["NDATA"], f"{text.name}, NDATA"),
+        announced=layout.checked_count(header["NDATA"], f"{text.name}, NDATA"),
         vertical=letter in ("Z", "UP", "V", "UD") if letter else None,
         azimuth=AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
@@ -164,24 +164,24 @@ def _keyed(
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
     origin = f"{header.get('EVENT_DATE_YYYYMMDD', '')} {header.get('EVENT_TIME_HHMMSS', '')}"
     clock, quake = (_CLOCK.match(text) for text in (start, origin))
-    if quake and (time := common.moment(*map(float, quake.groups()))):
+    if quake and (time := layout.moment(*map(float, quake.groups()))):
         record["origin_time"] = str(time)
-    return Stream([common.trace_of(
-        text.numbers(first), common.number(header["SAMPLING_INTERVAL_S"]),
+    return Stream([layout.trace_of(
+        text.numbers(first), layout.number(header["SAMPLING_INTERVAL_S"]),
         f"{text.name}, SAMPLING_INTERVAL_S", record, codes=codes,
         peak=header.get(f"PGA_{header['UNITS'].upper()}", ""),
-        start=common.moment(*map(float, clock.groups())) if clock else None,
+        start=layout.moment(*map(float, clock.groups())) if clock else None,
     )])  # fmt: skip
 
 
-def read_knet(source: common.Source, **_: Any) -> Stream:
+def read_knet(source: layout.Source, **_: Any) -> Stream:
     """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
     read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
     stream = read(source if hasattr(source, "read") else str(source))
     # Without a header that is whole, nothing follows.
     for trace in (each for each in stream if "knet" in each.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = common.known(
+        record = layout.known(
             date=knet.evot.date.isoformat(), origin_time=str(knet.evot), magnitude=knet.mag,
             level="raw", component=component, station=trace.stats.station,
             announced=round(knet.duration * trace.stats.sampling_rate),
@@ -189,6 +189,6 @@ def read_knet(source: common.Source, **_: Any) -> Stream:
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
             sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
         )  # fmt: skip
-        common.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        layout.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
         trace.stats.record = AttribDict(record)
     return stream

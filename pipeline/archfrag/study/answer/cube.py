@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-import archfrag
 from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.mechanics.status import CollapseMode, Model, Status
 from archfrag.motions.measures import measure_unit, scaling_exponent
-from archfrag.study import files
+from archfrag.physics.status import CollapseMode, Model, Status
+from archfrag.study import provenance
 from archfrag.study.file.arches import VARIABLE, ArchEntry
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
-from archfrag.study.files import strict_json
+from archfrag.study.provenance import strict_json
 from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
+from archfrag.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,13 +42,13 @@ def write_cube(study: Study, plan: Plan | None = None) -> Path:
 
     InputError if results of runs are missing, OutputError if the file cannot be written.
     """
-    files.refuse_foreign_cube(study)
+    provenance.refuse_foreign_cube(study)
     plan = plan or make_plan(study)
     cube = in_unit(build_cube(study, plan, *gather(plan)), study)
-    path = make_folder(study.folder) / files.CUBE
+    path = make_folder(study.folder) / provenance.CUBE
     with replacing(path) as temporary:
         try:
-            with files.NETCDF:
+            with provenance.NETCDF:
                 cube.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
@@ -140,14 +140,14 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "inputs_sha256": _by_name(inputs["record"]), "index_sha256": _by_name(inputs["index"]),
         "inventories_sha256": _by_name(inputs["inventory"]),
         "processing": [{"step": name, "settings": given} for name, given in study.motions.steps],
-        "versions": files.versions(),
+        "versions": provenance.versions(),
     }  # fmt: skip
     count, of = sum(record.vertical for record in plan.records), len(plan.records)
     some = f"used for {count} of {of} records"
     counts = f"{counted(len(plan.arches), 'arch')} under {counted(of, 'record')}"
     return {
         "Conventions": "CF-1.11", "title": study.title, "institution": study.institution,
-        "source": f"rigid-block simulations with archfrag {archfrag.__version__}, method "
+        "source": f"rigid-block simulations with archfrag {__version__}, method "
         f"{study.method.name}",
         "vertical_component": some if 0 < count < of else "used" if count else "not used",
         "history": "Records read, processed and scaled to levels of the intensity measure; "
@@ -159,8 +159,8 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}", "archfrag_study": study.id,
         **{f"archfrag_{name}": strict_json(fact) for name, fact in facts.items()},
-        "archfrag_commit": files.commit(), "archfrag_machine": platform.machine(),
-        "archfrag_plan": files.digest_of(plan.digests),
+        "archfrag_commit": provenance.commit(), "archfrag_machine": platform.machine(),
+        "archfrag_plan": provenance.digest_of(plan.digests),
     }  # fmt: skip
 
 
@@ -170,7 +170,7 @@ def _portable_arch(entry: ArchEntry) -> dict[str, Any]:
         return {**entry.parameters, "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
     if entry.drawing is not None:
-        sha256 = files.sha256_if_there(entry.drawing)
+        sha256 = provenance.sha256_if_there(entry.drawing)
         facts |= {"drawing": Path(entry.drawing).name, "sha256": sha256}
     if entry.vary is not None:
         facts["vary"] = entry.vary.model_dump(exclude_none=True)
@@ -226,8 +226,8 @@ def _variable(about: Any, values: Any) -> "xr.Variable":
 def _arch_variables(arches: Members) -> dict[str, "xr.Variable"]:
     import pandas as pd
 
-    from archfrag.simulate import onset
     from archfrag.simulation.rest import static_limit
+    from archfrag.simulation.simulate import onset
 
     built = [member.entry.build() for member in arches]
     starts = [onset(arch) for arch in built]

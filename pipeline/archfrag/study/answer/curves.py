@@ -15,9 +15,9 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
 from archfrag.fragility.counts import NOTHING, Brackets, Verdict, find_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, mixture, split_capacities, split_curves
+from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_cloud
 from archfrag.fragility.limit_states import state_to_dict, told_order
-from archfrag.fragility.measures import compare_measures
 from archfrag.fragility.quoted import (
     Answer,
     check_lognormal,

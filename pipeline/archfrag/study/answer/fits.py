@@ -18,11 +18,18 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.study.answer import curves
 from archfrag.study.answer.cube import in_si
-from archfrag.study.checks import suspicious, unit_warnings
 from archfrag.study.file.members import SHOWN, shown
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Intensity, Study
-from archfrag.study.files import CUBE, NETCDF, finite, read_json, refuse_foreign_cube, write_text
+from archfrag.study.provenance import (
+    CUBE,
+    NETCDF,
+    finite,
+    read_json,
+    refuse_foreign_cube,
+    write_text,
+)
+from archfrag.study.validate import suspicious, unit_warnings
 
 FITS, CURVE = "fits.json", "curve.csv"
 DECIMALS = 9  # of a probability

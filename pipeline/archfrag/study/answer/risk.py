@@ -15,12 +15,12 @@ from archfrag.fragility import risk as rates
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.quoted import Answer
-from archfrag.hazard import Hazard, load_hazard
-from archfrag.mechanics.status import CollapseMode
+from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.curves import Runs, onsets_in_measure, runs_of_cube
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.schema import Study
-from archfrag.study.files import finite
+from archfrag.study.hazard import Hazard, load_hazard
+from archfrag.study.provenance import finite
 
 SEED = 15
 NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import PydanticCustomError
 
 from archfrag.errors import InputError
-from archfrag.study.text import CONTROL, absolute
+from archfrag.study.yaml_text import CONTROL, absolute
 
 # Rules where pydantic's own words name its classes or a regular expression.
 _RULES = {

@@ -14,7 +14,7 @@ from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
 from archfrag.study.file import at, meant
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
-from archfrag.study.text import parse_value
+from archfrag.study.yaml_text import parse_value
 from archfrag.tables import check_decimals, parse_table, table_of
 
 MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
@@ -218,8 +218,8 @@ def check_buildable(given: Members) -> None:
 
 def check_standing(given: Members) -> None:
     """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
-    from archfrag.simulate import onset
-    from archfrag.simulation.cautions import prestress_text
+    from archfrag.simulation.simulate import onset
+    from archfrag.simulation.standing import prestress_text
 
     check_buildable(given)
     for member in given:

@@ -25,8 +25,14 @@ from archfrag.motions.process import REVERSED, both_senses
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.files import Inputs, canonical_json, read_json, sha256_if_there, write_text
-from archfrag.study.text import relative
+from archfrag.study.provenance import (
+    Inputs,
+    canonical_json,
+    read_json,
+    sha256_if_there,
+    write_text,
+)
+from archfrag.study.yaml_text import relative
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion

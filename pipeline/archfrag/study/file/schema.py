@@ -16,7 +16,7 @@ from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
 from archfrag.study.runs import AnyDesign, Stripes
-from archfrag.study.text import read_keys
+from archfrag.study.yaml_text import read_keys
 
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 MOST_LEVELS = 1000
@@ -114,15 +114,15 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _known_with_its_settings(self) -> Self:
-        from archfrag.simulation import checks
+        from archfrag.simulation import arguments
 
-        names = checks.method_names()
+        names = arguments.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
         with at("cannot be used", kind=refuse):
-            method = checks.check_method(self.name)
-            checks.check_taken(method, dt=self.dt, rtol=self.rtol)
-            checks.check_settings(method, self.settings)
+            method = arguments.check_method(self.name)
+            arguments.check_taken(method, dt=self.dt, rtol=self.rtol)
+            arguments.check_settings(method, self.settings)
         return self
 
 
@@ -252,7 +252,7 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
 
 def study_schema() -> str:
     """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
-    from archfrag.simulation.checks import method_names
+    from archfrag.simulation.arguments import method_names
 
     schema = Study.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"

@@ -16,7 +16,7 @@ from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
-from archfrag.study.files import add_to_log, machine
+from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
 from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.runs.store import Plan, Table, places
@@ -188,7 +188,7 @@ def chunks(cases: Cases, size: int) -> Iterator[Cases]:
 
 def _prepare(plan: Plan, bar: tqdm) -> float:
     """Compile kernels that are not, and see that all arches stand; return the compile time [s]."""
-    from archfrag.warmup import every, is_shipped, kernels_are_compiled, warmup
+    from archfrag.simulation.warmup import every, is_shipped, kernels_are_compiled, warmup
 
     compile_time = 0.0
     with contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh):
@@ -209,8 +209,8 @@ def _prepare(plan: Plan, bar: tqdm) -> float:
 
 def method_to_compile(plan: Plan) -> str:
     """Return the name of the method whose kernels a study needs."""
-    from archfrag.methods.auto import goes_by_events
-    from archfrag.methods.registry import AUTO, METHODS
+    from archfrag.physics.methods.auto import goes_by_events
+    from archfrag.physics.methods.registry import AUTO, METHODS
 
     method = plan.study.method
     if method.name != AUTO:

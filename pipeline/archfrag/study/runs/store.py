@@ -23,25 +23,23 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
-from archfrag.kernels.cache import digest_of_syntax, kernel_platform
-from archfrag.mechanics.status import Count, Energy, Loss, Model, Peak
 from archfrag.motions.measures import scaling_exponent
+from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
+from archfrag.physics.status import Count, Energy, Loss, Model, Peak
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
-from archfrag.study.files import digest_of, files_of_code
+from archfrag.study.provenance import digest_of, files_of_code
 from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.mechanics.types import Results
     from archfrag.motions.motion import Motion
+    from archfrag.physics.interface import Results
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
-    *(f"kernels/{name}.py" for name in ("compile", "kernel", "lower", "numbers", "structs")),
-    "mechanics/**/*.py", "methods/**/*.py", "simulation/**/*.py",
-    "simulate.py", "study/runs/store.py",
+    "physics/**/*.py", "simulation/**/*.py", "study/runs/store.py",
 )  # fmt: skip
 KEY = 16  # bytes
 Table = NDArray[np.void]

@@ -20,7 +20,7 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
-from archfrag.study.files import available_cores, commit, versions
+from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
 from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import Plan, Table
@@ -44,7 +44,7 @@ def make_runs(plan: Plan, cases: Cases) -> Table:
 
     WorkerError if this process has other code than the one that made the plan.
     """
-    from archfrag.simulate import results_of_runs
+    from archfrag.simulation.simulate import results_of_runs
 
     with _ONE_AT_A_TIME:
         same = _identity() == plan.identity

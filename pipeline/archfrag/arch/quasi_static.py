@@ -1,0 +1,161 @@
+"""Arches that move so slowly that they are in equilibrium: behind a springing, or after a tie."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch.tie_rods import tie_name
+from archfrag.errors import StabilityError
+from archfrag.physics.contact.path import new_path
+from archfrag.physics.methods.common import begin
+from archfrag.physics.state import new_model, new_state, new_work
+from archfrag.physics.status import Tie, TieState
+from archfrag.physics.steps.creep import creep
+from archfrag.physics.steps.service import rest_range
+from archfrag.physics.ties import TAUT, tie_stretch
+
+if TYPE_CHECKING:
+    from archfrag.arch.model import Arch
+
+LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
+# Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
+# inertia small beside weight. At the end, steps until nothing moves any more.
+STEP, LONGEST, SETTLING = 1e-4, 0.2, 200
+# Displacement, over the shortest joint, below which nothing moves, and beyond which an arch falls.
+STILL, FALLS = 1e-10, 0.05
+# Load over gravity below which forces that are not in equilibrium are rounding.
+HOLDS = 1e-9
+# Part of a prestress that a tie gets at once, and the least to which this is halved; steps until
+# the arch rests again. The tie is soft then, with an elongation of so many times its length, so
+# that it pulls as much wherever the arch goes.
+PULL, LEAST_PULL, FOLLOWING, SOFT = 0.02, 1e-4, 2000, 1e6
+
+
+class SlowArch:
+    """An arch without velocity: in each step it goes where forces in balance let it go."""
+
+    def __init__(self, arch: Arch) -> None:
+        self._built = arch
+        self.model = new_model(arch.chain)
+        self._state, self._work = new_state(self.model), new_work(self.model)
+        self._path = new_path(self.model)
+        begin(self.model, self._state, self._work, 0, 0.0)
+        self.length = float(self.model.length.min())
+        self._time = min(LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity))
+
+    def rest_range(self) -> tuple[float, float]:
+        """Range of rest in the present geometry [g]; negative numbers if there is none."""
+        found, plus, minus = rest_range(self.model, self._state, self._work, self._path.rest)
+        return (plus, minus) if found else (-math.inf, -math.inf)
+
+    def step(self) -> tuple[bool, float]:
+        """Make a step; return whether it can be made, and how far a body moves in it [m]."""
+        known = self.model, self._state, self._work, self._path
+        solved, moved, lost = creep(*known, self._time, LOST_GAP)
+        return solved and not lost, moved
+
+    def settle(self, least: float, most: int = SETTLING) -> bool:
+        """Let the bodies come to rest; False if they fall, or go on after `most` steps.
+
+        They may stop on their way where the range of rest exceeds `least`.
+        """
+        for _ in range(most):
+            made, moved = self.step()
+            if not made or moved > FALLS * self.length:
+                return False
+            if moved < STILL * self.length or min(self.rest_range()) > least:
+                return min(self.rest_range()) >= -HOLDS
+        return False
+
+    def arch(self) -> Arch:
+        """Return the arch at rest where the bodies are."""
+        arch, model = self._built, self.model
+        start = self._state.position[1:-1].copy()
+        face_before, face_after = arch.chain.face_before.copy(), arch.chain.face_after.copy()
+        face_before[0] = model.corner[0, 0]
+        if not arch.free_end:
+            face_after[-1] = model.corner[-1, 1]
+        chain = arch.chain._replace(start=start, face_before=face_before, face_after=face_after)
+        if len(model.tie):
+            tie = model.tie.copy()
+            tie[:, Tie.LENGTH] += self._state.tie[:, TieState.SET]
+            chain = chain._replace(tie=tie)
+        angle, centroid = start[:, 2].copy(), arch.centroids
+        if arch.chain.start is not None:  # its outlines have rotated so far already
+            angle -= arch.chain.start[:, 2]
+        cosine, sine = np.cos(angle), np.sin(angle)
+
+        def placed(body: int, points: NDArray) -> NDArray:
+            """Points that moved with a body; those of the ground stay."""
+            x, y = (points - centroid[body]).T
+            c, s = cosine[body], sine[body]
+            return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])
+
+        outlines = tuple(placed(body, each) for body, each in enumerate(arch.outlines))
+        bodies = np.arange(len(arch.intrados)).clip(max=arch.n_voussoir - 1)
+        inner, outer = (
+            np.concatenate([placed(body, end[None]) for body, end in zip(bodies, ends)])
+            for ends in (arch.intrados, arch.extrados)
+        )
+        lines = {"outlines": outlines, "intrados": inner, "extrados": outer}
+        return arch.changed(chain=chain, built=arch.built or arch, **lines)
+
+    def tension(self, tie: int, prestress: float) -> float:
+        """Tension a tie slowly; return the part of its prestress at which the arch falls, or inf.
+
+        The arch follows, and comes to rest at the end.
+        """
+        row, part, more = self.model.tie[tie], 0.0, PULL
+        given = row.copy()
+        while part < 1.0:
+            kept = [array.copy() for array in self._state]
+            self._pull(tie, min(1.0, part + more) * prestress)
+            if min(self.rest_range()) >= 0.0 or self.settle(0.0, FOLLOWING):
+                part = min(1.0, part + more)
+                continue
+            for array, values in zip(self._state, kept):
+                array[:] = values
+            more *= 0.5
+            if more < LEAST_PULL:
+                return part
+        if not self.settle(math.inf, FOLLOWING):
+            return 1.0
+        length = row[Tie.LENGTH] + tie_stretch(self.model, tie, self._state.position)
+        row[:] = given
+        row[Tie.LENGTH] = length - prestress / row[Tie.STIFFNESS]
+        return math.inf
+
+    def _pull(self, tie: int, force: float) -> None:
+        """Let a tie pull with a force [N], wherever its ends go."""
+        row = self.model.tie[tie]
+        length = row[Tie.LENGTH] + tie_stretch(self.model, tie, self._state.position)
+        row[Tie.STIFFNESS], row[Tie.LENGTH] = force / (SOFT * length), (1.0 - SOFT) * length
+        row[Tie.STRENGTH] = row[Tie.RUPTURE] = math.inf
+        self._state.tie[tie] = TAUT, 0.0
+
+
+def follow_tie(arch: Arch) -> Arch:
+    """Return an arch that has spread at rest under its last tie.
+
+    Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie
+    has its prestress at the end.
+
+    Raises
+    ------
+    StabilityError
+        If the arch falls before; it names the tie and the prestress at which the arch falls.
+    """
+    tie, slow = len(arch.parameters["ties"]) - 1, SlowArch(arch)
+    prestress = arch.parameters["ties"][tie]["prestress"]
+    if prestress == 0.0 or min(slow.rest_range()) >= 0.0:
+        return arch
+    part = slow.tension(tie, prestress)
+    if math.isfinite(part):
+        falls = f"falls when its {tie_name(arch, tie)} gets a prestress of {prestress:g} N"
+        most = f"it stands with up to {part * prestress:.4g} N"
+        raise StabilityError(f"{arch!r}: the arch {falls}; {most}")
+    return slow.arch()

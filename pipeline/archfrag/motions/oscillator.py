@@ -1,0 +1,35 @@
+"""Response of a linear oscillator to a ground motion that is linear between samples.
+
+The recursion is that of Nigam and Jennings (1969), BSSA 59(2), exact for such a motion.
+"""
+
+import numpy as np
+
+from archfrag.physics.kernels.kernel import kernel
+
+
+@kernel
+def largest_response(ground, dt, w, z, directions, largest):
+    """Put the largest |y| in each direction [m/s2] into `largest`, (n_direction,).
+
+    Reads: ground, directions (imag, real), largest.
+    Writes: largest.
+    """
+    points = max(1, int(np.ceil(200.0 * dt * w / (2.0 * np.pi))))
+    step, root = dt / points, np.sqrt(1.0 - z * z)
+    decay = np.exp(-z * w * step)
+    cosine, sine = decay * np.cos(root * w * step), decay * np.sin(root * w * step) / root
+    f, g, slope, least = ground[0], 0.0 * ground[0], 0.0 * ground[0], 0.0  # y = y' = 0
+    for n in range(ground.size - 1):
+        change = (ground[n + 1] - ground[n]) / dt - slope
+        slope += change
+        f, g = f - 2.0 * z / w * change, g + change / w
+        for k in range(points):
+            y = f - ground[n] + slope * (2.0 * z / w - k * step)
+            if y.real**2 + y.imag**2 > least**2:
+                least = np.inf
+                for i in range(directions.size):
+                    here = abs(y.real * directions[i].real + y.imag * directions[i].imag)
+                    largest[i] = max(largest[i], here)
+                    least = min(least, largest[i])
+            f, g = (cosine + z * sine) * f + sine * g, (cosine - z * sine) * g - sine * f

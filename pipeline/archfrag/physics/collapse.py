@@ -1,0 +1,117 @@
+"""Detect loss of contact at joints (Signorini), and decide when it is collapse.
+
+A joint whose last contact has vanished is noted and the motion goes on, since bodies may land
+again. A collapse is a loss that is not regained (METHOD of Sinopoli, section 3.5): the gap at both
+corners has passed a limit, the faces no longer overlap, or a joint has rotated by 90 degrees.
+"""
+
+import math
+
+from archfrag.physics.contact.placing import clearance, slip_and_gap
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.numbers import flag, larger
+from archfrag.physics.state import Clock
+from archfrag.physics.status import CollapseMode, Loss
+
+# Contact lost below this slip over joint length and this rotation [rad] is lift-off.
+SMALL = 0.02
+# A gap at both corners beyond this part of the joint's length is a loss of contact that counts;
+# below it joints part and meet again many times as they rock.
+NOTED_GAP = 0.02
+RIGHT_ANGLE = 0.5 * math.pi
+HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
+LIFT_OFF = float(CollapseMode.LIFT_OFF)
+NO_MODE, OVERTURNING = int(CollapseMode.NONE), int(CollapseMode.OVERTURNING)
+SLID = int(CollapseMode.SLIDING)
+
+
+@inlined
+def _record_loss(j, model, state, lost, rotation, time):
+    """Record the state in which joint j loses contact."""
+    state.lost_since[j] = select(lost, time, state.lost_since[j])
+    by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
+    state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
+    state.lost_rotation[j] = select(lost, abs(rotation), state.lost_rotation[j])
+
+
+@inlined
+def loss_mode(j, state):
+    """Return the CollapseMode of joint j: how it moved when it lost contact."""
+    slip, rotation = state.lost_slip[j], state.lost_rotation[j]
+    little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
+    return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
+
+
+@inlined
+def record_gap(j, state, gap, where):
+    """Record the gap of joint j, over its length, if it is open at both corners."""
+    loss = state.loss
+    loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
+    first = where & (gap > NOTED_GAP) & (loss[Loss.TIME] != loss[Loss.TIME])
+    if some(first):
+        loss[Loss.TIME] = select(first, state.lost_since[j], loss[Loss.TIME])
+        loss[Loss.JOINT] = select(first, float(j), loss[Loss.JOINT])
+        loss[Loss.MODE] = select(first, loss_mode(j, state), loss[Loss.MODE])
+
+
+@kernel
+def follow_joints(model, state, work, where, loss_limit):
+    """Update modes, slips and losses of contact to the positions at the end of a step.
+
+    `work` has the solution of the step, and the faces where it has led. Returns where a joint
+    cannot come to bear again, since its gap over its length exceeds `loss_limit`, it has slid off
+    or rotated too far: the chain has collapsed.
+
+    Reads: model.length, state, work (contact, face, slide, tangent).
+    Writes: state.
+    """
+    time = state.clock[Clock.TIME]
+    collapsed = False
+    for j in range(state.slip.shape[0]):
+        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        none = where & opposite(is_0 | is_1)
+        slides = where & (work.slide[j] != 0.0)
+        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        if some(none | slides):
+            unit = 1.0 / model.length[j]
+            had = (state.contact[j, 0] > 0.5) | (state.contact[j, 1] > 0.5)
+            _record_loss(j, model, state, none & had, rotation, time)
+            slip, gap = slip_and_gap(j, is_0, is_1, work.face, work.tangent)
+            state.slip[j] = select(none | slides, slip, state.slip[j])
+            gap = gap * unit
+            record_gap(j, state, gap, none)
+            collapsed = collapsed | (none & (gap > loss_limit))
+        collapsed = collapsed | (where & (abs(state.slip[j]) >= model.length[j]))
+        collapsed = collapsed | (where & (abs(rotation) >= RIGHT_ANGLE))
+        in_contact = where & (is_0 | is_1)
+        state.bore_face[j] = select(in_contact, flag(is_0 & is_1), state.bore_face[j])
+        state.contact[j, 0] = select(where, work.contact[j, 0], state.contact[j, 0])
+        state.contact[j, 1] = select(where, work.contact[j, 1], state.contact[j, 1])
+        state.slide[j] = select(where, work.slide[j], state.slide[j])
+    return collapsed
+
+
+@kernel
+def collapse_of(model, state, work, loss_limit):
+    """Find the joint that collapsed: its number or -1, CollapseMode, and time of the loss [s].
+
+    Reads: model.length, state, work (face, tangent).
+    Writes: nothing.
+    """
+    found, how, since = -1, NO_MODE, math.nan
+    for j in range(state.slip.size):
+        slip = abs(state.slip[j]) / model.length[j]
+        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        none = state.contact[j, 0] < 0.5 and state.contact[j, 1] < 0.5
+        gap = 0.0
+        if none:
+            first = clearance(j, 0, work.face, work.tangent)
+            gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
+        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
+            found, how, since = j, OVERTURNING, state.clock[Clock.TIME]
+            if none:
+                how, since = int(loss_mode(j, state)), state.lost_since[j]
+            elif slip >= 1.0:
+                how = SLID
+    return found, how, since

@@ -1,0 +1,335 @@
+"""Solve the contact problem for given modes by one block sweep along the chain.
+
+A closed joint has three rows: its normal at both corners, and its tangent at the pivot where it
+sticks. A joint that touches at one corner has the normal there, and the tangent where it sticks.
+What a joint does not have is a row of zeros with a one on the diagonal, so that all blocks are
+3 x 3 and only neighbours couple: a block-tridiagonal problem, eliminated from the first joint to
+the last and substituted back.
+
+The three reactions of a closed joint are not unique in an arch that is closed everywhere. The
+relative `Precision.compliance` of each row picks those of joints that are equal springs in the
+limit of infinite stiffness.
+"""
+
+from typing import NamedTuple
+
+from archfrag.physics.contact.laws import contact_of
+from archfrag.physics.contact.placing import relative_velocity
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import fused, opposite, select, some
+from archfrag.physics.numbers import dot, larger
+
+MOST_CORRECTIONS = 6
+
+
+class Precision(NamedTuple):
+    """How closely a contact problem is solved."""
+
+    compliance: float  # of each row, relative
+    slack: float  # what of a law counts as kept, over the scale of velocities or forces
+    left: float  # velocity along constrained directions that is no motion, over its scale
+
+
+# For time steps, and for what has to hold to the last digits that rounding leaves.
+FOR_STEPS = Precision(1e-10, 1e-9, 1e-9)
+EXACT = Precision(1e-10, 1e-11, 1e-11)
+
+
+@inlined
+def _set_row(out, j, k, px, py, dx, dy, position):
+    """Set one direction at a point of joint j, with its arms on the bodies after and before."""
+    out[j, k, 0], out[j, k, 1] = dx, dy
+    out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
+    out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
+
+
+@inlined
+def _set_rows_of(j, model, position, work):
+    """Set the constrained and reaction directions of one joint in its present mode."""
+    contact, slide, point = work.contact, work.slide, work.point
+    at_0, at_1, sticks = contact[j, 0] > 0.5, contact[j, 1] > 0.5, slide[j] == 0.0
+    closed, none = at_0 & at_1, opposite(at_0 | at_1)
+    nx, ny, px, py = contact_of(j, work)
+    nx, ny = select(none, 0.0, nx), select(none, 0.0, ny)
+    # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
+    along = slide[j] * model.ray[j, 1]
+    pressing = select(sticks, 1.0, model.ray[j, 0])
+    fx, fy = pressing * nx - along * ny, pressing * ny + along * nx
+    _set_row(work.row, j, 0, px, py, nx, ny, position)
+    _set_row(work.column, j, 0, px, py, fx, fy, position)
+    # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
+    tangent = sticks & opposite(closed)
+    has = select(closed | tangent, 1.0, 0.0)
+    px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
+    dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
+    _set_row(work.row, j, 1, px, py, dx, dy, position)
+    dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
+    _set_row(work.column, j, 1, px, py, dx, dy, position)
+    has = select(closed & sticks, 1.0, 0.0)
+    px, py = work.pivot[j, 0], work.pivot[j, 1]
+    _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
+    _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
+
+
+@kernel
+def set_rows(model, position, work):
+    """Set the constrained and reaction directions of all joints in their present modes.
+
+    Reads: model.ray, position, work (contact, normal, pivot, point, side_normal, slide).
+    Writes: work (column, row).
+    """
+    for j in range(work.slide.shape[0]):
+        _set_rows_of(j, model, position, work)
+
+
+@inlined
+def _solve_block(f, x, y, z):
+    """Solve an eliminated 3 x 3 block, given by rows with reciprocals on its diagonal."""
+    y = fused(-f[3], x, y)
+    z = fused(-f[7], y, fused(-f[6], x, z)) * f[8]
+    y = fused(-f[5], z, y) * f[4]
+    x = fused(-f[2], z, fused(-f[1], y, x)) * f[0]
+    return x, y, z
+
+
+@inlined
+def _block(f, j):
+    """An eliminated block as nine numbers."""
+    return (
+        f[j, 0, 0], f[j, 0, 1], f[j, 0, 2],
+        f[j, 1, 0], f[j, 1, 1], f[j, 1, 2],
+        f[j, 2, 0], f[j, 2, 1], f[j, 2, 2],
+    )  # fmt: skip
+
+
+@inlined
+def _weighted(row, j, a, mass, inertia, arm):
+    """Return the velocity that a unit impulse along a row gives to a body."""
+    return mass * row[j, a, 0], mass * row[j, a, 1], inertia * row[j, a, arm]
+
+
+@inlined
+def _on(column, j, a, arm):
+    return column[j, a, 0], column[j, a, 1], column[j, a, arm]
+
+
+@inlined
+def _set_diagonal(model, work, j, compliance):
+    """Set the diagonal block of a joint: the effect of its reactions on both its bodies."""
+    row, column, f = work.row, work.column, work.block
+    both = model.inverse_mass[j + 1] + model.inverse_mass[j]
+    after, before = model.inverse_inertia[j + 1], model.inverse_inertia[j]
+    for a in range(3):
+        moved = _weighted(row, j, a, both, after, 2)
+        rotated = before * row[j, a, 3]
+        for b in range(3):
+            f[j, a, b] = fused(rotated, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
+        own = f[j, a, a]
+        f[j, a, a] = select(own == 0.0, 1.0, fused(compliance, abs(own), own))
+
+
+@inlined
+def _eliminate(model, work, j):
+    """Eliminate the joint before from the block of joint j."""
+    row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
+    mass, inertia = -model.inverse_mass[j], -model.inverse_inertia[j]
+    block = _block(f, j - 1)
+    first = _weighted(row, j - 1, 0, mass, inertia, 2)
+    second = _weighted(row, j - 1, 1, mass, inertia, 2)
+    third = _weighted(row, j - 1, 2, mass, inertia, 2)
+    for b in range(3):
+        to = _on(column, j, b, 3)
+        x, y, z = _solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+        upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b] = x, y, z
+    for a in range(3):
+        moved = _weighted(row, j, a, mass, inertia, 3)
+        x = dot(moved, _on(column, j - 1, 0, 2))
+        y = dot(moved, _on(column, j - 1, 1, 2))
+        z = dot(moved, _on(column, j - 1, 2, 2))
+        lower[j, a, 0], lower[j, a, 1], lower[j, a, 2] = x, y, z
+        for b in range(3):
+            f[j, a, b] -= dot(
+                (x, y, z), (upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b])
+            )
+
+
+@inlined
+def _factorise_block(f, j):
+    """Factorise a block into triangles, with reciprocals on the diagonal."""
+    a, b, c, d, e, g, h, i, k = _block(f, j)
+    a = 1.0 / a
+    d, h = d * a, h * a
+    e = 1.0 / fused(-d, b, e)
+    g = fused(-d, c, g)
+    i = fused(-h, b, i) * e
+    k = 1.0 / fused(-i, g, fused(-h, c, k))
+    f[j, 0, 0], f[j, 1, 0], f[j, 1, 1], f[j, 1, 2] = a, d, e, g
+    f[j, 2, 0], f[j, 2, 1], f[j, 2, 2] = h, i, k
+
+
+@inlined
+def _factorise_joint(j, model, work, compliance):
+    _set_diagonal(model, work, j, compliance)
+    if j > 0:
+        _eliminate(model, work, j)
+    _factorise_block(work.block, j)
+
+
+@kernel
+def factorise(model, work, compliance):
+    """Factorise the system whose rows and columns are set, block by block.
+
+    Reads: model (inverse_inertia, inverse_mass), work (block, column, lower, row, upper).
+    Writes: work (block, lower, upper).
+    """
+    for j in range(work.slide.shape[0]):
+        _factorise_joint(j, model, work, compliance)
+
+
+@kernel
+def set_up(model, position, work, compliance, first):
+    """Set rows and factorise them from joint `first` on, in one sweep.
+
+    Reads: model (inverse_inertia, inverse_mass, ray), position, work.
+    Writes: work (block, column, lower, row, upper).
+    """
+    for j in range(first, work.slide.shape[0]):
+        _set_rows_of(j, model, position, work)
+        _factorise_joint(j, model, work, compliance)
+
+
+@inlined
+def _add_reaction(j, of, model, position, work):
+    """Add three multipliers of a joint to its reaction and to the bodies' velocities."""
+    column, solved, reaction = work.column, work.solved, work.reaction
+    fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
+    fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
+    after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
+    before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
+    px, py = work.pivot[j, 0] - position[j + 1, 0], work.pivot[j, 1] - position[j + 1, 1]
+    reaction[j, 0] += fx
+    reaction[j, 1] += fy
+    reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
+    solved[j + 1, 0] = fused(model.inverse_mass[j + 1], fx, solved[j + 1, 0])
+    solved[j + 1, 1] = fused(model.inverse_mass[j + 1], fy, solved[j + 1, 1])
+    solved[j + 1, 2] = fused(model.inverse_inertia[j + 1], after, solved[j + 1, 2])
+    solved[j, 0] = fused(-model.inverse_mass[j], fx, solved[j, 0])
+    solved[j, 1] = fused(-model.inverse_mass[j], fy, solved[j, 1])
+    solved[j, 2] = fused(-model.inverse_inertia[j], before, solved[j, 2])
+
+
+@kernel
+def add_reactions(model, position, work):
+    """Add the multipliers in ``work.unknown`` to reactions and velocities.
+
+    Reads: model, position, work.
+    Writes: work (reaction, solved).
+    """
+    out = work.unknown
+    for j in range(out.shape[0]):
+        _add_reaction(j, (out[j, 0], out[j, 1], out[j, 2]), model, position, work)
+
+
+@kernel
+def substitute(model, position, work, where):
+    """Add the multipliers that remove the residual to reactions and velocities.
+
+    Reads: model (inverse_inertia, inverse_mass), position, work.
+    Writes: work (reaction, solved, unknown).
+    """
+    f, lower, upper = work.block, work.lower, work.upper
+    residual, out = work.residual, work.unknown
+    last = residual.shape[0] - 1
+    x, y, z = _solve_block(_block(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2])
+    out[0, 0], out[0, 1], out[0, 2] = x, y, z
+    for j in range(1, last + 1):
+        known = x, y, z
+        x = -residual[j, 0] - dot((lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known)
+        y = -residual[j, 1] - dot((lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known)
+        z = -residual[j, 2] - dot((lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known)
+        x, y, z = _solve_block(_block(f, j), x, y, z)
+        out[j, 0], out[j, 1], out[j, 2] = x, y, z
+    for j in range(last, -1, -1):
+        if j < last:
+            known = x, y, z
+            x = out[j, 0] - dot((upper[j, 0, 0], upper[j, 0, 1], upper[j, 0, 2]), known)
+            y = out[j, 1] - dot((upper[j, 1, 0], upper[j, 1, 1], upper[j, 1, 2]), known)
+            z = out[j, 2] - dot((upper[j, 2, 0], upper[j, 2, 1], upper[j, 2, 2]), known)
+        of = select(where, x, 0.0), select(where, y, 0.0), select(where, z, 0.0)
+        _add_reaction(j, of, model, position, work)
+
+
+@kernel
+def measure_residual(position, work):
+    """Measure velocities of corners and along constrained directions; return the largest.
+
+    ``work.relative``, ``work.corner_rate`` and ``work.residual`` are overwritten.
+
+    Reads: position, work.
+    Writes: work (corner_rate, relative, residual).
+    """
+    relative_velocity(position, work.solved, work.pivot, work.relative)
+    row, bias, point, residual = work.row, work.bias, work.point, work.residual
+    largest = spoiled = 0.0
+    for j in range(residual.shape[0]):
+        ux, uy, w = work.relative[j, 0], work.relative[j, 1], work.relative[j, 2]
+        # The pivot lies halfway between the corners.
+        px, py = point[j, 0, 0] - work.pivot[j, 0], point[j, 0, 1] - work.pivot[j, 1]
+        x0, y0 = fused(-w, py, ux) + bias[j, 0, 0], fused(w, px, uy) + bias[j, 0, 1]
+        x1, y1 = fused(w, py, ux) + bias[j, 1, 0], fused(-w, px, uy) + bias[j, 1, 1]
+        work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1] = x0, y0
+        work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1] = x1, y1
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        first = at_0 | opposite(at_1)
+        vx, vy = select(first, x0, x1), select(first, y0, y1)
+        a = fused(row[j, 0, 0], vx, row[j, 0, 1] * vy)
+        vx, vy = select(at_1, x1, vx), select(at_1, y1, vy)
+        b = fused(row[j, 1, 0], vx, row[j, 1, 1] * vy)
+        c = fused(row[j, 2, 0], 0.5 * (x0 + x1), row[j, 2, 1] * (0.5 * (y0 + y1)))
+        residual[j, 0], residual[j, 1], residual[j, 2] = a, b, c
+        largest = larger(largest, larger(abs(a), larger(abs(b), abs(c))))
+        spoiled += 0.0 * (a + b + c)  # nan where anything has overflowed; comparisons lose it
+    return largest + spoiled
+
+
+@kernel
+def correct(model, position, work, enough):
+    """Solve the factorised problem, and refine it until the residual is below `enough`.
+
+    Returns the largest velocity left along a constrained direction; nan where a pivot vanishes.
+
+    Reads: model (inverse_inertia, inverse_mass), position, work.
+    Writes: work (corner_rate, reaction, relative, residual, solved, unknown).
+    """
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c] = work.free[i, c]
+    for j in range(work.slide.shape[0]):
+        for c in range(3):
+            work.reaction[j, c] = 0.0
+    left = measure_residual(position, work)
+    go = left == left
+    # One substitution leaves what the compliance yields; where that counts it is corrected.
+    for _ in range(MOST_CORRECTIONS):
+        substitute(model, position, work, go)
+        before = left
+        left = measure_residual(position, work)
+        go = go & (left > enough) & (left < before)
+        if not some(go):
+            break
+    return left
+
+
+@kernel
+def solve_modes(model, position, work, scale, precision, first):
+    """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.contact`` and ``work.slide``.
+
+    From contacts and velocities without reactions in ``work.free``, the largest relative one of
+    which is `scale`; `solved`, `reaction`, `relative` and `corner_rate` are overwritten.
+    The joints before `first` are set up as they are. Returns what `correct` does.
+
+    Reads: model (inverse_inertia, inverse_mass, ray), position, work, precision.left.
+    Writes: work.
+    """
+    set_up(model, position, work, precision.compliance, first)
+    return correct(model, position, work, precision.left * scale)

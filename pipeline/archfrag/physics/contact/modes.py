@@ -1,0 +1,231 @@
+"""Find which corners touch and which joints stick, by Newton's iteration on the modes.
+
+For given modes the contact problem is linear (`blocks`). Its solution gives for each joint whether
+it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
+functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
+are taken until none changes (`solve_contact`). Where many joints answer each other's changes that
+goes round in circles, and `archfrag.physics.contact.path` changes the modes one at a time.
+"""
+
+import math
+
+from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
+from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.numbers import count_of, flag, larger
+from archfrag.physics.ties import ask_ties, solve_with_ties, start_ties, take_asked
+
+# Part of the bodies' velocities below which relative ones are not distinguished.
+ROUNDING = 1e-5
+# Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
+MOST_ITERATIONS, ITERATION_PER_JOINTS = 8, 16
+
+
+@inlined
+def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
+    """Return the mode that a closed joint asks for: whether each corner stays, and its slide.
+
+    A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
+    a joint slide, a slip against its friction makes it stick (Eq 6).
+    """
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    force_0, force_1, normal, tangential = closed_forces(j, work)
+    keeps_0, keeps_1 = force_0 >= -slack_force, force_1 >= -slack_force
+    sticks = slide == 0.0
+    asked = select(sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide))
+    if not math.isinf(model.friction[j]):
+        excess = abs(tangential) - model.friction[j] * larger(normal, 0.0)
+        sense = select(tangential > 0.0, 1.0, -1.0)
+        asked = select(sticks & (excess > slack_force), sense, asked)
+    return keeps_0, keeps_1, asked
+
+
+@inlined
+def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
+    """Return the mode that a joint at one corner asks for; `second` where that is corner 1.
+
+    Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
+    that pushes along its ray and a slip along its friction. Returned: where a tensile force would
+    be needed, and the sense of friction.
+    """
+    side = work.side_normal
+    ax = select(second, side[j, 1, PLUS, 0], side[j, 0, PLUS, 0])
+    ay = select(second, side[j, 1, PLUS, 1], side[j, 0, PLUS, 1])
+    bx = select(second, side[j, 1, MINUS, 0], side[j, 0, MINUS, 0])
+    by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
+    n, t = model.ray[j, 0], model.ray[j, 1]
+    size = 1.0 / math.sqrt(n * n + t * t)
+    high_x, high_y, low_x, low_y = cone_rays(j, model, ax, ay, bx, by)
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    above = (high_x * fy - high_y * fx) * size
+    below = (fx * low_y - fy * low_x) * size
+    outside = larger(above, below) > slack_force
+    sticks, onwards = slide == 0.0, slide > 0.0
+    tensile = fx * (ax + bx) + fy * (ay + by) <= 0.0
+    if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
+    push = select(onwards, fx * high_x + fy * high_y, fx * low_x + fy * low_y) * size
+    nx, ny = select(onwards, ax, bx), select(onwards, ay, by)
+    against = slide * (nx * uy - ny * ux) > slack
+    if_slides = select(against, 0.0, slide)
+    lost = (sticks & outside & tensile) | (opposite(sticks) & (push < -slack_force))
+    return lost, select(sticks, if_sticks, if_slides)
+
+
+@kernel
+def ask_modes(model, work, slack, slack_force):
+    """Set the modes that the laws ask for (Eqs 24, 25); return where one differs from its own.
+
+    The modes asked for are left in ``work.asked_contact`` and ``work.asked_slide``. `slack` and
+    `slack_force` of a law count as kept, in velocity and in force.
+
+    Reads: model (friction, ray), work.
+    Writes: work (asked_contact, asked_slide).
+    """
+    changed = False
+    for j in range(work.slide.shape[0]):
+        at_0, at_1, slide = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5, work.slide[j]
+        ux_0, uy_0 = work.corner_rate[j, 0, 0], work.corner_rate[j, 0, 1]
+        ux_1, uy_1 = work.corner_rate[j, 1, 0], work.corner_rate[j, 1, 1]
+        closing_0 = (opening_rate(j, 0, ux_0, uy_0, work) < -slack) & (work.candidate[j, 0] > 0.5)
+        closing_1 = (opening_rate(j, 1, ux_1, uy_1, work) < -slack) & (work.candidate[j, 1] > 0.5)
+        closed, one = at_0 & at_1, at_0 ^ at_1
+        # A joint without contact asks for the corners that close (Eq 5).
+        asks_0, asks_1, asked = closing_0, closing_1, 0.0
+        if some(closed):
+            keeps_0, keeps_1, slides = mode_if_closed(
+                j, model, work, slide, ux_0, uy_0, slack, slack_force
+            )
+            asks_0 = (closed & keeps_0) | (opposite(closed) & asks_0)
+            asks_1 = (closed & keeps_1) | (opposite(closed) & asks_1)
+            asked = select(closed, slides, asked)
+        if some(one):
+            ux, uy = select(at_1, ux_1, ux_0), select(at_1, uy_1, uy_0)
+            lost, slides = mode_if_corner(j, at_1, model, work, slide, ux, uy, slack, slack_force)
+            kept = one & opposite(lost)
+            shut = kept & ((at_0 & closing_1) | (at_1 & closing_0))
+            if math.isinf(model.friction[j]):
+                slides = select(shut, 0.0, slides)
+            asks_0 = (kept & at_0) | shut | (opposite(one) & asks_0)
+            asks_1 = (kept & at_1) | shut | (opposite(one) & asks_1)
+            asked = select(one, slides, asked)
+        known = work.known[j]
+        if math.isinf(model.friction[j]):
+            known = select(asks_0 & asks_1, 0.0, known)
+        asked = select(asks_0 | asks_1, select(known == 0.0, asked, known), 0.0)
+        work.asked_contact[j, 0], work.asked_contact[j, 1] = flag(asks_0), flag(asks_1)
+        work.asked_slide[j] = asked
+        changed = changed | (asks_0 ^ at_0) | (asks_1 ^ at_1) | (asked != slide)
+    return changed
+
+
+@kernel
+def velocity_scale(position, work):
+    """Return the largest relative velocity without reactions of corners that may touch.
+
+    At least what rounding leaves of velocities, for a chain in flight that moves as one body.
+    ``work.relative`` is overwritten.
+
+    Reads: position, work (candidate, free, pivot, point).
+    Writes: work.relative.
+    """
+    relative_velocity(position, work.free, work.pivot, work.relative)
+    scale = 0.0
+    for i in range(1, work.free.shape[0] - 1):
+        fastest = larger(abs(work.free[i, 0]), abs(work.free[i, 1]))
+        scale = larger(scale, ROUNDING * fastest)
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            ux, uy = corner_velocity(j, k, work.relative, work)
+            fastest = larger(abs(ux), abs(uy))
+            scale = larger(scale, select(work.candidate[j, k] > 0.5, fastest, 0.0))
+    return scale
+
+
+@kernel
+def largest_force(work):
+    """Return the largest component of a reaction; one if there are no reactions.
+
+    Reads: work.reaction.
+    Writes: nothing.
+    """
+    largest = 0.0
+    for j in range(work.slide.shape[0]):
+        force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
+        largest = larger(largest, force)
+    return select(largest == 0.0, 1.0, largest)
+
+
+@inlined
+def closes_soon(j, k, work, ahead):
+    """Whether an open corner will touch within the time `ahead` after its bias's own time."""
+    ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
+    uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
+    asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)
+    return (work.contact[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
+
+
+@inlined
+def start_modes(state, work, where, expects):
+    """Start from the modes before the step; where it `expects` impacts, with closing corners.
+
+    These are the corners that the velocities before the step would close.
+    """
+    for j in range(state.slip.shape[0]):
+        slide = state.slide[j]
+        for k in range(2):
+            ux, uy = corner_velocity(j, k, work.earlier, work)
+            gap = work.normal[j, 0] * (ux + work.bias[j, k, 0])
+            gap = gap + work.normal[j, 1] * (uy + work.bias[j, k, 1])
+            contact = state.contact[j, k]
+            closes = expects & (contact < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
+            contact, slide = select(closes, 1.0, contact), select(closes, 0.0, slide)
+            work.contact[j, k] = select(where, contact, work.contact[j, k])
+        work.slide[j] = select(where, slide, work.slide[j])
+    start_ties(state, work, where)
+
+
+@kernel
+def solve_contact(model, position, work, live, iterations, ahead, precision):
+    """Solve one contact problem by Newton's iteration: each joint takes the mode it asks for.
+
+    A run whose modes are not reconciled after `MOST_ITERATIONS` is given up: hardly any is later.
+    Of runs side by side the slower half does not keep the others waiting: it goes on in the next
+    call, from the modes that it has reached; `iterations` counts the linear problems of each,
+    calls before included. Where `ahead` is larger than -1, a step in which a corner closes, or so
+    many of the times for which its bias stands later, is refused after the first one.
+    Returns the masks solved, refused and active (those that go on), and iterations.
+
+    Reads: model, position, work, precision.
+    Writes: work.
+    """
+    scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
+    limit = float(MOST_ITERATIONS + n_joint // ITERATION_PER_JOINTS)
+    active, reconciled, refused, first = live, False, False, 0
+    while True:
+        left = solve_with_ties(model, position, work, scale, precision, first)
+        slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
+        changed = ask_modes(model, work, slack, slack_force)
+        changed = changed | ask_ties(model, work, slack_force)
+        looks = active & (iterations == 0.0) & (ahead > -1.0)
+        if some(looks):
+            for j in range(n_joint):
+                for k in range(2):
+                    refused = refused | (looks & closes_soon(j, k, work, ahead))
+        iterations = iterations + flag(active)
+        active = active & opposite(refused)
+        reconciled = reconciled | (active & opposite(changed))
+        active = active & changed & (iterations < limit)
+        first = n_joint
+        for j in range(n_joint):
+            differs = work.asked_slide[j] != work.slide[j]
+            for k in range(2):
+                differs = differs | (work.asked_contact[j, k] != work.contact[j, k])
+                work.contact[j, k] = select(active, work.asked_contact[j, k], work.contact[j, k])
+            work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
+            if first == n_joint and some(active & differs):
+                first = j
+        take_asked(work, active)
+        if 2 * count_of(active) <= count_of(live):
+            break
+    return reconciled & (left <= precision.left * scale), refused, active, iterations

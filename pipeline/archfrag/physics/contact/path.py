@@ -1,0 +1,390 @@
+"""Contact problem by following its piecewise-linear solution path: what Newton's iteration on the
+modes could not solve.
+
+The path begins at a problem whose solution is known in given modes, mostly those before the step:
+other velocities of free bodies and other bias, chosen so that each joint keeps its mode. These
+are changed into the problem's own, tau from 0 to 1, and the solution is followed exactly from
+piece to piece of the contact laws: at each break one joint changes its mode. Where the laws are
+not monotone (friction) the path may go back in tau; its direction after a break is the one that
+leads into the new piece. This is Lemke's complementary pivoting (Cottle, Pang and Stone, *The
+Linear Complementarity Problem*, ch. 4) written for the modes of a chain, with a block-tridiagonal
+solution for each piece, and from a known basis as in Ferris and Munson's PATH (1999, *Optim.
+Methods Softw.* 12).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.contact import blocks, laws
+from archfrag.physics.contact.blocks import Precision
+from archfrag.physics.contact.modes import solve_contact, velocity_scale
+from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.onset import RestProblem, new_rest_problem
+from archfrag.physics.state import Model
+from archfrag.physics.status import Count
+from archfrag.physics.ties import push_by_ties, start_ties
+
+# Friction without limit is at most this in between; at its end joints stick again.
+PATH_FRICTION = 1e3
+# Paths to try: compliance of the joints, which keeps the pieces of hyperstatic ones regular, and
+# velocities at the start over those of the problem. The first path begins in the given modes, the
+# second in those in which it ended, all others with all joints open.
+PATHS = (
+    (1e-10, 1.0), (1e-7, 1.0), (1e-6, 10.0), (1e-8, 1.0), (1e-6, 0.1), (1e-10, 10.0),
+    (1e-6, 1.0), (1e-5, 1.0), (1e-4, 1.0),
+)  # fmt: skip
+# On the paths behind so many joints stay compliant.
+RIGID = 6
+# Where a corner is neither compressed nor opening, rounding decides: such a state may break a
+# law by this much, relative, and its residual shows it. Where joints have to be rigid, so many
+# paths may end exactly first.
+DEGENERATE, EXACT_PATHS = 1e-8, 2
+ON, BACK = 1.0, -1.0
+N_FUNCTION = 4
+NONE = -2  # no mode
+
+
+@struct(
+    free=(3,), bias=(2, 2), push=(3,), opening=(2, 2), contact=(2,), at_start=(4,), at_end=(4,),
+    target=(4,),
+)  # fmt: skip
+class Path(NamedTuple):
+    """Workspace of path following, and of the range of rest."""
+
+    model: Model  # with friction limited to PATH_FRICTION
+    free: np.ndarray  # (n_body + 2, 3) velocities of the problem itself, and its bias
+    bias: np.ndarray  # (n_joint, 2, 2)
+    push: np.ndarray  # (n_body + 2, 3) what the start has beside the problem's own velocities
+    opening: np.ndarray  # (n_joint, 2, 2) and bias
+    contact: np.ndarray  # (n_joint, 2) modes in which a path has ended
+    slide: np.ndarray  # (n_joint,)
+    at_start: np.ndarray  # (n_joint, 4) functions of each joint's piece at tau = 0
+    at_end: np.ndarray  # (n_joint, 4) and at tau = 1
+    target: np.ndarray  # (n_joint, 4) modes on the other side of their zeros
+    rest: RestProblem
+
+
+class Break(NamedTuple):
+    """Where a path leaves a piece."""
+
+    joint: int  # that changes its mode; -1: none does
+    distance: float  # in tau
+    mode: int  # into which
+    decides: int  # corner at which the slip decides the sense of friction; -1: it is known
+
+
+NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
+
+
+def new_path(model: Model) -> Path:
+    """Workspace for the chain of a model."""
+    n_joint = model.friction.size
+    friction = np.minimum(model.friction, PATH_FRICTION)
+    limited = model._replace(friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1))
+    free, push = np.zeros((2, model.mass.size, 3))
+    bias, opening = np.zeros((2, n_joint, 2, 2))
+    functions = np.zeros((3, n_joint, N_FUNCTION))
+    modes, rest = (np.zeros((n_joint, 2)), np.zeros(n_joint)), new_rest_problem(model)
+    arrays = free, bias, push, opening, *modes, *functions
+    return Path(limited, *arrays, rest)  # type: ignore[call-arg]
+
+
+@inlined
+def _set_problem(work, path, part):
+    """Set the problem's own velocities and bias plus a part of the start's additions."""
+    for i in range(work.free.shape[0]):
+        for c in range(3):
+            work.free[i, c] = path.free[i, c] + part * path.push[i, c]
+    for j in range(work.slide.size):
+        for k in range(2):
+            for c in range(2):
+                work.bias[j, k, c] = path.bias[j, k, c] + part * path.opening[j, k, c]
+
+
+@kernel
+def piece_functions(position, work, path, tau, value):
+    """Evaluate the linear functions that are non-negative on the present piece of the path.
+
+    Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
+    side of each one's zero. Returned is nan where a pivot vanishes.
+
+    Reads: position, work, path.
+    Writes: work, path.target, value.
+    """
+    _set_problem(work, path, 1.0 - tau)
+    left = blocks.correct(path.model, position, work, np.inf)
+    for j in range(work.slide.size):
+        for f in range(N_FUNCTION):
+            value[j, f], path.target[j, f] = np.inf, NONE
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        if at_0 and at_1:
+            laws.functions_if_closed(j, path.model, work, value[j], path.target[j])
+        elif at_0 or at_1:
+            laws.functions_if_corner(j, path.model, work, value[j], path.target[j])
+        else:
+            laws.functions_if_open(j, work, value[j], path.target[j])
+    return left
+
+
+@inlined
+def _corner_normal(work, j, k, closed, slide):
+    """Return the direction in which a corner is compressed or opens, or slips across."""
+    if closed:
+        return work.normal[j, 0], work.normal[j, 1]
+    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
+    if slide != 0.0:
+        return laws.slip_normal(j, k, slide < 0.0, work)
+    x, y = n[0] + m[0], n[1] + m[1]
+    norm = math.sqrt(x * x + y * y)
+    return (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
+
+
+@kernel
+def set_start(position, work, path, scale):
+    """Choose where a path begins: a problem with a solution in the present modes.
+
+    Its bodies move as without reactions, every corner that touches is compressed, every other
+    one opens, and what slides does so against its friction. Sizes grow along the chain: equal
+    ones would let several joints change their modes at one tau.
+
+    Reads: position, work, path.
+    Writes: work (column, reaction, relative, row, solved, unknown), path (opening, push).
+    """
+    model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
+    force = scale * model.mass.sum()
+    blocks.set_rows(model, position, work)
+    relative_velocity(position, path.free, work.pivot, work.relative)
+    for j in range(n_joint):
+        size, slide = 1.0 + j / n_joint, work.slide[j]
+        closed = work.contact[j, 0] + work.contact[j, 1] > 1.5
+        unknown[j, 0] = unknown[j, 1] = unknown[j, 2] = 0.0
+        for k in range(2):
+            nx, ny = _corner_normal(work, j, k, closed, slide)
+            vx, vy = scale * size * nx, scale * size * ny
+            if work.contact[j, k] > 0.5:
+                vx, vy = slide * vy, -slide * vx
+                if closed or slide != 0.0:
+                    unknown[j, k if closed else 0] = -force * size
+                else:
+                    for a in range(2):
+                        unknown[j, a] = -force * size * (row[j, a, 0] * nx + row[j, a, 1] * ny)
+            ux, uy = corner_velocity(j, k, work.relative, work)
+            path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
+            path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
+    work.solved[:] = 0.0
+    blocks.add_reactions(model, position, work)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            path.push[i, c] = work.solved[i, c]
+
+
+@kernel
+def direction_after(path, j, mode, left):
+    """Return the sense of tau that leads into the next piece after a break at joint j.
+
+    `mode` is the joint's new one, `left` the one it left; zero where no function leads back.
+
+    Reads: path (at_end, at_start, target).
+    Writes: nothing.
+    """
+    direction = 0.0
+    for f in range(N_FUNCTION):
+        back = path.target[j, f] == left
+        if mode == laws.OPEN:
+            corner = (left + 2) // 3 - 1
+            back = f == 2 * corner + (0 if (left + 2) % 3 == 1 else 1)
+        if back:
+            direction = ON if path.at_end[j, f] > path.at_start[j, f] else BACK
+    return direction
+
+
+@inlined
+def _zero(path, j, f, tau, direction):
+    """Return the distance in tau (at least 0) to a function's zero, its slope and value."""
+    rise = path.at_end[j, f] - path.at_start[j, f]
+    slope, value = rise * direction, path.at_start[j, f] + tau * rise
+    return (max(-value / slope, 0.0) if slope < 0.0 else np.inf), slope, value
+
+
+@kernel
+def _closing_of_corner(work, path, j, k, tau, direction, left):
+    """Find the break at which a corner of an open joint closes: both functions are zero.
+
+    Reads: work (known, side_normal), path (at_end, at_start, target).
+    Writes: nothing.
+    """
+    far, chosen = -np.inf, -1
+    for f in range(2 * k, 2 * k + 2):
+        distance, slope, value = _zero(path, j, f, tau, direction)
+        if path.target[j, f] == left and slope > 0.0:
+            return NO_BREAK
+        if slope >= 0.0:
+            if value > 0.0:
+                return NO_BREAK
+        elif distance > far:
+            far, chosen = distance, f
+    if chosen < 0:
+        return NO_BREAK
+    n, m = work.side_normal[j, k, laws.PLUS], work.side_normal[j, k, laws.MINUS]
+    alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
+    return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
+
+
+@kernel
+def next_break(work, path, tau, direction, crossed):
+    """Find the next break of the path; `crossed` has joint and former mode of the last one.
+
+    Reads: work, path, crossed.
+    Writes: nothing.
+    """
+    first = NO_BREAK
+    for j in range(work.slide.size):
+        left = crossed[1] if j == crossed[0] else -1
+        if work.contact[j, 0] + work.contact[j, 1] < 0.5:
+            for k in range(2):
+                if work.candidate[j, k] > 0.5:
+                    found = _closing_of_corner(work, path, j, k, tau, direction, left)
+                    if found.distance < first.distance:
+                        first = found
+            continue
+        for f in range(N_FUNCTION):
+            if path.at_end[j, f] == np.inf or path.target[j, f] == left:
+                continue
+            distance, slope, _ = _zero(path, j, f, tau, direction)
+            if slope < 0.0 and distance < first.distance:
+                first = Break(j, distance, int(path.target[j, f]), -1)
+    return first
+
+
+@kernel
+def follow_path(position, work, path, scale, compliance):
+    """Follow the solution from the present modes to the problem's own modes, into `work`.
+
+    `compliance` of the contact rows is relative. Returned: how many breaks were met.
+
+    Reads: position, work, path.
+    Writes: work, path (at_end, at_start, opening, push, target).
+    """
+    set_start(position, work, path, scale)
+    tau, direction, crossed = 0.0, ON, (-1, -1)
+    first, breaks, limit = 0, 0, 100 + 20 * work.slide.size
+    while breaks < limit:
+        blocks.set_up(path.model, position, work, compliance, first)
+        left = piece_functions(position, work, path, 0.0, path.at_start)
+        left += piece_functions(position, work, path, 1.0, path.at_end)
+        j = crossed[0]
+        if j >= 0:
+            mode = laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+            direction = direction_after(path, j, mode, crossed[1])
+        if direction == 0.0 or not math.isfinite(left):
+            break
+        found = next_break(work, path, tau, direction, crossed)
+        ahead = direction * (1.0 - tau)
+        if 0.0 < ahead <= found.distance or found.joint < 0:
+            break
+        tau += direction * found.distance
+        j, mode, k = found.joint, found.mode, found.decides
+        if k >= 0:
+            piece_functions(position, work, path, tau, path.at_start)
+            n = work.side_normal[j, k, laws.PLUS]
+            slipping = n[0] * work.corner_rate[j, k, 1] - n[1] * work.corner_rate[j, k, 0]
+            mode = laws.corner_mode(k, -1.0 if slipping > 0.0 else 1.0)
+        crossed = j, laws.mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+        laws.set_mode(work, j, mode)
+        first, breaks = j, breaks + 1
+    _set_problem(work, path, 0.0)
+    return breaks
+
+
+@inlined
+def copy_modes(of, to):
+    """Copy the modes in ``contact`` and ``slide``."""
+    for j in range(to.slide.size):
+        to.contact[j, 0], to.contact[j, 1] = of.contact[j, 0], of.contact[j, 1]
+        to.slide[j] = of.slide[j]
+
+
+@kernel
+def _stick_rough(model, work):
+    """Let closed joints of unlimited friction stick again after a path.
+
+    Reads: model.friction, work (contact, slide).
+    Writes: work.slide.
+    """
+    for j in range(work.slide.size):
+        if math.isinf(model.friction[j]) and work.contact[j, 0] + work.contact[j, 1] > 1.5:
+            work.slide[j] = 0.0
+
+
+@kernel
+def solve_by_path(model, position, work, path, exact):
+    """Solve one contact problem along solution paths, the first from the modes in `work`.
+
+    If joints need not be rigid (`exact`), they stay slightly compliant (relative compliance 1e-6
+    to 1e-4) where no rigid solution is found: where a ring closes, its last gaps contradict each
+    other by the square of their size, and of the many combinations that leave one of them open by
+    1e-10 m rounding finds none. Returns solved, compliant, linear problems solved by the
+    iteration on modes, and breaks of the paths followed.
+
+    Reads: model (friction, inverse_inertia, inverse_mass, ray, tie), position, work, path.
+    Writes: work, path.
+    """
+    scale = velocity_scale(position, work)
+    push_by_ties(model, work, work.free, 1.0)  # on a path ties pull as before
+    for i in range(position.shape[0]):
+        for c in range(3):
+            path.free[i, c] = work.free[i, c]
+    push_by_ties(model, work, work.free, -1.0)
+    for j in range(work.slide.size):
+        for k in range(2):
+            path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
+    iterations, breaks = 0.0, 0
+    if not math.isfinite(scale):
+        return False, False, iterations, breaks
+    for attempt in range(RIGID if exact else len(PATHS)):
+        (compliance, size), soft = PATHS[attempt], attempt >= RIGID
+        if attempt == 1:
+            copy_modes(path, work)
+        elif attempt > 1:
+            for j in range(work.slide.size):
+                laws.set_mode(work, j, laws.OPEN)
+        breaks += follow_path(position, work, path, size * scale, compliance)
+        push_by_ties(path.model, work, work.free, -1.0)
+        _stick_rough(model, work)
+        copy_modes(work, path)
+        for loose in range(1 if soft or (exact and attempt < EXACT_PATHS) else 2):
+            copy_modes(path, work)
+            slack = DEGENERATE if loose or soft else blocks.EXACT.slack
+            precision = Precision(blocks.EXACT.compliance, slack, slack)
+            if soft:
+                precision = Precision(compliance, slack, np.inf)
+            solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
+            iterations += more
+            if solved:
+                return True, soft, iterations, breaks
+    return False, False, iterations, breaks
+
+
+@kernel
+def solve_with_fallback(model, state, work, path):
+    """Solve a posed contact problem along paths, the first from the state's own modes.
+
+    Returns solved, and compliant where the solution is that of slightly compliant joints.
+
+    Reads: model, state, work, path.
+    Writes: state.count, work, path.
+    """
+    count = state.count
+    copy_modes(state, work)
+    start_ties(state, work, True)
+    for j in range(work.slide.size):
+        work.known[j] = 0.0
+    solved, compliant, iterations, breaks = solve_by_path(model, work.position, work, path, False)
+    count[Count.ITERATIONS] += iterations + breaks
+    count[Count.PATHS] += breaks > 0
+    count[Count.COMPLIANT] += compliant
+    return solved, compliant

@@ -1,0 +1,325 @@
+"""Locate the end of a mechanism: the instant at which a margin of a contact law is used up.
+
+Every margin is dimensionless and positive while the mechanism holds (Sinopoli, section 3.5):
+forces over the weight, gaps over the joint's length, slip rates over the speed of a fall through
+that length. Gaps and rates weigh more, so that all are located to the same threshold. Each law
+has a margin of its own at each joint of the chain: `archfrag.physics.mega_voussoirs.
+second_level` numbers them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays
+from archfrag.physics.contact.placing import clearance, corner_rate_at, move_faces
+from archfrag.physics.events import runge_kutta
+from archfrag.physics.events.runge_kutta import Scheme, Stages
+from archfrag.physics.ground import ground_after
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.mega_voussoirs.first_level import solve_first_level
+from archfrag.physics.mega_voussoirs.second_level import (
+    FORCE_0,
+    FORCE_1,
+    FRICTION_MINUS,
+    FRICTION_PLUS,
+    GAP_0,
+    GAP_1,
+    N_LAW,
+    SLIP_END,
+    solve_second_level,
+)
+from archfrag.physics.state import Model
+from archfrag.physics.status import Tie, TieState
+from archfrag.physics.ties import BROKEN, SLACK, TAUT, YIELDS
+
+# Joint of the trigger where no law waits to be followed up.
+NONE = -1
+# A law counts as broken beyond this; the contact problem behind it resolves a hundredth of it.
+THRESHOLD = 1e-9
+GAP_WEIGHT = 1e4
+SLIP_WEIGHT = 1e2
+MOST_ITERATIONS = 60
+# A corner that overlaps by less than this part of the joint's length and parts has closed a
+# rounding too late; one that overlaps by more has been missed.
+ROUNDING = 1e-9
+
+
+@struct()
+class Motion(NamedTuple):
+    """Workspace for the motion of mega-voussoirs between events."""
+
+    model: Model  # of the voussoirs
+    stages: Stages
+    scheme: Scheme
+    length: float  # shortest joint [m]
+    speed: float  # of a fall through it [m/s]
+    acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
+    per_weight: float  # [1/N]
+    tolerance: float  # relative error of a step
+    value: np.ndarray  # (n_joint + n_tie, N_LAW) margins of all laws, of joints and of ties
+    low: np.ndarray  # (n_joint + n_tie, N_LAW) at the beginning of a step
+    # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
+    # where they touch
+    gap: np.ndarray
+    low_gap: np.ndarray  # (n_joint, 2, 2) at the beginning of a step
+    trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
+
+
+def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
+    """Allocate the workspace of a chain's motion, for a relative error of a step."""
+    n_joint, length = model.friction.size, float(model.length.min())
+    margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
+    gaps = np.full((2, n_joint, 2, 2), np.inf)
+    return Motion(
+        model=model,
+        stages=runge_kutta.new_stages(model.mass.size),
+        scheme=scheme,
+        length=length,
+        speed=float(np.sqrt(model.gravity * length)),
+        acceleration=model.gravity * min(1.0, max(1e-3, 1e3 * tolerance)),
+        per_weight=1.0 / (model.gravity * float(model.mass.sum())),
+        tolerance=float(tolerance),
+        value=margins[0],
+        low=margins[1],
+        gap=gaps[0],
+        low_gap=gaps[1],
+        trigger=np.full(2, NONE),
+    )
+
+
+@kernel
+def keep_margins(mega, motion):
+    """Keep the present margins as those at the beginning of a step.
+
+    Reads: motion (gap, value).
+    Writes: motion (low, low_gap).
+    """
+    for j in range(motion.value.shape[0]):
+        for law in range(N_LAW):
+            motion.low[j, law] = motion.value[j, law]
+    for k in range(mega.work.slip.shape[0]):
+        for c in range(2):
+            for d in range(2):
+                motion.low_gap[k, c, d] = motion.gap[k, c, d]
+
+
+@inlined
+def _cone_margins(k, c, model, work, per_weight, value):
+    """Set margins of Coulomb's cones at a sticking corner, of force at a sliding one."""
+    n, t, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
+    size = per_weight / math.sqrt(n * n + t * t)
+    fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
+    n, m = side[k, c, PLUS], side[k, c, MINUS]
+    high_x, high_y, low_x, low_y = cone_rays(k, model, n[0], n[1], m[0], m[1])
+    if work.slide[k] == 0.0:
+        value[FRICTION_PLUS] = high_y * fx - high_x * fy
+        value[FRICTION_MINUS] = low_x * fy - low_y * fx
+    elif work.slide[k] > 0.0:
+        value[FORCE_0 + c] = high_x * fx + high_y * fy
+    else:
+        value[FORCE_0 + c] = low_x * fx + low_y * fy
+
+
+@inlined
+def margins_between(mega, motion, position, velocity):
+    """Set margins at the joints between mega-voussoirs, after `solve_first_level`."""
+    work = mega.work
+    for k in range(mega.work.slip.shape[0]):
+        value = motion.value[mega.joint[k]]
+        at = work.contact[k, 0] > 0.5, work.contact[k, 1] > 0.5
+        per_length = 1.0 / mega.model.length[k]
+        for c in range(2):
+            motion.gap[k, c, 0] = motion.gap[k, c, 1] = np.inf
+            if not at[c]:
+                gap = clearance(k, c, work.face, work.tangent)
+                x, y = work.point[k, c, 0], work.point[k, c, 1]
+                ux, uy = corner_rate_at(k, x, y, position, velocity)
+                rate = work.normal[k, 0] * ux + work.normal[k, 1] * uy
+                motion.gap[k, c, 0], motion.gap[k, c, 1] = gap, rate
+                late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
+                value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
+        if at[0] and at[1]:
+            force_0, force_1, _, _ = closed_forces(k, work)
+            value[FORCE_0] = motion.per_weight * force_0
+            value[FORCE_1] = motion.per_weight * force_1
+        elif at[0] or at[1]:
+            c = 0 if at[0] else 1
+            _cone_margins(k, c, mega.model, work, motion.per_weight, value)
+        if work.slide[k] != 0.0:
+            rate, _, _ = runge_kutta.sliding_rate(k, position, velocity, work)
+            value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / motion.speed
+
+
+@inlined
+def tie_margins(mega, motion):
+    """Set margins of ties, in the rows behind the joints.
+
+    Tension and what is left to the strength of a tie that is taut, the force that a slack one
+    lacks, the rate at which one yields, and what is left to its rupture.
+    """
+    ties, first = mega.model.tie, motion.model.friction.size
+    for t in range(ties.shape[0]):
+        value, mode = motion.value[first + t], mega.tie[t, TieState.MODE]
+        strength = ties[t, Tie.STRENGTH]
+        stiffness = motion.per_weight * ties[t, Tie.STIFFNESS]
+        elastic = stiffness * (mega.stretch[t, 0] - mega.tie[t, TieState.SET])
+        if mode == TAUT:
+            value[FORCE_0], value[FORCE_1] = elastic, motion.per_weight * strength - elastic
+        elif mode == SLACK:
+            value[FORCE_0] = -elastic
+        elif mode == YIELDS:
+            value[SLIP_END] = SLIP_WEIGHT * mega.stretch[t, 1] / motion.speed
+        if mode != BROKEN:
+            value[FRICTION_PLUS] = stiffness * (ties[t, Tie.RUPTURE] - mega.stretch[t, 0])
+
+
+@kernel
+def find_margins(motion, mega, position, velocity, ground):
+    """Set margins of all laws after `solve_first_level`; return the smallest.
+
+    Its joint and law are left in ``motion.trigger``.
+
+    Reads: motion, mega, position, velocity, ground.
+    Writes: motion (gap, trigger, value), mega.inner_reaction.
+    """
+    value = motion.value
+    for j in range(value.shape[0]):
+        for law in range(N_LAW):
+            value[j, law] = np.inf
+    margins_between(mega, motion, position, velocity)
+    solve_second_level(motion.model, mega, position, velocity, ground, motion.per_weight, value)
+    tie_margins(mega, motion)
+    least = np.inf
+    for j in range(value.shape[0]):
+        for law in range(N_LAW):
+            if not value[j, law] >= least:
+                least = value[j, law]
+                motion.trigger[0], motion.trigger[1] = j, law
+    return least
+
+
+@kernel
+def margins_at(motion, mega, part, step, ground):
+    """Return the smallest margin at a part of a step; nan without a solution.
+
+    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
+    Writes: motion (gap, trigger, value), mega.
+    """
+    position, velocity = mega.next_position, mega.next_velocity
+    runge_kutta.dense_state(motion.stages, part, position, velocity)
+    now = ground_after(ground, part * step)
+    if not solve_first_level(mega, position, velocity, now, motion.acceleration):
+        return np.nan
+    return find_margins(motion, mega, position, velocity, now)
+
+
+@kernel
+def _gap_at(motion, mega, part, k, c):
+    """Return the gap of a corner at a part of a step, from positions alone [m].
+
+    Reads: motion (stages.dense_position, stages.dense_velocity), mega.
+    Writes: mega (next_position, next_velocity, work.face, work.rotated, work.tangent).
+    """
+    work, position = mega.work, mega.next_position
+    runge_kutta.dense_state(motion.stages, part, position, mega.next_velocity)
+    move_faces(mega.model, position, work.rotated, work.face, work.tangent)
+    return clearance(k, c, work.face, work.tangent)
+
+
+@inlined
+def closed_inside(motion, mega, step):
+    """Whether a corner that is open at both ends of a step closes inside it, and where.
+
+    Returns part, searched.
+
+    A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
+    long as its rate changes sign only once. Where these allow it to close, it is looked at on the
+    dense output where its rate, taken to be linear, vanishes.
+    """
+    found, searched = 1.0, False
+    for k in range(mega.work.slip.shape[0]):
+        for c in range(2):
+            first, falls = motion.low_gap[k, c, 0], motion.low_gap[k, c, 1]
+            last, rises = motion.gap[k, c, 0], motion.gap[k, c, 1]
+            if falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step:
+                part, searched = falls / (falls - rises), True
+                gap = _gap_at(motion, mega, part, k, c)
+                found = min(found, part if gap < -ROUNDING * mega.model.length[k] else 1.0)
+    return found, searched
+
+
+@kernel
+def _margin_at(motion, mega, part, step, ground, joint, law):
+    """Return the margin of one law at a part of a step.
+
+    Reads: motion, mega, ground (far_x, far_y, slope_x, slope_y, x, y).
+    Writes: motion (gap, trigger, value), mega.
+    """
+    if law not in (GAP_0, GAP_1):
+        least = margins_at(motion, mega, part, step, ground)
+        return least if np.isnan(least) else motion.value[joint, law]
+    k = 0
+    while mega.joint[k] != joint:
+        k += 1
+    return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
+
+
+@inlined
+def _root(motion, mega, step, ground, end, joint, law):
+    """Find the part of a step at which one law's margin is used up (Illinois method)."""
+    low, high = 0.0, end
+    low_value, high_value = motion.low[joint, law], motion.value[joint, law]
+    if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
+        # A corner that has just opened lies at the threshold: it closes after it was open.
+        while low_value <= THRESHOLD:
+            if high < 1e-6:
+                return 0.0
+            low = 0.5 * high
+            low_value = _margin_at(motion, mega, low, step, ground, joint, law)
+            if low_value < 0.0:
+                high, high_value = low, low_value
+            elif low_value <= THRESHOLD:
+                return low
+    elif low_value <= 0.0:
+        return 0.0
+    side, part = 0, end
+    for number in range(MOST_ITERATIONS):
+        part = (low * high_value - high * low_value) / (high_value - low_value)
+        if number % 4 == 3 or not low < part < high:
+            part = 0.5 * (low + high)
+        value = _margin_at(motion, mega, part, step, ground, joint, law) + 0.5 * THRESHOLD
+        if not abs(value) > 0.5 * THRESHOLD or high - low < 1e-15:
+            break
+        if value < 0.0:
+            high, high_value = part, value
+            low_value *= 0.5 if side == -1 else 1.0
+            side = -1
+        else:
+            low, low_value = part, value
+            high_value *= 0.5 if side == 1 else 1.0
+            side = 1
+    return part
+
+
+@inlined
+def locate(motion, mega, step, ground, end):
+    """Find the first part of a step at which a law ends; nan if no state can be evaluated.
+
+    The law whose margin is smallest where one is broken is followed back to where it is used up,
+    an impact on the gaps alone; then all others are looked at there, until none is broken. The
+    next state and the last solution are those at that instant.
+    """
+    trigger, part = motion.trigger, end
+    for _ in range(MOST_ITERATIONS):
+        joint, law = trigger[0], trigger[1]
+        part = _root(motion, mega, step, ground, part, joint, law)
+        least = margins_at(motion, mega, part, step, ground)
+        if np.isnan(least):
+            return np.nan
+        if least >= -THRESHOLD or part == 0.0:
+            trigger[0], trigger[1] = joint, law
+            return part
+    return part

@@ -1,0 +1,324 @@
+"""Solve what follows an event: the impact, and the mechanism from then on.
+
+Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
+of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over. What
+Newton's iteration on the modes does not solve is solved along solution paths.
+"""
+
+import math
+
+import numpy as np
+
+from archfrag.physics.collapse import follow_joints
+from archfrag.physics.contact import placing
+from archfrag.physics.contact.blocks import EXACT, solve_modes
+from archfrag.physics.contact.laws import opening_rate
+from archfrag.physics.contact.modes import solve_contact, velocity_scale
+from archfrag.physics.contact.path import copy_modes, solve_by_path
+from archfrag.physics.energy import kinetic_energy
+from archfrag.physics.ground import ground_after, rest_margin, segment_at
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.mega_voussoirs import second_level
+from archfrag.physics.mega_voussoirs.first_level import centripetal_bias
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Cause, Count, Energy
+from archfrag.physics.ties import change_tie, pull_by_ties, release_ties
+
+BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
+BY_IMPACT, BY_LOSS, BY_TIE = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.TIE)
+# Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
+# through it, they stay.
+TOUCHING = 1e-9
+STAYING = 1e-8
+# A slip slower than this part of it may end at once.
+SLIPPING = 1e-6
+# Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
+# with friction have none (Painleve).
+IMPOSSIBLE = 300.0
+# Corners that overlap by more than this part of the joint's length are not taken as closed.
+OVERLAP = 1e-6
+# Relative velocities below this part of it are rounding: nothing is left to an impact.
+LEAST_SPEED = 1e-8
+# Rocking slower than this times the root of the tolerance, over the speed of a fall, is over:
+# what is left out is of the second order. Below the other its flights are shorter than the gaps
+# to which impacts are located.
+SLOW = 1e-1
+SLOWEST = 3e-6
+# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
+# that, over the time of a fall through a joint's length.
+BEYOND = 1e-7
+SOONEST = 1e-9
+
+
+@kernel
+def place_voussoirs(model, state, work):
+    """Place faces and contacts of all joints where the voussoirs are.
+
+    Reads: model, state, work.
+    Writes: state.slip, work.
+    """
+    placing.place_chain(model, state.position, state, TOUCHING, state.slip, work)
+
+
+@inlined
+def pose_impact(run, joint, corner):
+    """Set up the impact at the present state.
+
+    Returns whether there is anything that an impact could change.
+    """
+    model, state, work = run.model, run.state, run.work
+    place_voussoirs(model, state, work)
+    for j in range(state.slip.size):
+        for k in range(2):
+            near = placing.clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
+            held = state.contact[j, k] > 0.5 or (j == joint and k == corner)
+            work.candidate[j, k] = work.contact[j, k] = 1.0 if near or held else 0.0
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+        work.slide[j] = work.known[j] = 0.0
+    release_ties(model, work)
+    for i in range(1, state.velocity.shape[0]):
+        for c in range(3):
+            work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
+    return velocity_scale(state.position, work) > LEAST_SPEED * run.motion.speed
+
+
+@inlined
+def _close_slow_joints(run):
+    """Close joints and stop slips, in `work`, whose motion is so slow that it is nearly over.
+
+    A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
+    is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
+    in proportion to its rate.
+    """
+    model, work, motion, changed = run.model, run.work, run.motion, False
+    slow = motion.speed * max(SLOW * math.sqrt(motion.tolerance), SLOWEST)
+    for j in range(work.slide.size):
+        at_0, at_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        if not (at_0 or at_1):
+            continue
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        if at_0 != at_1:
+            k = 1 if at_0 else 0
+            gap = placing.clearance(j, k, work.face, work.tangent)
+            ux, uy = placing.corner_velocity(j, k, work.relative, work)
+            near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
+            if near and nx * ux + ny * uy < slow:
+                work.contact[j, k], changed = 1.0, True
+                if math.isinf(model.friction[j]):
+                    work.slide[j] = 0.0
+        rate = nx * work.relative[j, 1] - ny * work.relative[j, 0]
+        if work.slide[j] != 0.0 and abs(rate) < slow:
+            work.slide[j], changed = 0.0, True
+    return changed
+
+
+@inlined
+def _approaches(run):
+    """Whether the solved velocities close a corner that touches."""
+    work, limit = run.work, -STAYING * run.motion.speed
+    approaches = False
+    for j in range(work.slide.size):
+        for k in range(2):
+            ux, uy = work.corner_rate[j, k, 0], work.corner_rate[j, k, 1]
+            closes = opening_rate(j, k, ux, uy, work) < limit
+            approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
+    return approaches
+
+
+@inlined
+def take_impact(run):
+    """Accept the velocities after an impact, and close slow joints."""
+    model, state, work = run.model, run.state, run.work
+    had, by_far = kinetic_energy(model, state.velocity), 0.0
+    for j in range(state.slip.size):
+        made_0 = work.contact[j, 0] > state.contact[j, 0]
+        made = made_0 or work.contact[j, 1] > state.contact[j, 1]
+        state.count[Count.IMPACTS] += 1.0 if made else 0.0
+    by_far = _take_velocities(run)
+    if _close_slow_joints(run):
+        left = kinetic_energy(model, state.velocity)
+        for i in range(1, state.velocity.shape[0]):
+            for c in range(3):
+                work.free[i, c] = state.velocity[i, c]
+        solve_modes(model, state.position, work, run.motion.speed, EXACT, 0)
+        # Where bringing velocities there would give energy, or another joint would have to be
+        # struck, nothing is closed.
+        if kinetic_energy(model, work.solved) <= left and not _approaches(run):
+            by_far += _take_velocities(run)
+    state.energy[Energy.GROUND] += by_far
+    state.energy[Energy.IMPACT] += kinetic_energy(model, state.velocity) - had - by_far
+
+
+@inlined
+def _take_velocities(run):
+    """Accept solved velocities and modes; return the work of the far springing [J]."""
+    state, work = run.state, run.work
+    last, end = state.slip.size - 1, state.velocity.shape[0] - 1
+    by_far = 0.0
+    if last == end - 1:
+        by_far -= work.reaction[last, 0] * state.velocity[end, 0]
+        by_far -= work.reaction[last, 1] * state.velocity[end, 1]
+    for i in range(1, state.velocity.shape[0] - 1):
+        for c in range(3):
+            state.velocity[i, c] = work.solved[i, c]
+    for j in range(state.slip.size):
+        state.slide[j] = work.slide[j]
+        for k in range(2):
+            state.contact[j, k] = work.contact[j, k]
+    return by_far
+
+
+@inlined
+def _find_touching(j, run):
+    """Set ``work.candidate`` of a joint: corners that touch and stay; return its slip rate."""
+    model, state, work = run.model, run.state, run.work
+    rate, speed = 0.0, run.motion.speed
+    for k in range(2):
+        work.candidate[j, k] = 0.0
+        ux, uy = placing.corner_velocity(j, k, work.relative, work)
+        if state.contact[j, k] < 0.5:
+            if placing.clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
+                continue
+            if opening_rate(j, k, ux, uy, work) > STAYING * speed:
+                continue
+        work.candidate[j, k] = 1.0
+        along = work.normal[j, 0] * uy - work.normal[j, 1] * ux
+        rate = along if abs(along) > abs(rate) else rate
+    return rate
+
+
+@inlined
+def ground_now(run, leaves_rest):
+    """Return the ground acceleration as `ground_after`; at the end of a rest, just outside its
+    range."""
+    time, options, g = run.state.clock[Clock.TIME], run.options, run.model.gravity
+    segment, later = segment_at(time, run.grounds), 0.0
+    end = segment.end if leaves_rest and not np.isnan(options.rest_plus) else time
+    while time + later < end:
+        ahead = ground_after(segment, later)
+        margin = rest_margin(ahead[0], ahead[1], g, options.rest_plus, options.rest_minus)
+        if margin < -BEYOND * g:
+            break
+        later = min(max(2.0 * later, SOONEST * (run.motion.length / run.motion.speed)), end - time)
+    return ground_after(segment, later)
+
+
+@inlined
+def pose_accelerations(run, ground):
+    """Set up the problem of accelerations at the present state.
+
+    Returns whether unlimited friction ends a slip at once.
+    """
+    model, state, work, jammed = run.model, run.state, run.work, False
+    placing.relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    for j in range(state.slip.size):
+        rate = _find_touching(j, run)
+        slips = abs(rate) > SLIPPING * run.motion.speed
+        rough = math.isinf(model.friction[j])
+        jammed = jammed or (slips and rough)
+        for k in range(2):
+            work.contact[j, k] = state.contact[j, k]
+        work.known[j] = (-1.0 if rate > 0.0 else 1.0) if slips and not rough else 0.0
+        work.slide[j] = work.known[j] if work.known[j] != 0.0 else state.slide[j]
+        if state.contact[j, 0] + state.contact[j, 1] == (2.0 if rough else 0.0):
+            work.slide[j] = 0.0
+    for i in range(1, state.velocity.shape[0] - 1):
+        work.free[i, 0] = -ground[0]
+        work.free[i, 1] = -model.gravity - ground[1]
+        work.free[i, 2] = 0.0
+    work.free[-1, 0], work.free[-1, 1] = ground[2], ground[3]
+    pull_by_ties(model, state, work)
+    centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
+    return jammed
+
+
+@kernel
+def solve_posed(model, state, work, path):
+    """Solve the problem that is posed, along solution paths where its modes go round in circles.
+
+    Returns whether it is solved.
+
+    Reads: model, state, work, path.
+    Writes: state.count, work, path.
+    """
+    count = state.count
+    copy_modes(work, path)
+    solved, _, _, iterations = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
+    count[Count.LEVELS] += 1.0
+    count[Count.LEVEL_ITERATIONS] += 1.0 if iterations > 1.0 else 0.0
+    if not solved:
+        count[Count.GENERAL] += 1.0
+        copy_modes(path, work)
+        solved, _, more, breaks = solve_by_path(model, state.position, work, path, True)
+        iterations += more
+        count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
+    count[Count.ITERATIONS] += iterations
+    return solved
+
+
+@inlined
+def take_modes(run):
+    """Accept the modes of solved accelerations; False if the accelerations are impossible."""
+    model, state, work = run.model, run.state, run.work
+    for i in range(1, state.position.shape[0] - 1):
+        if not abs(work.solved[i, 0]) + abs(work.solved[i, 1]) <= IMPOSSIBLE * model.gravity:
+            return False
+    for j in range(state.slip.size):
+        touches = work.contact[j, 0] + work.contact[j, 1]
+        if work.known[j] != 0.0 and touches > 0.0 and work.slide[j] != work.known[j]:
+            return False
+        before = state.contact[j, 0] + state.contact[j, 1]
+        slides = work.slide[j] != 0.0 and state.slide[j] == 0.0
+        state.count[Count.SLIDES] += 1.0 if slides else 0.0
+        state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
+        state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
+    follow_joints(model, state, work, True, run.options.loss_limit)
+    return True
+
+
+@inlined
+def cause_of(run):
+    """Return why the mechanism ends: the cause, and the joint of the chain."""
+    joint, law = run.motion.trigger[0], run.motion.trigger[1]
+    contact = run.state.contact
+    if joint >= contact.shape[0]:
+        return BY_TIE, -1
+    if law == second_level.SLIP_END:
+        return BY_STICK, joint
+    if law in (second_level.GAP_0, second_level.GAP_1):
+        return BY_IMPACT, joint
+    if contact[joint, 0] > 0.5 and contact[joint, 1] > 0.5:
+        return (BY_HINGE if law < second_level.FRICTION_PLUS else BY_SLIDE), joint
+    rough = math.isinf(run.model.friction[joint])
+    return (BY_LOSS if law < second_level.FRICTION_PLUS or rough else BY_SLIDE), joint
+
+
+@inlined
+def change_mode(run, cause, joint, law):
+    """Change the mode of the joint whose law has ended, to start the search for modes."""
+    contact, slide = run.work.contact, run.work.slide
+    if cause == BY_TIE:
+        lost = change_tie(
+            run.model, run.state, joint - contact.shape[0], law == second_level.FORCE_1,
+            law == second_level.FRICTION_PLUS,
+        )  # fmt: skip
+        run.state.energy[Energy.FRICTION] -= lost
+    elif cause == BY_STICK:
+        slide[joint] = 0.0
+    elif cause == BY_HINGE:
+        contact[joint, law - second_level.FORCE_0] = 0.0
+    elif cause == BY_SLIDE:
+        slide[joint] = 1.0 if law == second_level.FRICTION_PLUS else -1.0
+    elif cause == BY_LOSS:
+        contact[joint, 0] = contact[joint, 1] = slide[joint] = 0.0
+
+
+@inlined
+def fastest_of(run):
+    """Return the largest speed of any body, with rotations times joint length; nan if broken."""
+    fastest = spoiled = 0.0
+    for i in range(1, run.state.velocity.shape[0] - 1):
+        v = run.state.velocity[i]
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.length * abs(v[2]))
+        spoiled += 0.0 * (v[0] + v[1] + v[2])
+    return fastest + spoiled

@@ -1,0 +1,315 @@
+"""Ground motions of many runs: impulses over steps, segments between samples, and rest."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import lane, width, with_lane
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.state import Clock
+
+# Loads beyond the range of rest by less than this part of gravity leave forces that no contact
+# problem distinguishes from rounding: a motion would start from that, not from them.
+BEYOND = 1e-11
+
+
+class Impulse(NamedTuple):
+    """Velocity that the ground motion takes from free bodies in a step."""
+
+    x: float  # integral of the ground acceleration [m/s]
+    y: float
+    # Of the far springing: its displacement in the middle [m], and its mean velocities before
+    # and after that [m/s].
+    far_x: float
+    far_y: float
+    before_x: float
+    before_y: float
+    after_x: float
+    after_y: float
+
+
+class Segment(NamedTuple):
+    """Ground acceleration that is linear in time: at the beginning, and its rate."""
+
+    end: float  # until when [s]; inf after the record
+    x: float  # [m/s2]
+    slope_x: float  # [m/s3]
+    y: float
+    slope_y: float
+    # Of the far springing relative to the other, at the beginning: acceleration, velocity,
+    # displacement and the rate of the first.
+    far_x: tuple[float, float, float, float]
+    far_y: tuple[float, float, float, float]
+
+
+@struct(far=(2, 3))
+class Grounds(NamedTuple):
+    """Ground motions one after the other: linear between samples, zero outside them."""
+
+    horizontal: np.ndarray  # (n_sample,) of all motions [m/s2]
+    vertical: np.ndarray  # (n_sample,) upwards [m/s2]
+    impulse_x: np.ndarray  # (n_sample,) integral from each motion's first sample [m/s]
+    impulse_y: np.ndarray  # (n_sample,)
+    # (n_sample, 2, 3) x, y: acceleration, velocity and displacement of the far springing relative
+    # to the other; of length zero where both move alike
+    far: np.ndarray
+    next_break: np.ndarray  # (n_sample,) int64: the next of its motion at which the slope changes
+    first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
+    time_step: np.ndarray  # (n_motion,) [s]
+
+
+def _integral(wave: np.ndarray, dt: float) -> np.ndarray:
+    total = np.zeros(wave.shape)
+    if np.any(wave):
+        np.add(wave[1:], wave[:-1], out=total[1:])
+        total *= 0.5 * dt
+        np.cumsum(total, out=total)
+    return total
+
+
+def _far(acceleration: np.ndarray, dt: float) -> np.ndarray:
+    """Acceleration (n, 2) that is linear between samples, its velocity and displacement."""
+    velocity = np.column_stack([_integral(wave, dt) for wave in acceleration.T])
+    rise = dt * velocity[:-1] + dt**2 / 6.0 * (2.0 * acceleration[:-1] + acceleration[1:])
+    displacement = np.concatenate([np.zeros((1, 2)), np.cumsum(rise, axis=0)])
+    return np.stack([acceleration, velocity, displacement], axis=2)
+
+
+def _breaks(*waves: np.ndarray) -> np.ndarray:
+    x, largest = waves[0], max(np.abs(wave).max() for wave in waves)
+    last = x.size - 1
+    following = np.full(x.size, last)
+    bend = sum(np.abs(part[:-2] - 2.0 * part[1:-1] + part[2:]) for part in waves)
+    bent = np.flatnonzero(bend > 1e-12 * largest) + 1
+    following[bent - 1] = bent
+    return np.append(np.minimum.accumulate(following[:-1][::-1])[::-1], last)
+
+
+def grounds_of(motions: Sequence[tuple[Any, ...]]) -> Grounds:
+    """Join ground motions, each (horizontal, vertical or None, time step), into arrays.
+
+    A fourth entry, if there is one and it is not None, is the acceleration (n_sample, 2) of the
+    far springing less that of the other.
+    """
+    x = [np.ascontiguousarray(given[0], float) for given in motions]
+    # Zeros that are only read take no memory.
+    y = [
+        np.zeros(wave.shape) if given is None or not np.any(given) else np.asarray(given, float)
+        for wave, (_, given, *_) in zip(x, motions)
+    ]
+    step = np.array([float(each[2]) for each in motions])
+    apart = [each[3] if len(each) > 3 and each[3] is not None else None for each in motions]
+    far = np.zeros((0, 2, 3))
+    if any(each is not None for each in apart):
+        given = (np.zeros((w.size, 2)) if a is None else a for w, a in zip(x, apart))
+        far = np.concatenate([_far(np.asarray(a, float), dt) for a, dt in zip(given, step)])
+
+    def joined(waves: Sequence[np.ndarray]) -> np.ndarray:
+        return waves[0] if len(waves) == 1 else np.concatenate(waves)
+
+    of_x, of_y = (joined([_integral(w, dt) for w, dt in zip(waves, step)]) for waves in (x, y))
+    first = np.cumsum([0, *(wave.size for wave in x)])
+    parts = [far[a:b, :, 0].T for a, b in pairwise(first.tolist())]
+    breaks = joined(
+        [_breaks(a, b, *c) if c.size else _breaks(a, b) for a, b, c in zip(x, y, parts)]
+    )
+    return Grounds(joined(x), joined(y), of_x, of_y, far, breaks, first, step)
+
+
+def one_of(grounds: Grounds, number: int, factor: float) -> Grounds:
+    """Return one of several ground motions, multiplied by a factor."""
+    part = slice(*grounds.first[number : number + 2])
+    scaled = factor * grounds.horizontal[part], factor * grounds.vertical[part]
+    far = factor * grounds.far[part, :, 0] if grounds.far.size else None
+    return grounds_of([(*scaled, grounds.time_step[number], far)])
+
+
+@inlined
+def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step):
+    """Integral of one motion from its first sample to `time` [m/s]."""
+    place = time * per_step
+    if place <= 0.0:
+        return 0.0
+    i = first + int(place)
+    if i >= last:
+        return impulse[last]
+    part = place - (i - first)
+    slope = acceleration[i + 1] - acceleration[i]
+    return impulse[i] + time_step * part * (acceleration[i] + 0.5 * part * slope)
+
+
+@inlined
+def _far_at(grounds, c, motion, time):
+    """Return acceleration, velocity, displacement and jerk of the far springing in a direction.
+
+    Behind the last sample it stands where it is.
+    """
+    first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+    dt = grounds.time_step[motion]
+    place = max(time, 0.0) / dt
+    i = first + int(place)
+    if i >= last:
+        return 0.0, 0.0, grounds.far[last, c, 2], 0.0
+    a, v, u = grounds.far[i, c, 0], grounds.far[i, c, 1], grounds.far[i, c, 2]
+    jerk = (grounds.far[i + 1, c, 0] - a) / dt
+    s = (place - (i - first)) * dt
+    u += s * (v + s * (0.5 * a + s * jerk / 6.0))
+    return a + s * jerk, v + s * (a + 0.5 * s * jerk), u, jerk
+
+
+@kernel
+def _far_between(grounds, clock, c, start, end):
+    """Displacement of the far springing in the middle, and mean velocities before and after it.
+
+    Reads: grounds (far, first, time_step), clock.
+    Writes: nothing.
+    """
+    middle = before = after = 0.0 * start
+    for k in range(width(clock[Clock.TIME])):
+        motion = int(lane(clock[Clock.MOTION], k))
+        factor = lane(clock[Clock.FACTOR], k)
+        a, b = lane(start, k), lane(end, k)
+        first = factor * _far_at(grounds, c, motion, a)[2]
+        half = factor * _far_at(grounds, c, motion, 0.5 * (a + b))[2]
+        last = factor * _far_at(grounds, c, motion, b)[2]
+        per = 2.0 / (b - a)
+        middle = with_lane(middle, k, half)
+        before = with_lane(before, k, per * (half - first))
+        after = with_lane(after, k, per * (last - half))
+    return middle, before, after
+
+
+@kernel
+def impulse_between(grounds, clock, start, end):
+    """Return the velocity that the ground motion takes between two instants [s].
+
+    With it, how the far springing moves relative to the other.
+
+    Reads: grounds, clock.
+    Writes: nothing.
+    """
+    x = y = 0.0 * start
+    far_x = far_y = before_x = before_y = after_x = after_y = 0.0 * start
+    if grounds.far.shape[0] > 0:
+        far_x, before_x, after_x = _far_between(grounds, clock, 0, start, end)
+        far_y, before_y, after_y = _far_between(grounds, clock, 1, start, end)
+    for k in range(width(clock[Clock.TIME])):
+        motion = int(lane(clock[Clock.MOTION], k))
+        factor = lane(clock[Clock.FACTOR], k)
+        a, b = lane(start, k), lane(end, k)
+        first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+        dt = grounds.time_step[motion]
+        per = 1.0 / dt
+        wave, total = grounds.horizontal, grounds.impulse_x
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        x = with_lane(x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+        wave, total = grounds.vertical, grounds.impulse_y
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+    return Impulse(x, y, far_x, far_y, before_x, before_y, after_x, after_y)
+
+
+@inlined
+def end_of_motion(grounds, clock, follow):
+    """Return the time at which a run ends at the latest [s]."""
+    end = 0.0 * clock[Clock.TIME]
+    for k in range(width(clock[Clock.TIME])):
+        m = int(lane(clock[Clock.MOTION], k))
+        size = grounds.first[m + 1] - grounds.first[m] - 1
+        end = with_lane(end, k, size * grounds.time_step[m] + follow)
+    return end
+
+
+@inlined
+def far_of(time, grounds, c):
+    """Return how the far springing moves in a direction from a time on; as `_far_at`."""
+    if grounds.far.shape[0] == 0:
+        return 0.0, 0.0, 0.0, 0.0
+    # An instant that is a sample but for rounding belongs to the piece behind it.
+    dt = grounds.time_step[0]
+    i = np.floor(time / dt + 1e-9)
+    return _far_at(grounds, c, 0, max(time, i * dt))
+
+
+@kernel
+def segment_at(time, grounds):
+    """Return the linear piece of the first ground motion that holds `time`.
+
+    Reads: grounds (far, first, horizontal, next_break, time_step, vertical).
+    Writes: nothing.
+    """
+    dt, x, y = grounds.time_step[0], grounds.horizontal, grounds.vertical
+    i = int(np.floor(time / dt + 1e-9))
+    far_x, far_y = far_of(time, grounds, 0), far_of(time, grounds, 1)
+    if i >= grounds.first[1] - 1:
+        return Segment(np.inf, 0.0, 0.0, 0.0, 0.0, far_x, far_y)
+    part = time - i * dt
+    rate_x, rate_y = (x[i + 1] - x[i]) / dt, (y[i + 1] - y[i]) / dt
+    end = grounds.next_break[i] * dt
+    return Segment(end, x[i] + rate_x * part, rate_x, y[i] + rate_y * part, rate_y, far_x, far_y)
+
+
+@inlined
+def ground_after(ground, time):
+    """Return the ground acceleration at a time after the beginning of its segment [m/s2].
+
+    x, y, and those of the far springing relative to it.
+    """
+    x, y = ground.x + ground.slope_x * time, ground.y + ground.slope_y * time
+    far_x, far_y = ground.far_x, ground.far_y
+    return x, y, far_x[0] + far_x[3] * time, far_y[0] + far_y[3] * time
+
+
+@kernel
+def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
+    """Return the distance of a body force from the limit of rest; negative outside [m/s2].
+
+    Rest depends on the direction of the body force only: ``-limit_minus <= k_h / (1 + k_v) <=
+    limit_plus``, a convex cone, so that a force linear in time between two samples inside it
+    stays inside.
+    """
+    effective_gravity = gravity + vertical
+    margin = effective_gravity
+    if not np.isinf(limit_plus):
+        margin = min(margin, limit_plus * effective_gravity - horizontal)
+    if not np.isinf(limit_minus):
+        margin = min(margin, limit_minus * effective_gravity + horizontal)
+    return margin
+
+
+@kernel
+def end_rest(model, grounds, clock, plus, minus):
+    """Return when a chain at rest starts to move, and whether it never does again.
+
+    While the springings move apart it does not rest.
+
+    Reads: model.gravity, grounds (first, horizontal, time_step, vertical), clock.
+    Writes: nothing.
+    """
+    m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
+    first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
+    wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity
+    time = clock[Clock.TIME]
+    i = first + int(time / dt)
+    if grounds.far.shape[0] > 0 and i < last:
+        return time, False
+    if i < last:
+        part = time / dt - (i - first)
+        x = factor * (wave[i] + part * (wave[i + 1] - wave[i]))
+        y = factor * (rise[i] + part * (rise[i + 1] - rise[i]))
+        margin = rest_margin(x, y, g, plus, minus) + BEYOND * g
+        if margin < 0.0:
+            return time, False
+        while i < last:
+            i += 1
+            following = rest_margin(factor * wave[i], factor * rise[i], g, plus, minus)
+            following += BEYOND * g
+            here = (i - first) * dt
+            if following < 0.0:
+                return time + (here - time) * margin / (margin - following), False
+            time, margin = here, following
+    for_good = rest_margin(0.0, 0.0, g, plus, minus) >= 0.0
+    return max(clock[Clock.TIME], (last - first) * dt), for_good

@@ -1,0 +1,96 @@
+"""Types that methods take and return: chain, options, histories, results."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.kernels.structs import struct
+
+
+@struct()
+class Chain(NamedTuple):
+    """Rigid bodies in a row, each touching its neighbours and the ground along straight joints.
+
+    Joint ``j`` lies between body ``j - 1`` and body ``j``; body ``-1`` and body ``n_body`` are
+    the ground. A chain with a free end has ``n_body`` joints, any other ``n_body + 1``.
+    Face corners are given in the frame of the body they belong to (origin at its centroid, axes
+    as at rest); those of the ground in the ground's frame. Corner 0 is the intrados, 1 the
+    extrados; the tangent of a joint runs from corner 0 to corner 1 and its normal from body
+    ``j - 1`` to body ``j``: the tangent is the normal rotated by +90 degrees.
+    """
+
+    mass: np.ndarray  # (n_body,) [kg]
+    inertia: np.ndarray  # (n_body,) about the centroid [kg m2]
+    centroid: np.ndarray  # (n_body, 2) at rest, ground frame [m]
+    face_before: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
+    face_after: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
+    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    gravity: float  # [m/s2]
+    # (n_body, 3) where a run begins: centroids [m] and rotations; None: as built
+    start: np.ndarray | None = None
+    tie: np.ndarray | None = None  # (n_tie, len(Tie)) by archfrag.physics.status.Tie
+
+
+@struct()
+class Options(NamedTuple):
+    """Options of all methods; a method ignores those that do not concern it."""
+
+    time_step: float  # the shortest: at impacts, where steps grow between them [s]
+    tolerance: float  # relative error allowed by methods with step control [1]
+    accuracy: float  # relative error beyond which a run is refused, by its own measures [1]
+    follow: float  # how long to go on past the end of the ground motion [s]
+    max_steps: int  # bound on the work of one run
+    loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]
+    check_interval: int  # steps between measurements of the contact residual
+    frame_interval: float  # least time between frames of the history [s]
+    crowding: float  # mean time between events below which all voussoirs are stepped [s]
+    largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
+    # What follows from these and the arch; see `archfrag.physics.methods.common.ready`.
+    still: float = 0.0  # speed below which the chain may be at rest [m/s]
+    rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
+    rest_minus: float = np.nan
+    rests: bool = True  # whether a chain rests wherever admissible reactions exist
+    first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
+
+
+@struct()
+class Frames(NamedTuple):
+    """Buffers for a history; empty arrays where none is wanted."""
+
+    time: np.ndarray  # (n_frame,) [s]
+    position: np.ndarray  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
+    velocity: np.ndarray  # (n_frame, n_body, 3) relative to the ground [m/s], [rad/s]
+    reaction: np.ndarray  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
+    mode: np.ndarray  # (n_frame, n_joint) contact mode from then on
+
+
+@struct()
+class MechanismLog(NamedTuple):
+    """Buffers for the history of the mechanism, an entry for each change; empty for none.
+
+    Entry i holds from ``time[i]`` until the next entry. Entries beyond the buffer are counted in
+    ``Count.LOG_ENTRIES`` but not kept.
+    """
+
+    time: np.ndarray  # (n_entry,) [s]
+    cause: np.ndarray  # (n_entry,) int8: archfrag.physics.status.Cause of the change
+    joint: np.ndarray  # (n_entry,) int32: the joint that caused it; -1 where none did
+    model: np.ndarray  # (n_entry,) int8: archfrag.physics.status.Model from then on
+    mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
+
+
+@struct()
+class Results(NamedTuple):
+    """Results of runs, a row for each; every method returns them."""
+
+    status: np.ndarray  # (n_run,) archfrag.physics.status.Status
+    end_time: np.ndarray  # (n_run,) [s]
+    collapse_time: np.ndarray  # (n_run,) [s]; nan if none
+    collapse_joint: np.ndarray  # (n_run,); -1 if none
+    collapse_mode: np.ndarray  # (n_run,) archfrag.physics.status.CollapseMode
+    loss: np.ndarray  # (n_run, len(Loss))
+    # (n_run, len(Count)) by archfrag.physics.status.Count
+    count: np.ndarray  # type: ignore[assignment]
+    energy: np.ndarray  # (n_run, len(Energy)) [J]
+    model_time: np.ndarray  # (n_run, len(Model)) simulated time in each model [s]
+    peak: np.ndarray  # (n_run, len(Peak))

@@ -1,0 +1,87 @@
+"""Make the sets of kernels of a study ready, or write the LLVM code that archfrag ships.
+
+``python -m archfrag.physics.kernels ready [SET ...]``, or ``build [FOLDER]`` in its place.
+"""
+
+import contextlib
+import json
+import lzma
+import os
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.physics.kernels.load import SETS, SHIPPED, as_tuples, is_ready, make_ready
+
+
+def make_all_ready() -> None:
+    """Make the machine code of all sets; a second process makes what this one comes to last.
+
+    Kernels of a set that cannot be compiled as its list says are compiled when they are called.
+    """
+    missing = [name for name in SETS if not is_ready(name)]
+    with _second_process(missing[-1:]) if len(missing) > 1 else contextlib.nullcontext():
+        for name in missing:
+            try:
+                make_ready(name)
+            except Exception as error:  # numba's errors have many bases
+                how = "if the kernels are right, run `python -m archfrag.physics.kernels build`"
+                what = f"kernels of set {name} do not take what they took when it was built"
+                warnings.warn(f"{what} ({type(error).__name__}); {how}", stacklevel=2)
+
+
+@contextlib.contextmanager
+def _second_process(names: Sequence[str]) -> Iterator[None]:
+    """A process that makes some sets; none on one core. It ends with this one, by whatever end."""
+    places, process = [str(HOME.parent), os.environ.get("PYTHONPATH")], None
+    if (os.cpu_count() or 1) > 1 and use_kernel_cache() is not None:
+        with contextlib.suppress(OSError):
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "archfrag.physics.kernels", "ready", *names],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
+                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+    try:
+        yield
+    finally:
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)
+
+
+def build(folder: Path = SHIPPED) -> None:
+    """Write the LLVM code of all sets, with the hash of the kernels' source.
+
+    The sets have what studies call, as `archfrag.simulation.warmup` tells.
+    """
+    from archfrag.physics.kernels.compile import compile_set
+
+    used = subprocess.check_output([sys.executable, "-P", "-m", "archfrag.simulation.warmup"])
+    folder.mkdir(exist_ok=True)
+    for name, entries in json.loads(used).items():
+        offers, code = compile_set((kernel, as_tuples(key)) for kernel, key in entries)
+        header = json.dumps([source_hash(), offers]).encode()
+        (folder / f"{name}.xz").write_bytes(lzma.compress(header + b"\n" + code, preset=9))
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case ["build", *places]:
+            build(*map(Path, places))
+        case ["ready"]:
+            make_all_ready()
+        case ["ready", *names]:
+            threading.Thread(target=_end_with_parent, daemon=True).start()
+            for each in names:
+                make_ready(each)
+        case _:
+            sys.exit(__doc__)

@@ -1,0 +1,129 @@
+"""Folders of machine code: a private one for each state of the kernels' source.
+
+The folder's name is a hash of the kernels' files and of the versions of what compiles them:
+edited source never leaves old machine code in use, and all clones and environments of a machine
+share it. archfrag uses such a folder only if nobody else can write to it or replace it.
+"""
+
+import ast
+import contextlib
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import stat
+import tempfile
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+HOME = Path(__file__).resolve().parents[2]
+HOLDS_NO_KERNEL = ("registry.py", "auto.py", "front.py", "__main__.py", "cache.py", "load.py")
+KEPT = 30 * 86400.0  # time for which folders of other states of the source stay unused [s]
+
+
+def kernel_platform() -> str:
+    """Return the versions and the kind of machine that compiled kernels depend on."""
+    versions = [f"{name}={version(name)};" for name in ("numba", "llvmlite", "numpy")]
+    return "".join(versions) + f"python={platform.python_version()};{platform.machine()};"
+
+
+def _sources() -> list[Path]:
+    found = [*(HOME / "physics").rglob("*.py"), HOME / "motions" / "oscillator.py"]
+    return sorted(path for path in found if path.name not in HOLDS_NO_KERNEL)
+
+
+@functools.cache
+def kernel_hash() -> str:
+    """Hash of everything that compiled kernels depend on: 40 hexadecimal digits."""
+    content = b"".join(path.name.encode() + path.read_bytes() for path in _sources())
+    return hashlib.sha256(kernel_platform().encode() + content).hexdigest()[:40]
+
+
+@functools.cache
+def source_hash() -> str:
+    """Hash of what the kernels' source does."""
+    return digest_of_syntax(tuple(_sources()))
+
+
+@functools.cache
+def digest_of_syntax(paths: tuple[Path, ...]) -> str:
+    """SHA-256 of what Python files of this package do, 64 hexadecimal digits.
+
+    Comments, docstrings, layout and the messages of errors do not count. It takes half a second,
+    so it is kept beside the kernels of this machine, by the bytes that it is of.
+    """
+    known = [str(each.relative_to(HOME)).encode() + each.read_bytes() for each in paths]
+    known += [Path(__file__).read_bytes(), platform.python_version().encode()]
+    place = use_kernel_cache()
+    kept = place and place / f"syntax-{hashlib.sha256(b''.join(known)).hexdigest()}"
+    with contextlib.suppress(OSError, ValueError):
+        if kept and len(found := kept.read_text()) == 64:
+            return found
+    digest = hashlib.sha256()
+    for path in paths:
+        tree = _without_words(ast.parse(path.read_bytes()))
+        digest.update(f"{path.relative_to(HOME).as_posix()} {ast.dump(tree)}".encode())
+    with contextlib.suppress(OSError):
+        if kept:
+            kept.write_text(digest.hexdigest())
+    return digest.hexdigest()
+
+
+def _without_words(tree: ast.Module) -> ast.Module:
+    """Take docstrings, and what errors are raised with, from a syntax tree."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            node.exc.args, node.exc.keywords = [], []
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node, clean=False
+        ):
+            del node.body[0]
+    return tree
+
+
+@functools.cache
+def use_kernel_cache() -> Path | None:
+    """Choose and make the folder for the kernels as they are now, once a process.
+
+    It is in ``NUMBA_CACHE_DIR``, or else in the user's cache directory. None if that is not safe:
+    each process then makes its machine code anew.
+    """
+    from platformdirs import user_cache_path
+
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    base = Path(chosen).absolute() if chosen else user_cache_path("archfrag") / "kernels"
+    with contextlib.suppress(OSError):
+        base = _kept_from_others(base)
+        folder = base / f"k-{kernel_hash()}"
+        for place in (*reversed(folder.parents), folder):
+            with contextlib.suppress(FileExistsError):
+                place.mkdir(mode=0o700)
+        state = os.lstat(folder)
+        if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+            return None
+        tempfile.TemporaryFile(dir=folder).close()
+        os.utime(folder)
+        for other in base.glob("k-*"):
+            found = other.lstat()
+            if found.st_uid == os.getuid() and found.st_mtime <= time.time() - KEPT:
+                shutil.rmtree(other, ignore_errors=True)
+        return folder
+    return None
+
+
+def _kept_from_others(path: Path) -> Path:
+    """A path without symbolic links, if nobody else can replace it (else `PermissionError`).
+
+    Only root and we may own its directories and links. Others may write to a directory above it
+    if it has the sticky bit, as the temporary directory has. Members of a group that may write
+    are trusted: if each user has a group of their own, this is the usual umask.
+    """
+    resolved = Path(os.path.realpath(path))
+    for place in filter(os.path.lexists, (path, *path.parents, resolved, *resolved.parents)):
+        state = os.lstat(place)
+        open_to_all = state.st_mode & stat.S_IWOTH and not state.st_mode & stat.S_ISVTX
+        if state.st_uid not in (0, os.getuid()) or (open_to_all and not place.is_symlink()):
+            raise PermissionError(f"{place} can be written by others")
+    return resolved

@@ -1,0 +1,173 @@
+"""Machine code of kernels: from the cache, from LLVM code that comes with archfrag, or compiled.
+
+Kernels that are called from Python are compiled in sets, each one module of LLVM: `SETS` are those
+of a study, shipped as LLVM code that is optimised for `PROCESSOR`. Any other kernel that is called
+is a set of its own. A file of the cache has what a set offers, then machine code; it appears whole
+or not at all, and one that is damaged counts as missing.
+"""
+
+import contextlib
+import functools
+import hashlib
+import json
+import lzma
+import os
+import threading
+import uuid
+import warnings
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+
+from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+
+SETS = ("rest", "steps", "events")
+SHIPPED = Path(__file__).parent / "shipped"
+# The processors that have it, of the last ten years, give the same bits: it has fused
+# multiply-adds.
+PROCESSOR, NEEDED = "x86-64-v3", ("avx2", "fma", "bmi2")
+
+called: list[tuple[str, Any]] = []  # kernels that were called from Python so far, and how
+_lock = threading.RLock()
+_found: dict[tuple[str, Any], tuple[int, Any]] = {}
+_engines: list[Any] = []  # hold the machine code
+
+
+def load(kernel: Any, key: Any) -> tuple[int, Any]:
+    """Address of a kernel's machine code for some types of arguments, and what it returns."""
+    entry = kernel.name, key
+    with _lock:
+        called.append(entry)
+        for name in SETS if entry not in _found else ():
+            if is_ready(name) or (is_shipped(name) and entry in _kernels(_shipped(name)[1])):
+                _take(make_ready(name), entry)
+        if entry not in _found:
+            name = _name_of(entry, Path(kernel.py_func.__code__.co_filename))
+            _take(_made(name, [entry]), entry)
+        return _found[entry]
+
+
+def is_shipped(name: str) -> bool:
+    """Whether there is LLVM code of a set for this source and this kind of processor."""
+    return has_common_features() and _shipped(name)[0] == source_hash()
+
+
+def is_ready(name: str) -> bool:
+    """Whether the cache has the machine code of a set."""
+    path = _path(name)
+    return path is not None and path.is_file()
+
+
+def make_ready(name: str) -> tuple[Any, bytes]:
+    """Machine code of a set of a study, made and kept if the cache does not have it."""
+    return _made(name, _kernels(_shipped(name)[1]))
+
+
+def _kernels(offers: Any) -> list[tuple[str, Any]]:
+    return [(kernel, as_tuples(key)) for kernel, key, *_ in offers]
+
+
+def as_tuples(given: Any) -> Any:
+    """Types of arguments as read from JSON, which has lists in place of tuples."""
+    return tuple(map(as_tuples, given)) if isinstance(given, list) else given
+
+
+def has_common_features() -> bool:
+    """Whether this processor has what `PROCESSOR` has."""
+    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
+
+
+@functools.cache
+def machine(processor: str = "") -> Any:
+    """LLVM's description of this machine's processor, or of another."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    features = "" if processor else llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=processor or llvm.get_host_cpu_name(), features=features, opt=3, reloc="static",
+        codemodel="jitdefault", jit=True,
+    )  # fmt: skip
+
+
+@functools.cache
+def _shipped(name: str) -> tuple[str, Any, bytes]:
+    """Hash of the source of a shipped set, what it offers, its code; of none all are empty."""
+    try:
+        content = lzma.decompress((SHIPPED / f"{name}.xz").read_bytes())
+    except (OSError, lzma.LZMAError):
+        return "", [], b""
+    header, _, code = content.partition(b"\n")
+    return *json.loads(header), code
+
+
+def _made(name: str, entries: Any) -> tuple[Any, bytes]:
+    path = _path(name)
+    content = None if path is None else _read(path)
+    if content is None:
+        target = machine()
+        if name in SETS and is_shipped(name):
+            _, offers, code = _shipped(name)
+        else:
+            from archfrag.physics.kernels.compile import compile_set
+
+            offers, code = compile_set(entries)
+        content = offers, target.emit_object(llvm.parse_bitcode(code))
+        if path is not None:
+            _write(path, content)
+    return content
+
+
+def _take(content: tuple[Any, bytes], entry: tuple[str, Any]) -> None:
+    """Load machine code that has a kernel, and note where all its kernels are."""
+    offers, code = content
+    if entry not in _kernels(offers):
+        return
+    machine()  # starts LLVM; the engine keeps a description of its own
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine.__wrapped__())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    for kernel, key, symbol, returned in offers:
+        address = engine.get_function_address(symbol)
+        _found.setdefault((kernel, as_tuples(key)), (address, as_tuples(returned)))
+
+
+def _name_of(entry: tuple[str, Any], place: Path) -> str:
+    """Name of the set of one kernel; of one outside archfrag, with a digest of its folder."""
+    text = repr(entry)
+    if not place.is_relative_to(HOME):
+        content = b"".join(path.read_bytes() for path in sorted(place.parent.glob("*.py")))
+        text += hashlib.sha256(content).hexdigest()
+    return f"{entry[0].replace(':', '.')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def _path(name: str) -> Path | None:
+    """File of a set in the cache; machine code is for one kind of processor."""
+    folder = use_kernel_cache()
+    return None if folder is None else folder / f"{name}-{llvm.get_host_cpu_name()}.kernels"
+
+
+def _read(path: Path) -> tuple[Any, bytes] | None:
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = content[:32], content[32:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    offers, _, code = content.partition(b"\n")
+    return json.loads(offers), code
+
+
+def _write(path: Path, content: tuple[Any, bytes]) -> None:
+    written = json.dumps(content[0]).encode() + b"\n" + content[1]
+    temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        temporary.write_bytes(hashlib.sha256(written).digest() + written)
+        os.replace(temporary, path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        message = f"compiled kernels cannot be kept in {path.parent}: {error.strerror}"
+        warnings.warn(message, RuntimeWarning, stacklevel=2)

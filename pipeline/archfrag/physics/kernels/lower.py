@@ -1,0 +1,426 @@
+"""What numba has to know of structs, kernels and numbers of four runs: types and LLVM code."""
+
+import functools
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    lower_builtin,
+    lower_cast,
+    lower_getattr_generic,
+    models,
+    register_model,
+    type_callable,
+    typeof_impl,
+)
+
+from archfrag.physics.kernels import primitives, structs
+from archfrag.physics.kernels.kernel import Kernel
+from archfrag.physics.kernels.primitives import LANES
+from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words_of
+
+_WORD, _DOUBLE, _INDEX = ir.IntType(64), ir.DoubleType(), ir.IntType(32)
+# Arrays of this name are the same memory in several structs.
+SHARED = "tie"
+_VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(ir.IntType(1), LANES)
+
+
+class _Four(types.Type):
+    """Numbers or truths of four runs; a plain value is given to each of them."""
+
+    def __init__(self, name: str, plain: Any) -> None:
+        self.plain = plain
+        super().__init__(name=name)
+
+    def unify(self, typingctx: Any, other: Any) -> Any:
+        """A variable that is plain on one path and of four on another is of four."""
+        return self if isinstance(other, self.plain) else None
+
+    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
+        """A plain value converts as safely as an integer to a float."""
+        safe = typingctx.can_convert(types.int32, types.float64)
+        return safe if isinstance(other, self.plain) else None
+
+
+class _Lanes(_Four):
+    pass
+
+
+class _Mask(_Four):
+    pass
+
+
+lanes = _Lanes("lanes", types.Float | types.Integer)
+mask = _Mask("mask", types.Boolean)
+
+
+def _represent(kind: type[_Four], vector: ir.Type, plain: Any, of: Any) -> None:
+    @register_model(kind)
+    class _Model(models.PrimitiveModel):
+        def __init__(self, manager: Any, of: Any) -> None:
+            super().__init__(manager, of, vector)
+
+    @lower_cast(plain, kind)
+    def broadcast(context: Any, builder: Any, given: Any, to: Any, value: Any) -> Any:
+        nothing, zero = ir.Constant(vector, ir.Undefined), ir.Constant(_INDEX, 0)
+        first = builder.insert_element(nothing, context.cast(builder, value, given, of), zero)
+        everywhere = ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES)
+        return builder.shuffle_vector(first, nothing, everywhere)
+
+
+_represent(_Lanes, _VECTOR, types.Number, types.float64)
+_represent(_Mask, _BITS, types.Boolean, types.boolean)
+
+
+def _define(function: Callable, choose: Callable) -> None:
+    """Define a function of kernels; of types, `choose` gives signature and code, or None."""
+
+    @functools.wraps(choose)
+    def signature_of(*args: Any) -> Any:
+        found = choose(*args)
+        return found and found[0]
+
+    type_callable(function)(lambda context: signature_of)
+
+    @lower_builtin(function, types.VarArg(types.Any))
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return choose(*sig.args)[1](builder, *args)
+
+
+def _binary(of: _Four, result: _Four, emit: Callable, x: Any, y: Any) -> Any:
+    known = of in (x, y) and all(a == of or isinstance(a, of.plain) for a in (x, y))
+    return (result(of, of), emit) if known else None
+
+
+def _unary(emit: Callable, x: Any) -> Any:
+    return (lanes(lanes), emit) if x == lanes else None
+
+
+def _intrinsic(name: str, kind: Any, builder: Any, *args: Any) -> Any:
+    suffix = f".v{LANES}f64" if kind == _VECTOR else ".f64"
+    of = ir.FunctionType(kind, [kind] * len(args))
+    return builder.call(builder.module.declare_intrinsic(name + suffix, (), of), args)
+
+
+def _compare(sign: str, builder: Any, x: Any, y: Any) -> Any:
+    # A number is unequal to none.
+    compare = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
+    return compare(sign, x, y)
+
+
+for _name, _of, _emit in (
+    ("add", lanes, ir.IRBuilder.fadd), ("sub", lanes, ir.IRBuilder.fsub),
+    ("mul", lanes, ir.IRBuilder.fmul), ("truediv", lanes, ir.IRBuilder.fdiv),
+    ("and_", mask, ir.IRBuilder.and_), ("or_", mask, ir.IRBuilder.or_),
+    ("xor", mask, ir.IRBuilder.xor),
+):  # fmt: skip
+    for _form in (_name, f"i{_name.strip('_')}"):
+        _define(getattr(operator, _form), functools.partial(_binary, _of, _of, _emit))
+for _name, _sign in zip(("lt", "le", "gt", "ge", "eq", "ne"), ("<", "<=", ">", ">=", "==", "!=")):
+    _emit = functools.partial(_compare, _sign)
+    _define(getattr(operator, _name), functools.partial(_binary, lanes, mask, _emit))
+for _function, _emit in (
+    (operator.neg, ir.IRBuilder.fneg),
+    (math.sqrt, functools.partial(_intrinsic, "llvm.sqrt", _VECTOR)),
+    (abs, functools.partial(_intrinsic, "llvm.fabs", _VECTOR)),
+):
+    _define(_function, functools.partial(_unary, _emit))
+
+
+def _fused(x: Any, y: Any, z: Any) -> Any:
+    kind, vector = (lanes, _VECTOR) if lanes in (x, y, z) else (types.float64, _DOUBLE)
+    return kind(kind, kind, kind), functools.partial(_intrinsic, "llvm.fmuladd", vector)
+
+
+def _select(condition: Any, x: Any, y: Any) -> Any:
+    kind = lanes if condition == mask else types.float64
+    return kind(condition, kind, kind), ir.IRBuilder.select
+
+
+def _some(x: Any) -> Any:
+    if x != mask:
+        return types.boolean(types.boolean), lambda b, value: value
+    whole = ir.IntType(LANES)
+    none = ir.Constant(whole, 0)
+    return types.boolean(mask), lambda b, x: b.icmp_unsigned("!=", b.bitcast(x, whole), none)
+
+
+def _opposite(x: Any) -> Any:
+    kind = mask if x == mask else types.boolean
+    return kind(kind), ir.IRBuilder.not_
+
+
+def _width(x: Any) -> Any:
+    return types.intp(x), lambda b, x: ir.Constant(_WORD, getattr(x.type, "count", 1))
+
+
+def _lane(x: Any, number: Any) -> Any:
+    if not isinstance(x, _Four):
+        return x(x, types.intp), lambda b, value, at: value
+    kind = types.float64 if x == lanes else types.boolean
+    return kind(x, types.intp), ir.IRBuilder.extract_element
+
+
+def _with_lane(x: Any, number: Any, value: Any) -> Any:
+    if not isinstance(x, _Four):
+        return value(x, types.intp, value), lambda b, old, at, new: new
+    kind = types.float64 if x == lanes else types.boolean
+    return x(x, types.intp, kind), lambda b, old, at, new: b.insert_element(old, new, at)
+
+
+def _struct_at(tables: Any, row: Any, like: Any) -> Any:
+    def emit(builder: Any, array: Any, row: Any, given: Any) -> Any:
+        start, stride = builder.extract_value(array, 4), builder.extract_value(array, (6, 0))
+        at = builder.add(builder.ptrtoint(start, _WORD), builder.mul(row, stride))
+        return builder.inttoptr(at, given.type)
+
+    return like(tables, types.intp, like), emit
+
+
+_functions: Any = (
+    (primitives.fused, _fused), (primitives.select, _select), (primitives.some, _some),
+    (primitives.opposite, _opposite), (primitives.width, _width), (primitives.lane, _lane),
+    (primitives.with_lane, _with_lane), (structs.struct_at, _struct_at),
+)  # fmt: skip
+for _function, _choose in _functions:
+    _define(_function, _choose)
+
+
+class StructType(types.Type):
+    """Type of a struct: type, known shape and first word of each field."""
+
+    def __init__(self, description: Any) -> None:
+        self.fields = {}
+        found = fields_of(description)
+        arrays = tuple(name for name, of, *_ in found if of[0] == "array" and name != SHARED)
+        for name, of, shape, place in found:
+            kind = type_of(of)
+            if name in arrays:
+                kind = FieldType(kind, description[1], name, arrays)
+            self.fields[name] = of, kind, shape, place
+        super().__init__(name=repr(description))
+
+
+_TYPES: dict[Any, Any] = {
+    "f8": types.float64, "i8": types.int64, "b1": types.boolean, "none": types.none,
+    "i4": types.int32, "i1": types.int8, "c16": types.complex128, "lanes": lanes,
+}  # fmt: skip
+
+
+def type_of(description: Any) -> Any:
+    """Return numba's type of what `structs.describe` has described."""
+    found = _TYPES.get(description)
+    if found is None:
+        kind, name, *others = description
+        if kind == "array":
+            found = types.Array(_TYPES[name], others[0], others[1], aligned=True)
+        elif kind == "struct":
+            found = StructType(description)
+        else:
+            parts = [type_of(each) for each in others]
+            of = {True: types.NamedUniTuple, False: types.NamedTuple}[len(set(parts)) == 1]
+            given = (parts[0], len(parts)) if of is types.NamedUniTuple else (parts,)
+            found = of(*given, class_of(name)) if name else types.Tuple(parts)
+        _TYPES[description] = found
+    return found
+
+
+def _parts(of: Any) -> tuple[Any, ...]:
+    return tuple(of)
+
+
+def description_of(of: Any) -> Any:
+    """Describe a type that a kernel returns."""
+    if isinstance(of, types.BaseTuple):
+        kind = getattr(of, "instance_class", tuple)
+        return ("tuple", name_of(kind), *map(description_of, _parts(of)))
+    of = types.int64 if isinstance(of, types.Integer) else of
+    found = {"f8": types.float64, "i8": types.int64, "b1": types.boolean, "none": types.none}
+    for name, each in found.items():
+        if each == of:
+            return name
+    raise NotImplementedError(f"kernels cannot return {of} to Python")
+
+
+class FieldType(types.Array):
+    """Type of an array of a struct: the items of different fields share no memory."""
+
+    def __init__(self, of: types.Array, struct: str, name: str, siblings: tuple[str, ...]) -> None:
+        self.plain, self.scope, self.siblings = of, (struct, name), siblings
+        super().__init__(of.dtype, of.ndim, "C", name=f"{of} {struct}.{name}")
+
+    @property
+    def key(self) -> Any:
+        """What tells types apart."""
+        return self.plain.key, self.scope
+
+
+def _plain(of: Any) -> Any:
+    """Type as which a value is passed on."""
+    return of.plain if isinstance(of, FieldType) else types.unliteral(of)
+
+
+register_model(FieldType)(models.ArrayModel)
+lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value)
+
+
+def _item(context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any) -> Any:
+    """Address of an item of a field, None if the index is not one of numbers; and its metadata."""
+    several = isinstance(index, types.BaseTuple)
+    kinds = index.types if several else (index,)
+    if len(kinds) != of.ndim or not all(isinstance(each, types.Integer) for each in kinds):
+        return None, ()
+    at: Any = ir.Constant(_WORD, 0)
+    for k, kind in enumerate(kinds):
+        size = builder.extract_value(array, (5, k))
+        value = builder.extract_value(given, k) if several else given
+        value = context.cast(builder, value, kind, types.intp)
+        if kind.signed:  # counted from the end
+            below = builder.icmp_signed("<", value, ir.Constant(_WORD, 0))
+            value = builder.select(below, builder.add(value, size), value)
+        at = builder.add(builder.mul(at, size), value)
+    pointer = builder.gep(builder.extract_value(array, 4), [at], inbounds=True)
+    struct, name = of.scope
+    node, domain = builder.module.add_metadata, builder.module.add_metadata([struct])
+    scopes = {each: node([f"{struct}.{each}", domain]) for each in of.siblings}
+    others = node([scope for each, scope in scopes.items() if each != name])
+    return pointer, (("alias.scope", node([scopes[name]])), ("noalias", others))
+
+
+@lower_builtin(operator.getitem, FieldType, types.Integer)
+@lower_builtin(operator.getitem, FieldType, types.SliceType)
+@lower_builtin(operator.getitem, FieldType, types.BaseTuple)
+def _get_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    of, index = sig.args
+    pointer, metadata = _item(context, builder, of, args[0], index, args[1])
+    if pointer is None:
+        plain = sig.return_type(of.plain, index)
+        return context.get_function(operator.getitem, plain)(builder, args)
+    loaded = builder.load(pointer)
+    for kind, node in metadata:
+        loaded.set_metadata(kind, node)
+    return context.get_data_as_value(builder, of.dtype, loaded)
+
+
+@lower_builtin(operator.setitem, FieldType, types.Any, types.Any)
+def _set_item(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    of, index, kind = sig.args
+    pointer, metadata = _item(context, builder, of, args[0], index, args[1])
+    if pointer is None:
+        plain = types.none(of.plain, index, kind)
+        return context.get_function(operator.setitem, plain)(builder, args)
+    value = context.cast(builder, args[2], kind, of.dtype)
+    stored = builder.store(context.get_value_as_data(builder, of.dtype, value), pointer)
+    for name, node in metadata:
+        stored.set_metadata(name, node)
+    return context.get_dummy_value()
+
+
+register_model(StructType)(models.OpaqueModel)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = StructType
+
+    def generic_resolve(self, of: Any, name: str) -> Any:  # type: ignore[override]
+        return of.fields[name][1] if name in of.fields else None
+
+
+@lower_getattr_generic(StructType)
+def _field(context: Any, builder: Any, of: Any, value: Any, name: str) -> Any:
+    description, kind, shape, place = of.fields[name]
+    table = builder.bitcast(value, _WORD.as_pointer())
+    if not isinstance(kind, types.BaseTuple):
+        return _loaded(context, builder, table, place, kind, shape)
+    parts = []
+    for each, part in zip(description[2:], _parts(kind), strict=True):
+        parts.append(_loaded(context, builder, table, place, part, shape))
+        place += words_of(each, shape)
+    return context.make_tuple(builder, kind, parts)
+
+
+def _word(builder: Any, table: Any, place: int, kind: Any = _WORD) -> Any:
+    at = builder.gep(table, [ir.Constant(_WORD, place)], inbounds=True)
+    loaded = builder.load(builder.bitcast(at, kind.as_pointer()))
+    loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return loaded
+
+
+def _loaded(context: Any, builder: Any, table: Any, place: int, of: Any, shape: Any) -> Any:
+    """Load a number, a struct or an array, whose sizes are words but where `shape` has them."""
+    if of == types.boolean:
+        return builder.trunc(_word(builder, table, place), ir.IntType(1))
+    if not isinstance(of, types.Array):
+        return _word(builder, table, place, context.get_value_type(of))
+    item = context.get_data_type(of.dtype)
+    size = ir.Constant(_WORD, context.get_abi_sizeof(item))
+    sizes = [_word(builder, table, place + 1 + k) for k in range(of.ndim - len(shape))]
+    sizes += [ir.Constant(_WORD, n) for n in shape]
+    strides, count = [size], ir.Constant(_WORD, 1)
+    for k in range(of.ndim - 1, 0, -1):
+        strides.insert(0, builder.mul(strides[0], sizes[k]))
+    for n in sizes:
+        count = builder.mul(count, n)
+    array = context.make_array(of)(context, builder)
+    array.data = _word(builder, table, place, item.as_pointer())
+    array.nitems, array.itemsize = count, size
+    packed = ir.Constant(ir.ArrayType(_WORD, of.ndim), ir.Undefined)
+    for name, values in (("shape", sizes), ("strides", strides)):
+        whole = packed
+        for k, value in enumerate(values):
+            whole = builder.insert_value(whole, value, k)
+        setattr(array, name, whole)
+    return array._getvalue()
+
+
+class KernelType(types.Callable, types.Dummy):
+    """Type of a kernel among the globals of another."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.kernel = kernel
+        super().__init__(name=f"kernel {kernel.name}")
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """Compile the version that a call needs; return its signature."""
+        from archfrag.physics.kernels.compile import version_of
+
+        if kws:
+            raise TypeError(f"{self.kernel.name}: kernels take each other's arguments by position")
+        given = tuple(map(_plain, args))
+        return version_of(self.kernel, given).returned(*given)
+
+    def get_call_signatures(self) -> Any:
+        """No signatures are known before a call."""
+        return (), True
+
+    def get_impl_key(self, sig: Any) -> Any:
+        """Key of the code of a call."""
+        return self.name
+
+
+register_model(KernelType)(models.OpaqueModel)
+
+
+@typeof_impl.register(Kernel)
+def _type_of_value(kernel: Kernel, context: Any) -> KernelType:
+    return _type_of_kernel(kernel)
+
+
+@functools.cache
+def _type_of_kernel(kernel: Kernel) -> KernelType:
+    of = KernelType(kernel)
+
+    @lower_builtin(of.name, types.VarArg(types.Any))
+    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        from archfrag.physics.kernels.compile import version_of
+
+        return context.call_internal(builder, version_of(kernel, sig.args).described, sig, args)
+
+    return of

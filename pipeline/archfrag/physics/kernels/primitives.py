@@ -1,0 +1,69 @@
+"""Arithmetic of kernels on numbers of one run, or of four side by side.
+
+A kernel written for a float runs for four runs at once where its arrays hold `LANES` numbers in
+each element (`LaneArray`): every lane gets the bits that a float would get. Nothing may branch on
+such a number: `select` takes the place of ``if``, and what a lane must not do is masked.
+``some(mask)`` is whether any lane asks for a piece of work, so that it can be left out where none
+does. `archfrag.physics.kernels.lower` has the code for both; these functions are what Python does.
+"""
+
+import math
+
+import numpy as np
+
+LANES = 4
+_ALIGNMENT = 64
+
+
+class LaneArray(np.ndarray):
+    """Array of numbers of four runs, for kernels; see `lane_array` and `runs_of`."""
+
+
+def lane_array(shape: tuple[int, ...]) -> LaneArray:
+    """Zeros for four runs, of the shape of one run's array."""
+    size = 8 * LANES * math.prod(shape)
+    memory = np.zeros(size + _ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
+    items = memory[start : start + size].view(np.dtype((np.void, 8 * LANES)))
+    return items.reshape(shape).view(LaneArray)
+
+
+def runs_of(array: np.ndarray) -> np.ndarray:
+    """View a `LaneArray` as floats, with the lane as last dimension."""
+    plain = array.view(np.ndarray).reshape(-1).view(np.float64)
+    return plain.reshape((*array.shape, LANES))
+
+
+def fused(x, y, z):
+    """Return `x` times `y` plus `z`, rounded once if the processor can."""
+    return x * y + z
+
+
+def select(mask, x, y):
+    """`x` where `mask` holds, else `y`; both are evaluated."""
+    return x if mask else y
+
+
+def some(mask):
+    """Whether `mask` holds in any run."""
+    return mask
+
+
+def opposite(mask):
+    """Where `mask` does not hold."""
+    return not mask
+
+
+def width(x):
+    """How many runs a number or mask is of."""
+    return 1
+
+
+def lane(x, number):
+    """A number or truth of one run."""
+    return x
+
+
+def with_lane(x, number, value):
+    """`x` with another value in one run."""
+    return value

@@ -1,0 +1,137 @@
+"""Named tuples that kernels get as one pointer, and descriptions of all that kernels get.
+
+numba passes a named tuple by value: five numbers and two for each dimension of every array, some
+hundreds for a chain's state and workspace, in each call. A class decorated by `struct` is passed
+as the address of a table instead, from which a kernel loads what it uses: the data pointer of an
+array, and those of its sizes that are not constants of the class.
+"""
+
+import functools
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from archfrag.physics.kernels.primitives import LaneArray
+
+_SCALARS = {float: "f8", int: "i8", bool: "b1"}
+_NAMES = {"float": float, "int": int, "bool": bool}
+
+
+def struct(**shapes: tuple[int, ...]) -> Callable[[type], Any]:
+    """Decorate a named tuple of arrays, numbers, structs and tuples of arrays.
+
+    `shapes` are the sizes of arrays behind their first dimension, where the class determines them.
+    Entries may not be replaced, and a kernel may not be given other sizes later.
+    """
+
+    def decorate(given: Any) -> Any:
+        members = {"__module__": given.__module__, "__qualname__": given.__qualname__}
+        members |= {"__doc__": given.__doc__, "shapes": shapes}
+        members["numbers"] = tuple(
+            _SCALARS.get(_NAMES.get(of, of)) for of in given.__annotations__.values()
+        )
+        members["description"] = functools.cached_property(_describe_struct)
+        members["table"] = functools.cached_property(_table)
+        members["address"] = property(lambda self: int(self.table.ctypes.data))
+        members["__getstate__"] = lambda self: None  # addresses are of this process
+        return type(given.__name__, (given,), members)
+
+    return decorate
+
+
+def describe(value: Any) -> Any:
+    """Describe the type of an argument of a kernel by strings and tuples of them."""
+    kind = type(value)
+    if hasattr(kind, "shapes"):
+        return value.description
+    if isinstance(value, np.ndarray):
+        of = "lanes" if isinstance(value, LaneArray) else value.dtype.str[1:]
+        return ("array", of, value.ndim, "C" if value.flags.c_contiguous else "A")
+    if isinstance(value, tuple):
+        return ("tuple", name_of(kind), *map(describe, value))
+    if value is None:
+        return "none"
+    if isinstance(value, bool | np.bool_):
+        return "b1"
+    if isinstance(value, int | np.integer):
+        return "i8"
+    if isinstance(value, float | np.floating):
+        return "f8"
+    raise TypeError(f"a kernel cannot be given {kind.__name__}: {value!r}")
+
+
+def name_of(kind: type) -> str:
+    """Name of a class of tuples by which `class_of` finds it; empty for plain ones."""
+    return "" if kind is tuple else f"{kind.__module__}:{kind.__qualname__}"
+
+
+@functools.cache
+def class_of(name: str) -> Any:
+    """Class of tuples of a name."""
+    module, _, names = name.partition(":")
+    return functools.reduce(getattr, names.split("."), importlib.import_module(module))
+
+
+def words_of(description: Any, shape: tuple[int, ...] = ()) -> int:
+    """Words of a field in a table; `shape` is what is known of an array's."""
+    if description[0] == "array":
+        return 1 + int(description[2]) - len(shape)
+    if description[0] == "tuple":
+        return sum(words_of(each, shape) for each in description[2:])
+    return 1
+
+
+def fields_of(description: Any) -> list[tuple[str, Any, tuple[int, ...], int]]:
+    """Fields of a struct: name, description, what is known of an array's shape, first word."""
+    kind, place, found = class_of(description[1]), 0, []
+    for name, each in zip(kind._fields, description[2:], strict=True):
+        shape = kind.shapes.get(name, ())
+        found.append((name, each, shape, place))
+        place += words_of(each, shape)
+    return found
+
+
+def place_of(value: Any, name: str) -> int:
+    """First word of a field in a struct's table; sizes follow an array's data pointer."""
+    return next(place for each, _, _, place in fields_of(value.description) if each == name)
+
+
+def struct_at(tables: Any, row: int, like: Any) -> Any:
+    """Struct of the type of `like` whose table begins a row of `tables`; in kernels only."""
+    raise TypeError("only compiled kernels find a struct by its table")
+
+
+def _describe_struct(value: Any) -> Any:
+    entries = zip(value, value.numbers, strict=True)
+    return ("struct", name_of(type(value)), *(known or describe(each) for each, known in entries))
+
+
+def _table(value: Any) -> Any:
+    """Table of a struct, which is made at the first use and kept with the struct."""
+    fields = fields_of(value.description)
+    _, last, shape, place = fields[-1]
+    table = np.zeros(place + words_of(last, shape), np.int64)
+    for (_, of, shape, place), entry in zip(fields, value, strict=True):
+        _fill(table, place, of, shape, entry)
+    return table
+
+
+def _fill(table: Any, place: int, of: Any, shape: tuple[int, ...], entry: Any) -> None:
+    if of[0] == "array":
+        free = entry.ndim - len(shape)
+        if entry.shape[free:] != shape or not entry.flags.c_contiguous:
+            raise ValueError(f"an array of a struct has shape {entry.shape}, or has gaps")
+        table[place] = entry.ctypes.data
+        table[place + 1 : place + 1 + free] = entry.shape[:free]
+    elif of[0] == "tuple":
+        for part, each in zip(entry, of[2:], strict=True):
+            _fill(table, place, each, shape, part)
+            place += words_of(each, shape)
+    elif of[0] == "struct":
+        table[place] = entry.address
+    elif of == "f8":
+        table.view(np.float64)[place] = entry
+    else:
+        table[place] = int(entry)

@@ -1,0 +1,302 @@
+"""Assemble mega-voussoirs: one body for voussoirs that do not move relative to each other.
+
+Voussoirs whose common joint is closed and sticks move as one body (Sinopoli, section 3.3). Such
+mega-voussoirs in a row, with the ones that rest on the ground taken as ground, are again a chain
+of rigid bodies, so that every kernel for a `Model` serves them too. A joint that has slid and
+sticks keeps its slip.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from archfrag.physics.contact.placing import BEFORE, later_vertex_meets
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import place_of, struct, struct_at
+from archfrag.physics.numbers import sine_cosine
+from archfrag.physics.state import Model, Work, new_work
+from archfrag.physics.status import TieState
+
+GROUND = 0
+
+
+# Arrays by whose lengths kernels count joints.
+COUNTED = ("face", "slip", "pivot", "slide", "row", "unknown", "residual")
+
+
+@struct(
+    offset=(2,), inner_point=(2, 2), inner_normal=(2,), inner_reaction=(3,),
+    tie=(len(TieState),), stretch=(2,), pull=(3,), position=(3,), velocity=(3,),
+    next_position=(3,), next_velocity=(3,),
+)  # fmt: skip
+class MegaVoussoirs(NamedTuple):
+    """A chain of mega-voussoirs; arrays as long as the voussoirs', of which the first are used."""
+
+    # (2,) int64: mega-voussoirs, joints between them
+    count: np.ndarray  # type: ignore[assignment]
+    first: np.ndarray  # (n_body + 2,) int64: row of the first voussoir of each
+    last: np.ndarray  # (n_body + 2,) int64: row of its last one
+    joint: np.ndarray  # (n_joint,) int64: joint of the chain that each of theirs is
+    # (n_body + 2,) int64: row of each voussoir's mega-voussoir; of those that rest on a springing
+    # GROUND or the last row in use
+    group: np.ndarray
+    offset: np.ndarray  # (n_body + 2, 2) from the centroid of its body, in the axes at rest [m]
+    inner_point: np.ndarray  # (n_joint, 2, 2) contacts inside a body, as `offset` [m]
+    inner_normal: np.ndarray  # (n_joint, 2) in the axes at rest
+    inner_reaction: np.ndarray  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid
+    tie: np.ndarray  # (n_tie, len(TieState)) the memory of ``State.tie``
+    stretch: np.ndarray  # (n_tie, 2) elongations [m] and their rates [m/s]
+    pull: np.ndarray  # (n_body + 2, 3) of ties on voussoirs, as `inner_reaction`
+    model: Model
+    work: Work
+    position: np.ndarray  # (n_body + 2, 3)
+    velocity: np.ndarray  # (n_body + 2, 3)
+    next_position: np.ndarray  # (n_body + 2, 3) where a step leads, or where it was looked at
+    next_velocity: np.ndarray  # (n_body + 2, 3)
+    cut: np.ndarray  # (n_joint + 1, n) int64, see `in_use`
+
+
+def new_mega_voussoirs(model: Model, tie: np.ndarray | None = None) -> MegaVoussoirs:
+    """Workspace for any mega-voussoirs of a chain, with the state of its ties."""
+    n_row, n_joint = model.mass.size, model.friction.size
+    copies = {name: np.zeros_like(given) for name, given in model._asdict().items()}
+    copies |= {"gravity": model.gravity, "rounding": model.rounding, "tie": model.tie}
+    indices = {"count": np.zeros(2, np.int64), "joint": np.zeros(n_joint, np.int64)}
+    indices |= {name: np.zeros(n_row, np.int64) for name in ("first", "last", "group")}
+    motion = ("position", "velocity", "next_position", "next_velocity")
+    mega: Any = MegaVoussoirs(
+        offset=np.zeros((n_row, 2)),
+        inner_point=np.zeros((n_joint, 2, 2)),
+        inner_normal=np.zeros((n_joint, 2)),
+        inner_reaction=np.zeros((n_joint, 3)),
+        tie=np.zeros((len(model.tie), len(TieState))) if tie is None else tie,
+        stretch=np.zeros((len(model.tie), 2)),
+        pull=np.zeros((n_row, 3)),
+        model=Model(**copies),
+        work=new_work(model),
+        **indices,
+        **{name: np.zeros((n_row, 3)) for name in motion},
+        cut=np.zeros((0, 0), np.int64),
+    )
+    size = mega.table.size + mega.work.table.size
+    mega = mega._replace(cut=np.zeros((n_joint + 1, size), np.int64))
+    _set_cut(mega)
+    made: MegaVoussoirs = mega
+    return made
+
+
+def _set_cut(mega: Any) -> None:
+    """Set ``mega.cut``: tables of the same memory, cut to each number of joints in use."""
+    own, work = mega.table, mega.work.table
+    n_row, n_joint = mega.group.size, mega.joint.size
+    for m in range(n_joint + 1):
+        n = (m if n_joint == n_row - 2 else max(m - 1, 0)) + 2
+        row = mega.cut[m]
+        row[: own.size], row[own.size :] = own, work
+        row[place_of(mega, "work")] = row[own.size :].ctypes.data
+        for name in ("position", "velocity", "next_position", "next_velocity"):
+            row[place_of(mega, name) + 1] = n
+        for name in ("free", "solved"):
+            row[own.size + place_of(mega.work, name) + 1] = n
+        for name in COUNTED:
+            row[own.size + place_of(mega.work, name) + 1] = m
+
+
+@inlined
+def in_use(mega):
+    """Return a view of the arrays, cut to the size of the assembled chain."""
+    return struct_at(mega.cut, mega.count[1], mega)
+
+
+@inlined
+def is_rigid(j, contact, slide):
+    """Whether a joint is closed and sticks."""
+    return contact[j, 0] > 0.5 and contact[j, 1] > 0.5 and slide[j] == 0.0
+
+
+@inlined
+def _group(model, contact, slide, mega):
+    """Join voussoirs across rigid joints."""
+    n_row, n_joint = mega.group.size, slide.size
+    m = 0
+    for j in range(n_joint):
+        if not is_rigid(j, contact, slide):
+            mega.joint[m] = j
+            m += 1
+    n = m if n_joint == n_row - 2 else max(m - 1, 0)
+    mega.count[0], mega.count[1] = n, m
+    for i in range(n_row):
+        mega.group[i] = GROUND if m == 0 or i <= mega.joint[0] else n + 1
+    for k in range(1, n + 1):
+        mega.first[k] = mega.joint[k - 1] + 1
+        mega.last[k] = mega.joint[k] if k < m else n_row - 2
+        for i in range(mega.first[k], mega.last[k] + 1):
+            mega.group[i] = k
+
+
+@inlined
+def _place_at_rest(model, slip, mega):
+    """Set ``mega.offset``: centroids with the slips of rigid joints, in the axes at rest."""
+    n_row = mega.group.size
+    shift_x = shift_y = 0.0
+    for i in range(1, n_row - 1):
+        if mega.group[i] == mega.group[i - 1]:
+            shift_x += slip[i - 1] * model.tangent[i - 1, BEFORE, 0]
+            shift_y += slip[i - 1] * model.tangent[i - 1, BEFORE, 1]
+        else:
+            shift_x = shift_y = 0.0
+        mega.offset[i, 0] = model.centroid[i, 0] + shift_x
+        mega.offset[i, 1] = model.centroid[i, 1] + shift_y
+    if slip.size == n_row - 1 and mega.count[1] > 0:
+        # What rests on the far springing is held from there.
+        shift_x = shift_y = 0.0
+        for i in range(n_row - 2, mega.joint[mega.count[1] - 1], -1):
+            shift_x -= slip[i] * model.tangent[i, BEFORE, 0]
+            shift_y -= slip[i] * model.tangent[i, BEFORE, 1]
+            mega.offset[i, 0] = model.centroid[i, 0] + shift_x
+            mega.offset[i, 1] = model.centroid[i, 1] + shift_y
+
+
+@inlined
+def _sum_masses(model, mega):
+    """Set masses and inertias, and offsets of voussoirs from their common centroids."""
+    out, offset = mega.model, mega.offset
+    for k in range(1, mega.count[0] + 1):
+        mass = x = y = inertia = 0.0
+        for i in range(mega.first[k], mega.last[k] + 1):
+            mass += model.mass[i]
+            x += model.mass[i] * offset[i, 0]
+            y += model.mass[i] * offset[i, 1]
+        x, y = x / mass, y / mass
+        for i in range(mega.first[k], mega.last[k] + 1):
+            offset[i, 0] -= x
+            offset[i, 1] -= y
+            square = offset[i, 0] * offset[i, 0] + offset[i, 1] * offset[i, 1]
+            inertia += model.inertia[i] + model.mass[i] * square
+        out.mass[k], out.inertia[k] = mass, inertia
+        out.inverse_mass[k], out.inverse_inertia[k] = 1.0 / mass, 1.0 / inertia
+        out.centroid[k, 0], out.centroid[k, 1] = x, y
+
+
+@inlined
+def _place_joints(model, contact, slide, slip, mega):
+    """Set the joints between and inside mega-voussoirs, in the axes at rest."""
+    out, k = mega.model, 0
+    for j in range(slip.size):
+        if is_rigid(j, contact, slide):
+            tx, ty = model.tangent[j, BEFORE, 0], model.tangent[j, BEFORE, 1]
+            mega.inner_normal[j, 0], mega.inner_normal[j, 1] = ty, -tx
+            for c in range(2):
+                side = 1 if later_vertex_meets(c, slip[j]) else 0
+                for d in range(2):
+                    place = model.corner[j, side, c, d] + mega.offset[j + side, d]
+                    mega.inner_point[j, c, d] = place
+            continue
+        mega.work.slip[k], mega.work.slide[k] = slip[j], slide[j]
+        out.length[k], out.friction[k] = model.length[j], model.friction[j]
+        for c in range(2):
+            out.ray[k, c], mega.work.contact[k, c] = model.ray[j, c], contact[j, c]
+            mega.work.candidate[k, c] = 1.0
+            for side in range(2):
+                out.tangent[k, side, c] = model.tangent[j, side, c]
+                for d in range(2):
+                    place = model.corner[j, side, c, d] + mega.offset[j + side, d]
+                    out.corner[k, side, c, d] = place
+        k += 1
+
+
+@kernel
+def assemble(model, contact, slide, slip, mega):
+    """Masses and faces of the mega-voussoirs for given contact modes and slips, into `mega`.
+
+    Reads: model, contact, slide, slip, mega.
+    Writes: mega.
+    """
+    _group(model, contact, slide, mega)
+    _place_at_rest(model, slip, mega)
+    _sum_masses(model, mega)
+    _place_joints(model, contact, slide, slip, mega)
+    # The far springing stands where a body may have been before.
+    end, out, work = mega.count[0] + 1, mega.model, mega.work
+    out.mass[end] = out.inverse_mass[end] = out.inverse_inertia[end] = 0.0
+    for i in range(1, mega.group.size - 1):  # what rests on it
+        out.mass[end] += model.mass[i] if mega.group[i] == end else 0.0
+    work.rotated[end, 0], work.rotated[end, 1] = 1.0, 0.0
+    for c in range(3):
+        mega.position[end, c] = mega.velocity[end, c] = work.free[end, c] = 0.0
+        mega.next_position[end, c] = mega.next_velocity[end, c] = work.solved[end, c] = 0.0
+
+
+@kernel
+def gather_state(model, position, velocity, mega):
+    """Set positions and velocities of mega-voussoirs from those of their voussoirs.
+
+    Centre of mass, momentum and moment of momentum are kept; the rotation is that of the first
+    voussoir. Place and velocity of the far springing are taken over.
+
+    Reads: model, position, velocity, mega.
+    Writes: mega (next_position, next_velocity, position, velocity).
+    """
+    end = mega.count[0] + 1
+    for c in range(3):
+        mega.position[end, c] = mega.next_position[end, c] = position[-1, c]
+        mega.velocity[end, c] = mega.next_velocity[end, c] = velocity[-1, c]
+    for k in range(1, mega.count[0] + 1):
+        x = y = vx = vy = spin = 0.0
+        mass = mega.model.mass[k]
+        for i in range(mega.first[k], mega.last[k] + 1):
+            m = model.mass[i] / mass
+            x, y = x + m * position[i, 0], y + m * position[i, 1]
+            vx, vy = vx + m * velocity[i, 0], vy + m * velocity[i, 1]
+        for i in range(mega.first[k], mega.last[k] + 1):
+            rx, ry = position[i, 0] - x, position[i, 1] - y
+            spin += model.inertia[i] * velocity[i, 2]
+            spin += model.mass[i] * (rx * (velocity[i, 1] - vy) - ry * (velocity[i, 0] - vx))
+        mega.position[k, 0], mega.position[k, 1] = x, y
+        mega.position[k, 2] = position[mega.first[k], 2]
+        mega.velocity[k, 0], mega.velocity[k, 1] = vx, vy
+        mega.velocity[k, 2] = spin / mega.model.inertia[k]
+
+
+@kernel
+def split_state(mega, mega_position, mega_velocity, position, velocity):
+    """Set positions and velocities of all voussoirs, and of the far springing, from those of the
+    mega-voussoirs.
+
+    Reads: mega (count, group, offset), mega_position, mega_velocity.
+    Writes: position, velocity.
+    """
+    end = mega.count[0] + 1
+    for c in range(3):
+        position[-1, c], velocity[-1, c] = mega_position[end, c], mega_velocity[end, c]
+    s, c, known = 0.0, 1.0, GROUND
+    for i in range(1, position.shape[0] - 1):
+        k = mega.group[i]
+        rx, ry = mega.offset[i, 0], mega.offset[i, 1]
+        if k == GROUND:
+            position[i, 0], position[i, 1], position[i, 2] = rx, ry, 0.0
+            velocity[i, 0] = velocity[i, 1] = velocity[i, 2] = 0.0
+            continue
+        if k != known:
+            (s, c), known = sine_cosine(mega_position[k, 2]), k
+        x, y, spin = c * rx - s * ry, s * rx + c * ry, mega_velocity[k, 2]
+        position[i, 0] = mega_position[k, 0] + x
+        position[i, 1] = mega_position[k, 1] + y
+        position[i, 2] = mega_position[k, 2]
+        velocity[i, 0] = mega_velocity[k, 0] - spin * y
+        velocity[i, 1] = mega_velocity[k, 1] + spin * x
+        velocity[i, 2] = spin
+
+
+@kernel
+def farthest_move(model, old, new):
+    """Return the largest move of any voussoir, with rotations times the joints' length [m].
+
+    Reads: model.length, old, new.
+    Writes: nothing.
+    """
+    farthest = 0.0
+    for i in range(1, old.shape[0] - 1):
+        away = abs(new[i, 0] - old[i, 0]) + abs(new[i, 1] - old[i, 1])
+        farthest = max(farthest, away, model.length[0] * abs(new[i, 2] - old[i, 2]))
+    return farthest

@@ -1,0 +1,302 @@
+"""First level: accelerations of mega-voussoirs and the reactions between them (section 3.3).
+
+For three of them on four hinges they follow in closed form from the rotation centre of the middle
+one (Eqs 29-33); for any other mechanism from its joints' laws as equations (Eq 26).
+
+The paper takes the full reaction at the hinges C12 and C23 to point at the rotation centre C2.
+That holds for the part in the plane orthogonal to the middle body's motion (Eqs 30-33). The part
+along the velocity of the hinge, through which the outer bodies take or give power, follows from
+their balance of moments about C1 and C3; without it the outer bodies would move without weight
+and inertia.
+"""
+
+import math
+
+from archfrag.physics.contact import blocks, placing
+from archfrag.physics.contact.laws import slip_normal
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.mega_voussoirs.pulls import pull_mega_voussoirs
+
+# Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
+PARALLEL = 1e-3
+# Where more than this part of gravity is left of the equations they are near singular.
+ILL_CONDITIONED = 1e-7
+
+
+@inlined
+def cross(a, b):
+    """Return the cross product of two vectors (x, y)."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _from(a, b):
+    return b[0] - a[0], b[1] - a[1]
+
+
+@inlined
+def _arm(centre, position, k):
+    return position[k, 0] - centre[0], position[k, 1] - centre[1]
+
+
+@kernel
+def centripetal_bias(position, velocity, slip, sense, work):
+    """Set ``work.bias``: what rotations add to relative accelerations (Eqs 17, 18).
+
+    These are the centripetal accelerations of the material points, and where a vertex runs along
+    a rotating face twice the product of both rates; `sense` is that of the friction of slips in
+    progress, zero for none.
+
+    Reads: position, velocity, slip, sense, work (contact, normal, point, side_normal).
+    Writes: work.bias.
+    """
+    for j in range(work.slide.shape[0]):
+        before, after = velocity[j, 2], velocity[j + 1, 2]
+        for k in range(2):
+            px, py = work.point[j, k, 0], work.point[j, k, 1]
+            ax, ay = px - position[j + 1, 0], py - position[j + 1, 1]
+            bx, by = px - position[j, 0], py - position[j, 1]
+            x = before * before * bx - after * after * ax
+            y = before * before * by - after * after * ay
+            if sense[j] != 0.0:
+                ux, uy = placing.corner_rate_at(j, px, py, position, velocity)
+                nx, ny = work.normal[j, 0], work.normal[j, 1]
+                if work.contact[j, 0] < 0.5 or work.contact[j, 1] < 0.5:
+                    nx, ny = slip_normal(j, k, sense[j] < 0.0, work)
+                place = slip[j] if slip[j] != 0.0 else -sense[j]
+                face = before if placing.later_vertex_meets(k, place) else after
+                twice = 2.0 * face * (nx * uy - ny * ux)
+                x, y = x + twice * nx, y + twice * ny
+            work.bias[j, k, 0], work.bias[j, k, 1] = x, y
+
+
+@kernel
+def is_four_hinges(work, n_row):
+    """Whether the joints are the four hinges, none sliding, of three mega-voussoirs.
+
+    Reads: work (contact, slide).
+    Writes: nothing.
+    """
+    if n_row != 5 or work.slide.shape[0] != 4:
+        return False
+    for j in range(4):
+        if work.contact[j, 0] + work.contact[j, 1] != 1.0 or work.slide[j] != 0.0:
+            return False
+    return True
+
+
+@inlined
+def _hinge(j, work):
+    k = 0 if work.contact[j, 0] > 0.5 else 1
+    return work.point[j, k, 0], work.point[j, k, 1]
+
+
+@inlined
+def _perpendicular(rate, arm):
+    """Velocity at the end of an arm that rotates."""
+    return -rate * arm[1], rate * arm[0]
+
+
+@inlined
+def _known(base, rate, acceleration, arm, k, work):
+    """Set the acceleration of a body apart from that of the mechanism."""
+    x, y = _perpendicular(acceleration, arm)
+    work.solved[k, 0] = base[0] + x - rate * rate * arm[0]
+    work.solved[k, 1] = base[1] + y - rate * rate * arm[1]
+    work.solved[k, 2] = acceleration
+
+
+@inlined
+def _powers(model, work, k, u, x, y):
+    """Return inertia of a body along the mechanism, and power of the unbalanced force (Eq 28)."""
+    inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
+    fx, fy = work.free[k, 0] - work.solved[k, 0], work.free[k, 1] - work.solved[k, 1]
+    spin = model.inertia[k] * u * (work.free[k, 2] - work.solved[k, 2])
+    return inertia, model.mass[k] * (x * fx + y * fy) + spin
+
+
+@inlined
+def _add(rate, u, x, y, k, work):
+    work.solved[k, 0] += rate * x
+    work.solved[k, 1] += rate * y
+    work.solved[k, 2] += rate * u
+
+
+@kernel
+def four_hinges(model, position, velocity, work):
+    """Solve for accelerations and reactions of three bodies with four hinges.
+
+    From contacts, modes, and accelerations without reactions in ``work.free``; False where the
+    rotation centre of the middle body is so far off that the reactions do not follow from it.
+
+    Reads: model (inertia, mass), position, velocity, work (contact, free, pivot, point, solved).
+    Writes: work (reaction, solved).
+    """
+    c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
+    p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
+    area = cross(p, q)
+    if abs(area) < PARALLEL * math.hypot(p[0], p[1]) * math.hypot(q[0], q[1]):
+        return False
+    # The rotation centre C2, where the lines C1 C12 and C3 C23 meet (Fig 10), and the rates of
+    # the bodies about C1, C2 and C3 for which the hinges stay closed.
+    c13 = _from(c1, c3)
+    along_p, along_q = cross(c13, q) / area, cross(c13, p) / area
+    c2 = c1[0] + along_p * p[0], c1[1] + along_p * p[1]
+    u1, u2, u3 = 1.0 - along_p, 1.0, 1.0 - along_q
+    # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
+    w1, w2, w3 = velocity[1, 2], velocity[2, 2], velocity[3, 2]
+    ex = w1 * w1 * p[0] + w2 * w2 * d[0] - w3 * w3 * q[0]
+    ey = w1 * w1 * p[1] + w2 * w2 * d[1] - w3 * w3 * q[1]
+    a1, a3 = (ex * q[0] + ey * q[1]) / area, (ex * p[0] + ey * p[1]) / area
+    x, y = _perpendicular(a1, p)
+    _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
+    _known((x - w1 * w1 * p[0], y - w1 * w1 * p[1]), w2, 0.0, _arm(c12, position, 2), 2, work)
+    _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
+    # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
+    x1, y1 = _perpendicular(u1, _arm(c1, position, 1))
+    x2, y2 = _perpendicular(u2, _arm(c2, position, 2))
+    x3, y3 = _perpendicular(u3, _arm(c3, position, 3))
+    m1, f1 = _powers(model, work, 1, u1, x1, y1)
+    m2, f2 = _powers(model, work, 2, u2, x2, y2)
+    m3, f3 = _powers(model, work, 3, u3, x3, y3)
+    rate = (f1 + f2 + f3) / (m1 + m2 + m3)
+    _add(rate, u1, x1, y1, 1, work)
+    _add(rate, u2, x2, y2, 2, work)
+    _add(rate, u3, x3, y3, 3, work)
+    _hinge_reactions(model, position, (c1, c12, c23, c3), work)
+    return True
+
+
+@inlined
+def _unbalanced(model, work, k):
+    """Return force and moment about its centroid that a body's reactions must supply."""
+    x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
+    y = model.mass[k] * (work.solved[k, 1] - work.free[k, 1])
+    return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
+
+
+@inlined
+def _set_reaction(j, hinge, x, y, work):
+    work.reaction[j, 0], work.reaction[j, 1] = x, y
+    arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
+    work.reaction[j, 2] = cross(arm, (x, y))
+
+
+@inlined
+def _hinge_reactions(model, position, hinge, work):
+    """Set the reactions at four hinges for given accelerations (Eqs 29-33)."""
+    c1, c12, c23, c3 = hinge
+    p, q = _from(c1, c12), _from(c3, c23)
+    size_p, size_q = math.hypot(p[0], p[1]), math.hypot(q[0], q[1])
+    p, q = (p[0] / size_p, p[1] / size_p), (q[0] / size_q, q[1] / size_q)
+    f1, m1 = _unbalanced(model, work, 1)
+    f2, _ = _unbalanced(model, work, 2)
+    f3, m3 = _unbalanced(model, work, 3)
+    # Moments of the outer bodies about C1 and C3: the parts across p and q.
+    t12 = -(m1 + cross(_arm(c1, position, 1), f1)) / size_p
+    t32 = -(m3 + cross(_arm(c3, position, 3), f3)) / size_q
+    # What is left for the parts along p and q, which meet at C2 (Eq 33).
+    left = f2[0] + t12 * p[1] + t32 * q[1], f2[1] - t12 * p[0] - t32 * q[0]
+    sine = cross(p, q)
+    r12, r32 = cross(left, q) / sine, cross(p, left) / sine
+    x12, y12 = r12 * p[0] - t12 * p[1], r12 * p[1] + t12 * p[0]
+    x32, y32 = r32 * q[0] - t32 * q[1], r32 * q[1] + t32 * q[0]
+    _set_reaction(0, c1, f1[0] + x12, f1[1] + y12, work)
+    _set_reaction(1, c12, x12, y12, work)
+    _set_reaction(2, c23, -x32, -y32, work)
+    _set_reaction(3, c3, -(f3[0] + x32), -(f3[1] + y32), work)
+
+
+@kernel
+def pose(mega, position):
+    """Place faces, slips and contacts of mega-voussoirs at `position`.
+
+    Reads: mega, position.
+    Writes: mega.
+    """
+    placing.place_chain(mega.model, position, mega.work, 0.0, mega.work.slip, mega.work)
+
+
+@kernel
+def solve_first_level(mega, position, velocity, ground, scale):
+    """Solve for accelerations and reactions of mega-voussoirs under a ground acceleration.
+
+    `ground` is that of `archfrag.physics.ground.ground_after`. Accelerations and reactions are
+    left in ``work.solved`` and ``work.reaction``; accelerations of `scale` count as one [m/s2].
+    False where the equations have no solution.
+
+    Reads: mega, position, velocity, ground.
+    Writes: mega.
+    """
+    model, work, end = mega.model, mega.work, position.shape[0] - 1
+    pose(mega, position)
+    for i in range(1, end):
+        work.free[i, 0] = -ground[0]
+        work.free[i, 1] = -model.gravity - ground[1]
+        work.free[i, 2] = 0.0
+    work.free[end, 0], work.free[end, 1] = ground[2], ground[3]
+    pull_mega_voussoirs(mega, position, velocity)
+    moves = ground[2] != 0.0 or ground[3] != 0.0
+    moves = moves or velocity[end, 0] != 0.0 or velocity[end, 1] != 0.0
+    four = not moves and is_four_hinges(work, position.shape[0])
+    if four and four_hinges(model, position, velocity, work):
+        return True
+    centripetal_bias(position, velocity, work.slip, work.slide, work)
+    left = blocks.solve_modes(model, position, work, scale, blocks.EXACT, 0)
+    return left <= ILL_CONDITIONED * model.gravity
+
+
+@inlined
+def _set_bias(work, value):
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = value
+
+
+@kernel
+def project(mega, position, velocity, enough, limit):
+    """Project positions and velocities onto the contacts, after `pose` there.
+
+    Both in the metric of kinetic energy, and across the joints, without friction: along its cone
+    a projection could gain energy. Nothing is done for distances [m] and rates [m/s] up to
+    `enough`, nor if a body would move farther than `limit` [m], rotations by the length of the
+    first joint; then it returns False.
+
+    Reads: mega, position, velocity, enough.
+    Writes: mega, position, velocity.
+    """
+    model, work, apart = mega.model, mega.work, 0.0
+    blocks.set_rows(model, position, work)
+    _set_bias(work, 0.0)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
+    rate = blocks.measure_residual(position, work)
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
+            work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
+            apart = max(apart, work.contact[j, k] * (abs(ex) + abs(ey)))
+        for a in range(3):
+            for d in range(4):
+                work.column[j, a, d] = work.row[j, a, d]
+    if apart <= enough[0] and rate <= enough[1]:
+        return True
+    blocks.factorise(model, work, blocks.EXACT.compliance)
+    blocks.correct(model, position, work, math.inf)
+    farthest = 0.0
+    for i in range(1, position.shape[0] - 1):
+        shift = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
+        farthest = max(farthest, shift, model.length[0] * abs(work.solved[i, 2]))
+    if not farthest <= limit:
+        return False
+    for i in range(position.shape[0]):
+        for c in range(3):
+            position[i, c] += work.solved[i, c]
+            work.free[i, c] = velocity[i, c]
+    _set_bias(work, 0.0)
+    blocks.correct(model, position, work, math.inf)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            velocity[i, c] = work.solved[i, c]
+    return True

@@ -1,0 +1,122 @@
+"""`auto`: the cheapest of our methods that holds a tolerance.
+
+1. Rest, while the body force stays inside the range of rest: nothing is integrated.
+2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four runs
+   at a time.
+3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, and for a history of
+   `SMALL_CHAIN` bodies under a ground motion with rare breaks: there events are rare, so that
+   they cost little and give peaks and histories exactly.
+4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows
+   is made again by the other method, and then by equal steps. If none of them holds it, the run
+   is refused.
+
+The mechanism log of a run states which of them moved it when.
+"""
+
+from collections.abc import Callable, Sequence
+from types import ModuleType
+
+import numpy as np
+
+from archfrag.physics.events import front as events
+from archfrag.physics.ground import Grounds
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.methods.common import is_accurate, new_results, refuse
+from archfrag.physics.status import Count, Status
+from archfrag.physics.steps import run as stepper
+
+# Energy below this, over weight times the longest joint's length, is rounding.
+ROUNDING = 1e-12
+# Tolerances at which runs go by events whatever moves them, and where events are rare.
+COARSE, COARSEST = 2e-4, 0.01
+AGAIN = 2e-5  # of events that make runs by steps again
+SMALL_CHAIN, MOST_BREAKS = 10, 50
+# Where events follow each other more closely than so many steps, all voussoirs are stepped; these
+# steps are longer by `STEADY` than those at impacts.
+SWITCH_STEPS, STEADY = 3.0, 2.0
+# Equal steps that are made again are shorter by this factor.
+SHORTER = 0.25
+
+
+def count_breaks(grounds: Grounds) -> int:
+    """Number of samples at which the ground acceleration is not linear in time."""
+    return int(np.unique(grounds.next_break).size) - 1
+
+
+def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -> bool:
+    """Whether `auto` integrates from event to event rather than by steps on all voussoirs.
+
+    `n_break` is `count_breaks` where a history is asked for, else infinite.
+
+    Examples
+    --------
+    >>> from archfrag.physics.methods.auto import goes_by_events
+    >>> goes_by_events(1e-3), goes_by_events(1e-3, 7, n_break=4), goes_by_events(1e-4)
+    (False, True, True)
+    """
+    rare = n_body <= SMALL_CHAIN and n_break <= MOST_BREAKS
+    return tolerance <= COARSE or (rare and tolerance <= COARSEST)
+
+
+def _attempts(options: Options, by_events: bool) -> list[tuple[ModuleType, Options]]:
+    """List the methods to try with their options; each repeats what the last did inaccurately."""
+    steady = options.time_step
+    if options.largest_step > options.time_step:
+        steady *= STEADY
+    close = SWITCH_STEPS * steady if options.tolerance <= COARSE else 0.0
+    fine = options._replace(tolerance=min(options.tolerance, AGAIN), crowding=0.0)
+    located, equal = (stepper, options), (stepper, options._replace(largest_step=0.0))
+    if options.largest_step <= options.time_step:  # equal ones at once: shorter ones
+        equal = stepper, options._replace(time_step=SHORTER * options.time_step, largest_step=0.0)
+    if not by_events:
+        return [located, (events, fine._replace(time_step=steady)), equal]
+    return [(events, options._replace(time_step=steady, crowding=close)), located, equal]
+
+
+def _made_well(
+    chain: Chain, attempts: Sequence[tuple[ModuleType, Options]], n_run: int,
+    make: Callable[[ModuleType, Options, np.ndarray], Results],
+) -> Results:  # fmt: skip
+    """Make runs; repeat inaccurate ones by the next attempt, and refuse them after the last."""
+    results, rows = new_results(n_run), np.arange(n_run)
+    for number, (method, given) in enumerate(attempts):
+        made = make(method, given, rows)
+        made.count[:, Count.REFINED] = number
+        for gathered, part in zip(results, made):
+            gathered[rows] = part
+        good = is_accurate(chain, given, made, ROUNDING) & (made.status != Status.INACCURATE)
+        rows = rows[~good]
+        if rows.size == 0:
+            break
+    refuse(results, rows)
+    return results
+
+
+def run_many(
+    chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
+) -> Results:
+    """Many runs; as `archfrag.physics.steps.run.run_many`."""
+    by_events = goes_by_events(options.tolerance)
+
+    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
+        return method.run_many(chain, grounds, motion[rows], factor[rows], given)
+
+    return _made_well(chain, _attempts(options, by_events), len(motion), make)
+
+
+def run(
+    chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
+    from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
+) -> Results:  # fmt: skip
+    """Integrate one chain under one ground motion; arguments as `time_stepping.run.run`."""
+    start = position.copy(), velocity.copy()
+
+    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
+        position[:], velocity[:] = start
+        return method.run(
+            chain, grounds, factor, position, velocity, from_rest, given, frames, log
+        )
+
+    n_break = count_breaks(grounds) if frames.time.size else np.inf
+    by_events = goes_by_events(options.tolerance, chain.mass.size, n_break)
+    return _made_well(chain, _attempts(options, by_events), 1, make)

@@ -1,0 +1,327 @@
+"""What all methods share: begin and end of a run, its history, results and accuracy.
+
+Why a run waits is in ``state.clock[Clock.CODE]``, and has the numbers below.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.collapse import NO_MODE, NOTED_GAP, collapse_of, loss_mode
+from archfrag.physics.contact.laws import mode_number
+from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap
+from archfrag.physics.energy import energies_of
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.state import Clock, Model, model_of
+from archfrag.physics.status import Count, Energy, Loss, Peak, Status
+from archfrag.physics.status import Model as ModelLevel
+from archfrag.physics.ties import set_ties
+
+# Nothing; modes that are not reconciled; something is due between steps; collapse; the time is
+# up, or the work allowed is spent; positions overflowed; at rest for good. Up to PAUSE a run
+# goes on.
+GO, UNSOLVED, PAUSE, COLLAPSES, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
+STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
+UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
+NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
+AT_REST, ALL = int(ModelLevel.REST), int(ModelLevel.ALL_VOUSSOIRS)
+# Gap over joint length below which a corner is closed in a chain at rest [1].
+CLOSED_GAP = 1e-7
+# Speed over that of a fall through the longest joint below which a chain may be at rest [1].
+STILL = 1e-7
+CALM_TIME = 10.0  # [s]
+# A run is refused that makes or loses more energy than this many times its accuracy, over the
+# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
+# length; an accuracy finer than the default counts as the default.
+ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
+OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
+
+
+def ready(options: Options, model: Model, rest: tuple[float, float]) -> Options:
+    """Complete options by what follows from the model and its range of rest [g]."""
+    largest = max(float(options.largest_step), float(options.time_step))
+    still = float(STILL * np.sqrt(model.gravity * model.length.max()))
+    if not options.rests:
+        still, rest = -1.0, (np.nan, np.nan)
+    return options._replace(
+        largest_step=largest, still=still, rest_plus=rest[0], rest_minus=rest[1]
+    )
+
+
+def new_results(n_run: int) -> Results:
+    """Allocate results of `n_run` runs."""
+    return Results(
+        status=np.zeros(n_run, np.int64),
+        end_time=np.zeros(n_run),
+        collapse_time=np.full(n_run, np.nan),
+        collapse_joint=np.full(n_run, -1),
+        collapse_mode=np.zeros(n_run, np.int64),
+        loss=np.zeros((n_run, len(Loss))),
+        count=np.zeros((n_run, len(Count))),
+        energy=np.zeros((n_run, len(Energy))),
+        model_time=np.zeros((n_run, len(ModelLevel))),
+        peak=np.zeros((n_run, len(Peak))),
+    )
+
+
+@struct(forces=(3,))
+class Output(NamedTuple):
+    """Where frames and log entries go; arrays of length zero for none."""
+
+    frames: Frames
+    log: MechanismLog
+    written: np.ndarray  # (2,) int64: frames, and log entries, also those without place
+    due: np.ndarray  # (1,) from when on the next frame is wanted [s]
+    interval: float  # between frames [s]
+    forces: np.ndarray  # (n_joint, 3) mean reactions over the last step, for frames
+    span: np.ndarray  # (1,) of that step; zero where a motion begins [s]
+
+
+def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
+    """Make an empty output into given frames and log."""
+    forces = np.zeros(frames.reaction.shape[1:])
+    return Output(
+        frames, log, np.zeros(2, np.int64), np.zeros(1), float(interval), forces, np.zeros(1)
+    )
+
+
+def no_output(n_body: int, n_joint: int) -> Output:
+    """Make an output for runs without history."""
+    frames = Frames(
+        np.zeros(0), np.zeros((0, n_body, 3)), np.zeros((0, n_body, 3)),
+        np.zeros((0, n_joint, 3)), np.zeros((0, n_joint), np.int8),
+    )  # fmt: skip
+    entries = np.zeros(0, np.int8), np.zeros(0, np.int32), np.zeros(0, np.int8)
+    log = MechanismLog(np.zeros(0), *entries, np.zeros((0, n_joint), np.int8))
+    return output_to(frames, log, np.inf)
+
+
+@kernel
+def write_frame(model, state, work, output):
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it.
+
+    Reads: model, state, work, output.
+    Writes: output.
+    """
+    frames, n = output.frames, output.written[0]
+    if frames.time.size == 0 or n >= frames.time.size:
+        return
+    output.written[0] += 1
+    frames.time[n] = state.clock[Clock.TIME]
+    for i in range(frames.position.shape[1]):
+        for c in range(3):
+            frames.position[n, i, c] = state.position[i + 1, c] - model.start[i + 1, c]
+            frames.velocity[n, i, c] = state.velocity[i + 1, c]
+    for j in range(state.slip.size):
+        for c in range(3):
+            frames.reaction[n, j, c] = work.reaction[j, c]
+        frames.mode[n, j] = mode_number(work.contact[j, 0], work.contact[j, 1], work.slide[j])
+
+
+@kernel
+def log_change(state, time, cause, joint, level, output):
+    """Log a change of the mechanism, or of its model, if the log has room.
+
+    Reads: state.slip, output (log, log.time, written).
+    Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
+    """
+    log, entry = output.log, output.written[1]
+    output.written[1] += 1
+    if entry >= log.time.size:
+        return
+    log.time[entry] = time
+    log.cause[entry] = cause
+    log.joint[entry] = joint
+    log.model[entry] = level
+    for j in range(state.slip.size):
+        log.mode[entry, j] = mode_number(state.contact[j, 0], state.contact[j, 1], state.slide[j])
+
+
+@kernel
+def clear(state):
+    """Reset the state and close all joints; keep positions and velocities.
+
+    Reads: state.slip.
+    Writes: state.
+    """
+    for j in range(state.slip.size):
+        state.contact[j, 0] = state.contact[j, 1] = state.bore_face[j] = 1.0
+        state.slide[j] = state.slip[j] = state.impact[j] = 0.0
+        state.lost_since[j] = np.nan
+        state.lost_slip[j] = state.lost_rotation[j] = 0.0
+        for c in range(3):
+            state.force[j, c] = 0.0
+    state.loss[:] = state.clock[:] = state.count[:] = state.energy[:] = state.peak[:] = 0.0
+    state.loss[Loss.TIME], state.loss[Loss.JOINT] = np.nan, -1.0
+
+
+@kernel
+def read_joints(model, state, work):
+    """Set slips and modes of all joints of an initial state from positions alone.
+
+    A joint that is open at both corners has been without contact since time zero.
+
+    Reads: model, state, work.
+    Writes: state.
+    """
+    for j in range(state.slip.size):
+        gaps = clearance(j, 0, work.face, work.tangent), clearance(j, 1, work.face, work.tangent)
+        length = model.length[j]
+        k = 1 if gaps[1] < gaps[0] else 0
+        slip, _ = slip_and_gap(j, False, False, work.face, work.tangent)
+        state.slip[j] = 0.0 if abs(slip) < CLOSED_GAP * length else slip
+        if max(gaps) > CLOSED_GAP * length:
+            state.contact[j, 1 - k] = 0.0
+            state.bore_face[j] = 0.0
+        if min(gaps) > CLOSED_GAP * length:
+            state.contact[j, k] = 0.0
+            state.bore_face[j] = 1.0
+            state.lost_since[j] = 0.0
+            state.lost_slip[j] = abs(state.slip[j]) / length
+            state.lost_rotation[j] = abs(state.position[j + 1, 2] - state.position[j, 2])
+            gap = min(gaps) / length
+            state.loss[Loss.WIDEST] = max(state.loss[Loss.WIDEST], gap)
+            if gap > NOTED_GAP and np.isnan(state.loss[Loss.TIME]):
+                state.loss[Loss.TIME], state.loss[Loss.JOINT] = 0.0, j
+                state.loss[Loss.MODE] = loss_mode(j, state)
+
+
+@kernel
+def read_state(model, state, work):
+    """Start a run from given positions and velocities; the factor on the motion is kept.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
+    factor, clock, energy = state.clock[Clock.FACTOR], state.clock, state.energy
+    clear(state)
+    set_ties(model, state, work)
+    clock[Clock.FACTOR] = factor
+    kinetic, clock[Clock.START] = energies_of(model, state)
+    energy[Energy.START_KINETIC] = energy[Energy.LARGEST_KINETIC] = kinetic
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    read_joints(model, state, work)
+
+
+@kernel
+def begin(model, state, work, motion, factor):
+    """Start a run from rest where the model starts.
+
+    Reads: model, state, work (face, rotated, tangent).
+    Writes: state, work (face, rotated, tangent, tie).
+    """
+    for i in range(state.position.shape[0]):
+        for c in range(3):
+            state.position[i, c] = model.start[i, c]
+            state.velocity[i, c] = 0.0
+    clear(state)
+    set_ties(model, state, work)
+    clock = state.clock
+    clock[Clock.MOTION], clock[Clock.FACTOR] = motion, factor
+    _, clock[Clock.START] = energies_of(model, state)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    read_joints(model, state, work)
+
+
+@kernel
+def record_end(model, state):
+    """Record the largest rotation and displacement at the end.
+
+    Reads: model.start, state.position.
+    Writes: state.peak.
+    """
+    rotation = farthest = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        dx = state.position[i, 0] - model.start[i, 0]
+        dy = state.position[i, 1] - model.start[i, 1]
+        farthest = max(farthest, dx * dx + dy * dy)
+        rotation = max(rotation, abs(state.position[i, 2] - model.start[i, 2]))
+    state.peak[Peak.END_ROTATION] = rotation
+    state.peak[Peak.END_DISPLACEMENT] = np.sqrt(farthest)
+
+
+@kernel
+def sways_in_rest(model, state, options):
+    """Whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground motion.
+
+    Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
+    position would have grown by many powers of ten, so the chain swings about a stable one.
+
+    Reads: state.clock, options.follow.
+    Writes: nothing.
+    """
+    calm = state.clock[Clock.TIME] - state.clock[Clock.LIVELY]
+    return model.tie.shape[0] > 0 and min(calm, options.follow) >= CALM_TIME
+
+
+@inlined
+def _copy_row(values, out, row):
+    for i in range(values.size):
+        out[row, i] = values[i]
+
+
+@kernel
+def end_run(model, state, work, options, output, results, row):
+    """Write the results of a run that has ended.
+
+    Reads: model, state, work, options, output.
+    Writes: state, output, results.
+    """
+    clock, energy = state.clock, state.energy
+    code, status = int(clock[Clock.CODE]), NO_SOLUTION
+    if code == IDLE:
+        status = STANDING
+    elif code == BROKEN:
+        status = NOT_FINITE
+    elif code == EXHAUSTED:
+        status = WORK_BOUND
+    elif code in (COLLAPSES, AT_END):
+        status = UNFINISHED
+        write_frame(model, state, work, output)
+        limit = options.loss_limit if code == COLLAPSES else NOTED_GAP
+        joint, how, since = collapse_of(model, state, work, limit)
+        if joint >= 0:
+            status = COLLAPSED
+            results.collapse_joint[row], results.collapse_mode[row] = joint, how
+            results.collapse_time[row] = since
+        elif code == AT_END and sways_in_rest(model, state, options):
+            status = STANDING
+    kinetic, potential = energies_of(model, state)
+    energy[Energy.KINETIC] = kinetic
+    energy[Energy.POTENTIAL] = potential - clock[Clock.START]
+    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    results.status[row], results.end_time[row] = status, clock[Clock.TIME]
+    record_end(model, state)
+    _copy_row(state.loss, results.loss, row)
+    _copy_row(state.count, results.count, row)
+    _copy_row(energy, results.energy, row)
+    _copy_row(state.peak, results.peak, row)
+    results.model_time[row, AT_REST] = clock[Clock.RESTING]
+    results.model_time[row, ALL] = clock[Clock.MOVING]
+
+
+def is_accurate(chain: Chain, options: Options, results: Results, negligible: float) -> np.ndarray:
+    """Whether each run keeps its tolerance, by its own energy error and overlap.
+
+    True for runs that have not ended; `negligible` is the energy that counts for nothing, over
+    weight times the longest joint's length [1].
+    """
+    energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
+    allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
+    largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
+    weight = chain.gravity * float(np.sum(chain.mass))
+    tiny = negligible * weight * float(model_of(chain).length.max())
+    deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
+    good = energy[:, Energy.BALANCE_ERROR_PEAK] <= allowed * largest + tiny
+    ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))
+    return ~ended | (good & (overlap <= deepest))
+
+
+def refuse(results: Results, rows: np.ndarray) -> None:
+    """Mark inaccurate runs as failures, which are neither collapse nor survival."""
+    results.status[rows] = int(Status.INACCURATE)
+    results.collapse_time[rows] = np.nan
+    results.collapse_joint[rows] = -1
+    results.collapse_mode[rows] = NO_MODE

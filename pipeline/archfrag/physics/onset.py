@@ -1,0 +1,315 @@
+"""Rest range of a chain: the largest steady horizontal body force that it bears at rest.
+
+Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing at
+every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0, so
+that the unknowns are its force, its moment and the load factor k: four numbers. The largest k is
+found by the dual simplex method on the joints' inequalities, whose cost is proportional to their
+number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). That is Eq 13 for a
+block, and the least load of Eq 28 for an arch, by its dual. The inequalities that are tight at
+the end with a positive multiplier are the hinges and sliding joints of the mechanism.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.physics.kernels.kernel import kernel
+from archfrag.physics.kernels.structs import struct
+from archfrag.physics.state import Model, Work
+
+FEASIBLE = 1e-12
+BOX = 1e5
+NO_LIMIT = 1e3
+N_UNKNOWN = 4
+HINGE_INTRADOS = 1
+HINGE_EXTRADOS = 2
+SLIDING = 4
+
+
+class RestLimit(NamedTuple):
+    """One end of the range of rest."""
+
+    found: bool  # False: no admissible reactions for any load factor
+    load_factor: float  # signed largest k in the direction asked for [g]; inf: no limit
+    mechanism: np.ndarray  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING
+    reaction: np.ndarray  # (n_joint, 3) on the body after each joint, about the origin, at k
+    iterations: int
+
+
+@struct(
+    centroid=(2,), pull=(3,), candidate=(2,), part=(3, 5), row=(5,), bound=(4,), basis=(4,),
+    inverse=(4,), reaction=(3,),
+)  # fmt: skip
+class RestProblem(NamedTuple):
+    """Workspace for the range of rest of a chain."""
+
+    centroid: np.ndarray  # (n_body + 2, 2) in the configuration [m]
+    pull: np.ndarray  # (n_body + 2, 3) forces of ties [N] and moments about the centroids [N m]
+    candidate: np.ndarray  # (n_joint, 2) int8: zero where a corner is open, which bears nothing
+    # (n_joint, 3, 5) force and moment about the origin at each joint: x, y, moment, by the force
+    # and the moment at joint 0 (of a chain with a free end not used), by the load factor, constant
+    part: np.ndarray
+    row: np.ndarray  # (3, 5) of forces at corners and tangential, of one joint
+    bound: np.ndarray  # (8 n_joint, 4) left sides of the inequalities ``bound x <= level`` of rest
+    level: np.ndarray  # (8 n_joint,)
+    joint: np.ndarray  # (8 n_joint,) int64: joint of each
+    kind: np.ndarray  # (8 n_joint,) int8: bit of a mechanism of each
+    active: np.ndarray  # (4,) int64: rows that are tight; beyond those there are, the box's sides
+    basis: np.ndarray  # (4, 4) their left sides
+    inverse: np.ndarray  # (4, 4)
+    # (5, 4) their levels, the unknowns, multipliers, weights of what enters, what is left
+    vertex: np.ndarray
+    mechanism: np.ndarray  # (n_joint,) int8, as in `RestLimit`
+    reaction: np.ndarray  # (n_joint, 3)
+
+
+LEVEL, UNKNOWN, MULTIPLIER, WEIGHT, LEFT = range(5)
+
+
+def new_rest_problem(model: Model) -> RestProblem:
+    """Allocate the workspace for a chain's range of rest."""
+    zeros, n_row, n_joint = np.zeros, model.mass.size, model.friction.size
+    return RestProblem(
+        centroid=zeros((n_row, 2)), pull=zeros((n_row, 3)),
+        candidate=np.ones((n_joint, 2), np.int8), part=zeros((n_joint, 3, 5)),
+        row=zeros((3, 5)), bound=zeros((8 * n_joint, N_UNKNOWN)), level=zeros(8 * n_joint),
+        joint=zeros(8 * n_joint, np.int64), kind=zeros(8 * n_joint, np.int8),
+        active=zeros(N_UNKNOWN, np.int64), basis=zeros((N_UNKNOWN, N_UNKNOWN)),
+        inverse=zeros((N_UNKNOWN, N_UNKNOWN)), vertex=zeros((5, N_UNKNOWN)),
+        mechanism=zeros(n_joint, np.int8), reaction=zeros((n_joint, 3)),
+    )  # fmt: skip
+
+
+@kernel
+def _add_body(problem, j, i, gravity, mass, weight, size, sense):
+    """Add weight and pull of a body, or their opposite, to the resultants of a joint.
+
+    Reads: problem (centroid, part, pull).
+    Writes: problem.part.
+    """
+    part, centroid, pull = problem.part, problem.centroid, problem.pull
+    w = mass * gravity / weight
+    part[j, 0, 3] += sense * w
+    part[j, 1, 4] += sense * w
+    part[j, 2, 3] -= sense * (w * centroid[i, 1] / size)
+    part[j, 2, 4] += sense * (w * centroid[i, 0] / size)
+    # Pulls act on the other side than body forces, which are those of the frame.
+    part[j, 0, 4] -= sense * pull[i, 0] / weight
+    part[j, 1, 4] -= sense * pull[i, 1] / weight
+    moment = pull[i, 2] + centroid[i, 0] * pull[i, 1] - centroid[i, 1] * pull[i, 0]
+    part[j, 2, 4] -= sense * moment / (weight * size)
+
+
+@kernel
+def set_resultants(model, problem, weight, size):
+    """Set ``problem.part``; forces are over the weight, moments over weight times size.
+
+    Reads: problem (centroid, part, pull).
+    Writes: problem.part.
+    """
+    part, n_joint, n_body = problem.part, problem.part.shape[0], model.mass.shape[0] - 2
+    for c in range(3):
+        for k in range(5):
+            part[0, c, k] = 0.0
+    if n_joint == n_body:
+        for i in range(1, n_body + 1):
+            _add_body(problem, 0, i, model.gravity, model.mass[i], weight, size, 1.0)
+    else:
+        part[0, 0, 0] = part[0, 1, 1] = part[0, 2, 2] = 1.0
+    for j in range(1, n_joint):
+        for c in range(3):
+            for k in range(5):
+                part[j, c, k] = part[j - 1, c, k]
+        _add_body(problem, j, j, model.gravity, model.mass[j], weight, size, -1.0)
+
+
+@kernel
+def _add_inequality(problem, count, k, sense, joint, kind):
+    """Add a row of ``problem.row`` as an inequality; return how many there are.
+
+    Reads: problem.row.
+    Writes: problem (bound, joint, kind, level).
+    """
+    for i in range(N_UNKNOWN):
+        problem.bound[count, i] = sense * problem.row[k, i]
+    problem.level[count] = -sense * problem.row[k, N_UNKNOWN]
+    problem.joint[count], problem.kind[count] = joint, kind
+    return count + 1
+
+
+@kernel
+def set_inequalities(model, work, problem, size):
+    """Set the inequalities of rest, with contacts over `size`; return how many there are.
+
+    Reads: model.friction, work (normal, point), problem (bound, candidate, part, row).
+    Writes: problem (bound, joint, kind, level, row).
+    """
+    part, row, point, count = problem.part, problem.row, work.point, 0
+    for j in range(part.shape[0]):
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
+        x1, y1 = point[j, 1, 0] / size, point[j, 1, 1] / size
+        length = (y1 - y0) * nx - (x1 - x0) * ny
+        for k in range(5):
+            fx, fy, moment = part[j, 0, k], part[j, 1, k], part[j, 2, k]
+            row[0, k] = (moment - (x1 * fy - y1 * fx)) / length
+            row[1, k] = -(moment - (x0 * fy - y0 * fx)) / length
+        for c in range(2):
+            kind = HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
+            count = _add_inequality(problem, count, c, -1.0, j, kind)
+            if problem.candidate[j, c] == 0:
+                count = _add_inequality(problem, count, c, 1.0, j, kind)
+        if not np.isinf(model.friction[j]):
+            for sense in (-1.0, 1.0):
+                for k in range(5):
+                    along = sense * (nx * part[j, 1, k] - ny * part[j, 0, k])
+                    row[2, k] = along - model.friction[j] * (row[0, k] + row[1, k])
+                count = _add_inequality(problem, count, 2, 1.0, j, SLIDING)
+    for q in range(count):
+        norm = 0.0
+        for i in range(N_UNKNOWN):
+            norm = max(norm, abs(problem.bound[q, i]))
+        if norm > 0.0:
+            for i in range(N_UNKNOWN):
+                problem.bound[q, i] /= norm
+            problem.level[q] /= norm
+    return count
+
+
+@kernel
+def largest_load_factor(problem, n_row, sense):
+    """Dual simplex: maximise ``sense * x[3]`` subject to the inequalities, in four unknowns.
+
+    Return whether it is feasible, and iterations; -1 if there are too many.
+
+    Reads: problem (active, basis, bound, inverse, level, vertex).
+    Writes: problem (active, basis, inverse, vertex).
+    """
+    bound, level, active = problem.bound, problem.level, problem.active
+    basis, inverse, vertex = problem.basis, problem.inverse, problem.vertex
+    for i in range(N_UNKNOWN):
+        active[i], vertex[LEVEL, i] = n_row + i, BOX
+        for k in range(N_UNKNOWN):
+            basis[i, k] = inverse[i, k] = 1.0 if i == k else 0.0
+    basis[3, 3] = inverse[3, 3] = sense
+    for k in range(N_UNKNOWN):
+        unused = True
+        for q in range(n_row):
+            unused = unused and bound[q, k] == 0.0
+        if unused:
+            vertex[LEVEL, k] = 0.0
+    for iteration in range(50 + 20 * N_UNKNOWN + n_row):
+        _set_vertex(problem)
+        largest = 0.0
+        for k in range(N_UNKNOWN):
+            vertex[MULTIPLIER, k] = sense * inverse[3, k]
+            largest = max(largest, abs(vertex[UNKNOWN, k]))
+        entering, worst = -1, FEASIBLE * max(1.0, largest)
+        for q in range(n_row):
+            violation = bound[q, 0] * vertex[UNKNOWN, 0] + bound[q, 1] * vertex[UNKNOWN, 1]
+            violation = violation + bound[q, 2] * vertex[UNKNOWN, 2]
+            violation = violation + bound[q, 3] * vertex[UNKNOWN, 3] - level[q]
+            if violation > worst:
+                worst, entering = violation, q
+        if entering < 0:
+            return True, iteration
+        leaving = _leaving(problem, entering)
+        if leaving < 0:
+            return False, iteration
+        active[leaving], vertex[LEVEL, leaving] = entering, level[entering]
+        for i in range(N_UNKNOWN):
+            basis[leaving, i] = bound[entering, i]
+            inverse[i, leaving] /= vertex[WEIGHT, leaving]
+            for k in range(N_UNKNOWN):
+                if k != leaving:
+                    inverse[i, k] -= vertex[WEIGHT, k] * inverse[i, leaving]
+    return False, -1
+
+
+@kernel
+def _leaving(problem, entering):
+    """Which of the tight inequalities the one that enters takes the place of; -1: none.
+
+    Reads: problem (bound, inverse, vertex).
+    Writes: problem.vertex.
+    """
+    vertex, inverse = problem.vertex, problem.inverse
+    for k in range(N_UNKNOWN):
+        vertex[WEIGHT, k] = 0.0
+        for i in range(N_UNKNOWN):
+            vertex[WEIGHT, k] += problem.bound[entering, i] * inverse[i, k]
+    leaving, best, size = -1, np.inf, 0.0
+    for k in range(N_UNKNOWN):
+        weight = vertex[WEIGHT, k]
+        if weight > 1e-11:
+            ratio = max(vertex[MULTIPLIER, k], 0.0) / weight
+            if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weight > size):
+                best, leaving, size = min(ratio, best), k, weight
+    return leaving
+
+
+@kernel
+def _set_vertex(problem):
+    """Set the point where the active inequalities are tight, refined once.
+
+    Reads: problem (basis, inverse, vertex).
+    Writes: problem.vertex.
+    """
+    vertex, basis, inverse = problem.vertex, problem.basis, problem.inverse
+    for i in range(N_UNKNOWN):
+        vertex[LEFT, i], vertex[UNKNOWN, i] = vertex[LEVEL, i], 0.0
+    for _ in range(2):
+        for i in range(N_UNKNOWN):
+            for k in range(N_UNKNOWN):
+                vertex[UNKNOWN, i] += inverse[i, k] * vertex[LEFT, k]
+        for k in range(N_UNKNOWN):
+            vertex[LEFT, k] = vertex[LEVEL, k]
+            for i in range(N_UNKNOWN):
+                vertex[LEFT, k] -= basis[k, i] * vertex[UNKNOWN, i]
+
+
+@kernel
+def find_rest_limit(model, work, problem, sense):
+    """Find one end of the range of rest of a chain in a given configuration.
+
+    Contacts are those of ``work.point`` and ``work.normal``; centroids, pulls and open corners
+    are those of `problem`. `sense` is 1 for a ground that accelerates towards +x (body force
+    towards -x), -1 for the other way. Return the first two and the last of `RestLimit`; its arrays
+    are in `problem`.
+
+    Reads: model (friction, gravity, mass), work (normal, point), problem.
+    Writes: problem.
+    """
+    n_joint, n_body, size, weight = problem.part.shape[0], model.mass.shape[0] - 2, 0.0, 0.0
+    for j in range(n_joint):
+        for c in range(2):
+            size = max(size, abs(work.point[j, c, 0]), abs(work.point[j, c, 1]))
+    for i in range(1, n_body + 1):
+        weight += model.mass[i] * model.gravity
+    set_resultants(model, problem, weight, size)
+    n_row = set_inequalities(model, work, problem, size)
+    if n_joint == n_body:
+        for q in range(n_row):
+            problem.bound[q, 0] = problem.bound[q, 1] = problem.bound[q, 2] = 0.0
+    found, iterations = largest_load_factor(problem, n_row, sense)
+    vertex, part = problem.vertex, problem.part
+    for j in range(n_joint):
+        problem.mechanism[j] = 0
+        for c in range(3):
+            total = part[j, c, 4]
+            for k in range(N_UNKNOWN):
+                total += part[j, c, k] * vertex[UNKNOWN, k]
+            problem.reaction[j, c] = total * (weight * size if c == 2 else weight)
+    for i in range(N_UNKNOWN):
+        row = problem.active[i]
+        if found and row < n_row and vertex[MULTIPLIER, i] > 1e-9:
+            problem.mechanism[problem.joint[row]] |= problem.kind[row]
+    factor = vertex[UNKNOWN, 3]
+    return found, np.inf * sense if abs(factor) > NO_LIMIT else factor, iterations
+
+
+def rest_limit(model: Model, work: Work, problem: RestProblem, sense: float) -> RestLimit:
+    """Return what `find_rest_limit` finds, with arrays of its own."""
+    found, factor, iterations = find_rest_limit(model, work, problem, sense)
+    arrays = problem.mechanism.copy(), problem.reaction.copy()
+    return RestLimit(found, factor, *arrays, iterations)

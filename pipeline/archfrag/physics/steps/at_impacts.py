@@ -1,0 +1,209 @@
+"""Choose step sizes: short at impacts, long between them.
+
+A step in which a corner would close is refused after its first linear problem. Its gap, the rate
+at which it closes and the acceleration that the problem gives determine when it will close. The
+step is made again so that it ends shortly before; the next one has the impact in its middle, where
+reactions act. Then steps may be long again at once: a step does not depend on its neighbours.
+
+The step that leads up to an impact shows more exactly when it will be, and the next one is made
+for that. A long step that closes a corner after all, or in which the contacts give energy or take
+some that no law explains, is made again shorter.
+
+Impacts that follow each other more closely than the shortest step are taken as they come. Where
+shortest and largest steps are equal none is refused.
+"""
+
+import math
+
+from archfrag.physics.contact.laws import MINUS, PLUS
+from archfrag.physics.contact.modes import closes_soon
+from archfrag.physics.contact.placing import corner_velocity
+from archfrag.physics.energy import contact_works, kinetic_energy, unexplained_work
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.numbers import larger, smaller
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Count, Energy
+from archfrag.physics.steps.step import (
+    add_carried,
+    bend_of,
+    is_centred,
+    offset_of,
+    time_before,
+)
+
+# A step this much longer than the shortest is not worth refusing.
+NEARLY = 1.05
+# A refused step ends so many of the shortest before the impact, if that is not too soon.
+LEAD, SOON = 0.75, 1.25
+# The energy that a step may make or lose unexplained, over its tolerance and the largest kinetic
+# energy; a step with more, or without a solution, is made again with this part of its length.
+ENERGY_OF_STEP, QUARTER = 0.01, 0.25
+# The most of a refused step that is made again, and the least of the shortest.
+MOST, LEAST = 0.9, 0.25
+
+
+@inlined
+def _closing_time(gap, before, after, bend, step, latest):
+    """Return the time from the beginning of a step at which a gap closes, at most `latest` [s].
+
+    `gap` is that at the middle of the step, `before` and `after` are its rates on either side, and
+    `bend` is the centripetal part of its acceleration.
+    """
+    start = gap - 0.5 * step * before + 0.125 * step * step * bend
+    rate = before - 0.5 * step * bend
+    acceleration = (after - before) / step + bend
+    root = larger(rate * rate - 2.0 * acceleration * start, 0.0)
+    time = select(start > 0.0, 2.0 * start / (math.sqrt(root) - rate), 0.0)
+    return select((time >= 0.0) & (time < latest), time, latest)
+
+
+@inlined
+def beyond(step, shortest, ahead):
+    """Return a time after a step over the time that the bias of its open corners covers [1]."""
+    half = 0.5 * smaller(step, shortest)
+    return (ahead - half) / (0.5 * step + half)
+
+
+@kernel
+def time_to_impact(model, state, work, shortest, ahead):
+    """Return the time from now at which the first corner that asks to close will close [s].
+
+    Returns step and time ahead where no corner does.
+
+    Reads: model.rounding, state (clock, velocity), work.
+    Writes: nothing.
+    """
+    step = state.clock[Clock.STEP]
+    latest = step + ahead
+    first = latest
+    for j in range(state.slip.shape[0]):
+        for k in range(2):
+            closes = closes_soon(j, k, work, beyond(step, shortest, ahead))
+            if some(closes):
+                ex, ey = offset_of(j, k, model, work)
+                hx, hy = bend_of(j, k, state.velocity, work)
+                ux, uy = corner_velocity(j, k, work.earlier, work)
+                vx, vy = corner_velocity(j, k, work.relative, work)
+                time = 0.0 * step
+                # The corner closes when the last of both laws, Eqs 23a and 23b, lets it.
+                for sense in (PLUS, MINUS):
+                    nx, ny = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
+                    closing = _closing_time(
+                        nx * ex + ny * ey, nx * ux + ny * uy, nx * vx + ny * vy,
+                        nx * hx + ny * hy, step, latest,
+                    )  # fmt: skip
+                    time = larger(time, closing)
+                first = select(closes & (time < first), time, first)
+    return first
+
+
+@kernel
+def errors_of_step(model, state, work, tolerance):
+    """Return where a solved step closes a corner, and where its energy error is too large.
+
+    A slip that ends inside a long step sticks until its end, held by a friction that made energy.
+
+    Reads: model (inertia, mass), state (contact, impact, slide), work.
+    Writes: nothing.
+    """
+    closes = False
+    for j in range(state.slip.shape[0]):
+        for k in range(2):
+            closes = closes | (work.contact[j, k] > state.contact[j, k])
+    friction, impact, balance_error = contact_works(state, work)
+    error = abs(unexplained_work(friction, impact, balance_error))
+    kinetic = larger(state.energy[Energy.LARGEST_KINETIC], kinetic_energy(model, work.solved))
+    return closes, error > ENERGY_OF_STEP * tolerance * kinetic
+
+
+@kernel
+def refuse_poor(model, state, work, solved, stops, tolerance):
+    """Find solved steps that are not good enough: to repeat as they are, or shorter.
+
+    Reactions of the last step may be wrong for the time before an impact, as they are where joints
+    open instead: such a step is made again without.
+
+    Reads: model (inertia, mass), state (clock, contact, force, impact, slide), work.
+    Writes: state.force, work.reaction.
+    """
+    carries = False
+    for j in range(state.slip.shape[0]):
+        carries = carries | (abs(state.force[j, 0]) + abs(state.force[j, 1]) > 0.0)
+    again = solved & carries & is_centred(state.clock, state.clock[Clock.STEP])
+    shorter = solved & stops
+    if some(again | shorter):
+        if some(again):
+            add_carried(state, work, time_before(state, state.clock[Clock.STEP]))
+        closes, wrong = errors_of_step(model, state, work, tolerance)
+        if some(again):
+            add_carried(state, work, -time_before(state, state.clock[Clock.STEP]))
+        again, shorter = again & wrong, shorter & (closes | wrong)
+        if some(again):
+            for j in range(state.slip.shape[0]):
+                for c in range(3):
+                    state.force[j, c] = select(again, 0.0, state.force[j, c])
+    return again, shorter
+
+
+@kernel
+def expect_impact(model, state, work, options, solved):
+    """Update the expected time of an impact in the step that leads up to it.
+
+    Reads: model.rounding, state (clock, velocity), work, options.time_step.
+    Writes: state.clock.
+    """
+    clock, shortest = state.clock, options.time_step
+    step = clock[Clock.STEP]
+    ahead = clock[Clock.IMPACT] - clock[Clock.TIME] - step
+    near = solved & (ahead > 0.0) & (ahead < SOON * shortest)
+    if some(near):
+        latest = 2.0 * SOON * shortest
+        wait = time_to_impact(model, state, work, shortest, latest)
+        impact = clock[Clock.TIME] + larger(wait, step + 0.5 * LEAST * shortest)
+        near = near & (wait < step + latest)
+        clock[Clock.IMPACT] = select(near, impact, clock[Clock.IMPACT])
+
+
+@inlined
+def shorten(model, state, work, options, refused, poor):
+    """Cut refused steps before the impact, and poor ones to a quarter."""
+    clock = state.clock
+    step = clock[Clock.STEP]
+    if some(refused):
+        wait = time_to_impact(model, state, work, options.time_step, LEAD * options.time_step)
+        # Too near for a step before it: the impact comes into the middle of this one.
+        middle = larger(2.0 * wait, LEAST * options.time_step)
+        cut = select(wait < SOON * options.time_step, middle, wait - LEAD * options.time_step)
+        clock[Clock.STEP] = select(refused, smaller(cut, MOST * step), step)
+        clock[Clock.IMPACT] = select(refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT])
+    if some(poor):
+        part = larger(QUARTER * step, options.time_step)
+        clock[Clock.STEP] = select(poor, part, clock[Clock.STEP])
+        state.count[Count.SHORTENED] += select(poor, 1.0, 0.0)
+
+
+@inlined
+def next_step(state, options, where, until):
+    """Set the size of the next step, which ends at `until` at the latest."""
+    clock = state.clock
+    ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
+    unfinished = False
+    for j in range(state.impact.shape[0]):
+        unfinished = unfinished | (state.impact[j] > 0.0)
+    # An impact off the middle of its step ends in the next one.
+    step = select(unfinished, smaller(clock[Clock.STEP], options.time_step), options.largest_step)
+    far = ahead - LEAD * options.time_step
+    due = select(ahead < SOON * options.time_step, 2.0 * ahead, far)
+    step = select((ahead > 0.0) & (due < step), due, step)
+    left = until - clock[Clock.TIME]
+    step = select((left > 0.0) & (left < step), left, step)
+    clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
+
+
+@inlined
+def locates(state, options, live):
+    """Whether a step is so long that a corner which closes off its middle refuses it."""
+    clock = state.clock
+    step = clock[Clock.STEP]
+    return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))

@@ -1,0 +1,339 @@
+"""What time stepping does for one run alone, besides Newton's iteration.
+
+Rest, its history, a solution path where the modes are not reconciled, and measurements of the
+contact residual.
+"""
+
+import numpy as np
+
+from archfrag.physics.contact.path import solve_with_fallback
+from archfrag.physics.contact.placing import clearance, place_contacts
+from archfrag.physics.energy import kinetic_energy, record_work
+from archfrag.physics.ground import end_of_motion, end_rest, impulse_between
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import select
+from archfrag.physics.methods import common
+from archfrag.physics.methods.common import log_change, write_frame
+from archfrag.physics.numbers import nearest
+from archfrag.physics.onset import find_rest_limit
+from archfrag.physics.residual import state_residual
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Cause, Count, Peak
+from archfrag.physics.steps.at_impacts import next_step
+from archfrag.physics.steps.step import accept_step, pose_step
+from archfrag.physics.ties import pull_at_rest, pull_by_ties
+
+# Changes of a joint's mode, the dominant one last.
+BY_STICK, BY_SLIDE, BY_HINGE = int(Cause.STICK), int(Cause.SLIDE), int(Cause.HINGE)
+BY_IMPACT, BY_LOSS, BY_REST = int(Cause.IMPACT), int(Cause.LOSS), int(Cause.REST)
+BY_START = int(Cause.START)
+# A step whose contact problem no method solves is halved, down to this part of the shortest.
+SHORTEST = 1.0 / 100.0
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
+# or several linear problems each; so many on average mean no advance.
+MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
+
+
+@kernel
+def is_as_built(model, state):
+    """Whether all joints are closed and none has slipped: the chain is in its own geometry.
+
+    Reads: model.length, state (contact, slip).
+    Writes: nothing.
+    """
+    for j in range(state.slip.size):
+        if state.contact[j, 0] < 0.5 or state.contact[j, 1] < 0.5:
+            return False
+        if abs(state.slip[j]) > common.CLOSED_GAP * model.length[j]:
+            return False
+    return True
+
+
+@kernel
+def rest_range(model, state, work, problem):
+    """Return whether a configuration can rest, and its load factors plus and minus.
+
+    Reads: model, state, work, problem.
+    Writes: work (normal, pivot, point, side_normal, tie), problem.
+    """
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    for j in range(state.slip.size):
+        for k in range(2):
+            gap = clearance(j, k, work.face, work.tangent)
+            problem.candidate[j, k] = 0 if gap > common.CLOSED_GAP * model.length[j] else 1
+    for i in range(state.position.shape[0]):
+        for c in range(3):
+            problem.pull[i, c] = 0.0
+        for c in range(2):
+            problem.centroid[i, c] = state.position[i, c]
+    pull_at_rest(model, state, work, problem.pull)
+    found, plus, _ = find_rest_limit(model, work, problem, 1.0)
+    also, minus, _ = find_rest_limit(model, work, problem, -1.0)
+    return found and also, plus, -minus
+
+
+@kernel
+def start_moving(state, options, output):
+    """Begin to step from the positions and velocities of a state.
+
+    Reads: state (clock, impact), options.time_step.
+    Writes: state (clock, force, impact), output.span.
+    """
+    clock = state.clock
+    clock[Clock.STEP], clock[Clock.IMPACT] = options.time_step, -np.inf
+    output.span[0] = 0.0
+    for j in range(state.impact.size):
+        state.impact[j] = 0.0
+        for c in range(3):
+            state.force[j, c] = 0.0
+
+
+@kernel
+def write_rest(model, grounds, state, work, path, output):
+    """Write a frame of the chain at rest, with reactions that balance the body force.
+
+    Reads: model, grounds, state, work, path, output (frames, frames.time, written).
+    Writes: state, work, path, output.
+    """
+    if output.frames.time.size == 0:
+        return
+    clock = state.clock
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
+    time = clock[Clock.TIME]
+    impulse = impulse_between(grounds, clock, time - tiny, time + tiny)
+    for i in range(1, state.position.shape[0] - 1):
+        work.free[i, 0] = -impulse.x / (2.0 * tiny)
+        work.free[i, 1] = -impulse.y / (2.0 * tiny) - model.gravity
+        work.free[i, 2] = 0.0
+        for c in range(3):
+            work.position[i, c] = state.position[i, c]
+    for j in range(state.slip.size):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+            work.candidate[j, k] = state.contact[j, k]
+    pull_by_ties(model, state, work)
+    count = state.count
+    taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
+    solved, _ = solve_with_fallback(model, state, work, path)
+    # A history does not change what a run has taken.
+    count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
+    if not solved:
+        work.reaction[:] = 0.0
+    write_frame(model, state, work, output)
+
+
+@kernel
+def rest_until_onset(model, grounds, state, options, plus, minus, output):
+    """Let a chain rest until the ground motion moves it; returns the code.
+
+    Reads: model, grounds, state, options, output.
+    Writes: state (clock, force, impact), output.
+    """
+    clock = state.clock
+    leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    clock[Clock.RESTING] += leave - clock[Clock.TIME]
+    clock[Clock.TIME] = leave
+    if for_good:
+        return common.IDLE
+    start_moving(state, options, output)
+    output.due[0] = leave
+    log_change(state, leave, BY_START, -1, common.ALL, output)
+    return common.GO
+
+
+@kernel
+def write_if_due(model, state, work, output):
+    """Write a frame of the beginning of a solved step, if one is due.
+
+    Reactions act at the middles of steps; those of the instant lie between them.
+
+    Reads: model.start, state (clock, position, slip, velocity), work.reaction, output.
+    Writes: output.
+    """
+    clock, frames, n = state.clock, output.frames, output.written[0]
+    if frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
+        return
+    write_frame(model, state, work, output)
+    output.due[0] = clock[Clock.TIME] + output.interval
+    if n >= frames.time.size:
+        return
+    step, before = clock[Clock.STEP], output.span[0]
+    part = before / (before + step)
+    for j in range(state.slip.size):
+        for c in range(3):
+            force = work.reaction[j, c] / step
+            frames.reaction[n, j, c] = output.forces[j, c] + part * (force - output.forces[j, c])
+            if before == 0.0:
+                frames.reaction[n, j, c] = force
+
+
+@kernel
+def keep_forces(work, step, output):
+    """Keep the mean reactions of a step that has been made, for the frame after it.
+
+    Reads: work.reaction, output.frames.time.
+    Writes: output (forces, span).
+    """
+    if output.frames.time.size == 0:
+        return
+    output.span[0] = step
+    for j in range(output.forces.shape[0]):
+        for c in range(3):
+            output.forces[j, c] = work.reaction[j, c]
+
+
+@kernel
+def dominant_change(state, work):
+    """Return the most important change of a joint in a solved step: cause, joint.
+
+    Reads: state (contact, slide, slip), work (contact, slide).
+    Writes: nothing.
+    """
+    cause, joint, rank = -1, -1, 0
+    for j in range(state.slip.size):
+        was = state.contact[j, 0] + state.contact[j, 1]
+        now = work.contact[j, 0] + work.contact[j, 1]
+        made = work.contact[j, 0] > state.contact[j, 0] or work.contact[j, 1] > state.contact[j, 1]
+        changed = made or now != was or work.slide[j] != state.slide[j]
+        if not changed:
+            continue
+        if now == 0.0:
+            this, own = BY_LOSS, 5
+        elif made:
+            this, own = BY_IMPACT, 4
+        elif was == 2.0 and now < 2.0:
+            this, own = BY_HINGE, 3
+        elif work.slide[j] != 0.0:
+            this, own = BY_SLIDE, 2
+        else:
+            this, own = BY_STICK, 1
+        if own > rank:
+            cause, joint, rank = this, j, own
+    return cause, joint
+
+
+@kernel
+def accept_recorded(model, state, work, impulse, options, output):
+    """Accept a solved step of one run, and write frames and log; as `accept_step`.
+
+    Reads: model, state, work, impulse (x, y), output.
+    Writes: state, work (face, reaction, rotated, tangent, tie), output.
+    """
+    write_if_due(model, state, work, output)
+    cause, joint, time = -1, -1, state.clock[Clock.TIME]
+    if output.log.time.size > 0:
+        cause, joint = dominant_change(state, work)
+    step = state.clock[Clock.STEP]
+    collapsed, broken = accept_step(model, state, work, impulse, True, options.loss_limit)
+    keep_forces(work, step, output)
+    if cause >= 0:
+        log_change(state, time, cause, joint, common.ALL, output)
+    return collapsed, broken
+
+
+@kernel
+def measure_state(model, state, work):
+    """Record the contact residual of the present state.
+
+    Reads: model, state, work.
+    Writes: state.peak, work.
+    """
+    residual = state_residual(model, state, work)
+    state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
+
+
+@kernel
+def handle_unsolved(model, grounds, state, work, path, options, output):
+    """Solve an unsolved step along paths, or halve it; return the code.
+
+    Reads: model, grounds, state, work, path, options (largest_step, time_step), output.
+    Writes: state, work, path, output.
+    """
+    clock = state.clock
+    time, step = clock[Clock.TIME], clock[Clock.STEP]
+    impulse = impulse_between(grounds, clock, time, time + step)
+    pose_step(model, state, work, impulse, step, options.time_step)
+    solved, compliant = solve_with_fallback(model, state, work, path)
+    if solved:
+        collapsed, broken = accept_recorded(model, state, work, impulse, options, output)
+        next_step(state, options, True, end_of_motion(grounds, clock, options.follow))
+        if compliant:
+            measure_state(model, state, work)
+        if broken:
+            return common.BROKEN
+        return common.COLLAPSES if collapsed else common.PAUSE
+    if clock[Clock.STEP] < SHORTEST * options.time_step:
+        return common.UNSOLVED
+    clock[Clock.STEP] *= 0.5
+    state.count[Count.SHORTENED] += 1.0
+    return common.GO
+
+
+@kernel
+def handle_pause(model, grounds, state, work, path, options, output):
+    """Measure what is due, and let the chain rest if it stays at rest; return the code.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
+    clock = state.clock
+    if int(state.count[Count.STEPS]) % options.check_interval == 0:
+        measure_state(model, state, work)
+    if clock[Clock.FASTEST] >= options.still:
+        return common.GO
+    found, plus, minus = True, options.rest_plus, options.rest_minus
+    if np.isnan(plus) or not is_as_built(model, state):
+        found, plus, minus = rest_range(model, state, work, path.rest)
+    if not found:
+        return common.GO
+    motion = int(clock[Clock.MOTION])
+    samples = grounds.first[motion + 1] - grounds.first[motion] - 1
+    leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
+    if leave <= clock[Clock.TIME] and not (over and for_good):
+        return common.GO
+    record_work(0.0, 0.0, -kinetic_energy(model, state.velocity), True, state.energy)
+    state.velocity[:] = 0.0
+    state.count[Count.RESTS] += 1.0
+    write_rest(model, grounds, state, work, path, output)
+    log_change(state, clock[Clock.TIME], BY_REST, -1, common.AT_REST, output)
+    return rest_until_onset(model, grounds, state, options, plus, minus, output)
+
+
+@kernel
+def handle(model, grounds, state, work, path, options, output):
+    """Handle the reason for which a run waits; return the code that it goes on or ends with.
+
+    Reads: model, grounds, state, work, path, options, output.
+    Writes: state, work, path, output.
+    """
+    code = int(state.clock[Clock.CODE])
+    if code == common.UNSOLVED:
+        code = handle_unsolved(model, grounds, state, work, path, options, output)
+    if code == common.PAUSE:
+        code = handle_pause(model, grounds, state, work, path, options, output)
+    state.clock[Clock.CODE] = code
+    return code
+
+
+@inlined
+def code_after(state, options, until, outcome):
+    """Return the codes of runs after an attempt at a step; the last that applies counts.
+
+    `outcome` are masks: solved, unsolved, collapsed, broken.
+    """
+    clock, count = state.clock, state.count
+    solved, unsolved, collapsed, broken = outcome
+    checks = count[Count.STEPS] * (1.0 / options.check_interval)
+    due = (clock[Clock.FASTEST] < options.still) | (checks == nearest(checks))
+    over = clock[Clock.TIME] >= until
+    most = options.first_steps + until * (MOST_STEPS / options.time_step)
+    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most)
+    code = select(unsolved, float(common.UNSOLVED), clock[Clock.CODE])
+    code = select(solved & due, float(common.PAUSE), code)
+    code = select(spent, float(common.EXHAUSTED), code)
+    code = select(over, float(common.AT_END), code)
+    code = select(clock[Clock.CODE] > common.PAUSE, clock[Clock.CODE], code)
+    code = select(collapsed, float(common.COLLAPSES), code)
+    return select(broken, float(common.BROKEN), code)

@@ -1,0 +1,410 @@
+"""One step of Moreau's midpoint scheme, of one run or of four: pose, solve, accept.
+
+From the positions q and velocities v of one instant the bodies move on for half the step h. There
+contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for the entire step:
+
+    q_m = q + h/2 v,    M (w - v) = h f(q_m) + H(q_m) r,    q' = q_m + h/2 w
+
+Displacement and impulse belong to the same step, whatever its length and that of its neighbours.
+The kinetic energy changes by M (w - v) (v + w) / 2 and the potential energy by h m g (v + w) / 2:
+to rounding the work of the ground and of the reactions at the mean velocities.
+
+Signorini's law holds at the position from which the next step's middle is reached, as with Paoli
+and Schatzman (2002, *SIAM J. Numer. Anal.* 40(2)): q' moved on along the velocities w, for half
+the step where a corner touches, and for half the shortest step at most where it is open. With no
+restitution a contact neither drifts nor penetrates. The curvature of the path has no part in the
+law at q', so that a change of the step moves no contact.
+"""
+
+import math
+
+from archfrag.physics.collapse import follow_joints
+from archfrag.physics.contact import placing
+from archfrag.physics.energy import kinetic_energy, record_calm, record_step, record_ties
+from archfrag.physics.kernels.kernel import inlined, kernel
+from archfrag.physics.kernels.primitives import opposite, select, some
+from archfrag.physics.numbers import flag, larger, nearest, smaller
+from archfrag.physics.state import Clock
+from archfrag.physics.status import Count, Energy, Peak
+from archfrag.physics.ties import accept_ties, aim_ties
+
+# A corner takes part in a step if its gap could close within it at this many times the largest
+# relative velocity of any joint: an impact elsewhere may throw it shut. Both corners of a joint
+# get one normal if both could close at this many times the rates at which they do.
+REACH = 5.0
+# Overlap is corrected no faster than at the joint's own relative speed plus what gravity and
+# this many times rotation do in a step: a deep one would throw the bodies apart.
+SWING = 4.0
+# An impact off the middle of its step leaves the corner a part of the rate at which it came. If
+# that is more than this, the impact goes on in the next step. Below, what `State.impact` holds.
+COMPLETE = 0.001
+ENDING, GOING_ON = 1.0, 2.0
+# An impact this near to the middle of a step, over its length, need not be brought nearer.
+CENTRED = 0.1
+# The mean tension over a step is that of the middle plus this part of its change by the step.
+MEAN = 0.25
+# Steps between looks for overlaps where no corner opens or closes.
+OVERLAP_INTERVAL = 8.0
+
+
+@inlined
+def _limited_bias(bx, by, nx, ny, limit):
+    """Limit the rate at which a bias corrects overlap and slip [m/s]."""
+    inward = larger(-limit - (nx * bx + ny * by), 0.0)
+    bx, by = bx + inward * nx, by + inward * ny
+    along = nx * by - ny * bx
+    excess = along - smaller(larger(along, -limit), limit)
+    return bx + excess * ny, by - excess * nx
+
+
+@inlined
+def bend_of(j, k, velocity, work):
+    """Return the acceleration of a corner's offset at constant velocities [m/s2].
+
+    The centripetal ones of both bodies, and that of Coriolis where a vertex slides on a face.
+    """
+    after, before = velocity[j + 1, 2], velocity[j, 2]
+    px, py = work.point[j, k, 0], work.point[j, k, 1]
+    x, y = work.position[j, 0], work.position[j, 1]
+    hx, hy = before * before * (px - x), before * before * (py - y)
+    x, y = work.position[j + 1, 0], work.position[j + 1, 1]
+    hx, hy = hx - after * after * (px - x), hy - after * after * (py - y)
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    ux, uy = placing.corner_velocity(j, k, work.earlier, work)
+    face = select(placing.later_vertex_meets(k, work.slip[j]), before, after)
+    coriolis = 2.0 * face * (nx * uy - ny * ux)
+    return hx + coriolis * nx, hy + coriolis * ny
+
+
+@inlined
+def offset_of(j, k, model, work):
+    """Return `corner_offset` at the middle of the step, zero if it is rounding [m]."""
+    ex, ey = placing.corner_offset(j, k, work.face, work.tangent, work.slip[j])
+    tiny = abs(ex) + abs(ey) < model.rounding
+    return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
+
+
+@kernel
+def aim_contacts(model, state, work, step, shortest):
+    """Set the bias so that the contact laws hold where the next step looks for contacts.
+
+    An offset e at the middle becomes e + (h/2 + k) u + (h/8 + k/2) h b: after half the step h at
+    the velocity u to come, and a time k at the one then reached. b is `bend_of`.
+
+    Reads: model (gravity, length, rounding), state (contact, velocity), work.
+    Writes: work (bias, candidate, side_normal).
+    """
+    velocity, gravity = state.velocity, model.gravity
+    fastest = 0.0
+    for j in range(work.slip.shape[0]):
+        for k in range(2):
+            ux, uy = placing.corner_velocity(j, k, work.earlier, work)
+            fastest = larger(fastest, abs(ux) + abs(uy))
+    reach = REACH * step * (fastest + gravity * step)
+    half = 0.5 * step
+    for j in range(work.slip.shape[0]):
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
+        slow = step * (gravity + SWING * model.length[j] * (spin * spin))
+        closing = True
+        for k in range(2):
+            beyond = select(state.contact[j, k] > 0.5, half, smaller(half, 0.5 * shortest))
+            span = half + beyond
+            rate, bend = 1.0 / span, step * (0.125 * step + 0.5 * beyond)
+            ex, ey = offset_of(j, k, model, work)
+            hx, hy = bend_of(j, k, velocity, work)
+            ex, ey = ex + bend * hx, ey + bend * hy
+            ux, uy = placing.corner_velocity(j, k, work.earlier, work)
+            own = abs(ux) + abs(uy)
+            bx, by = _limited_bias(ex * rate, ey * rate, nx, ny, slow + own)
+            work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
+            gap = nx * (ex + span * ux) + ny * (ey + span * uy)
+            work.candidate[j, k] = flag(gap < reach)
+            nearing = abs(nx * ux + ny * uy)
+            closing = closing & (gap < REACH * step * (nearing + gravity * step))
+        for k in range(2):
+            for sense in range(2):
+                x, y = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
+                work.side_normal[j, k, sense, 0] = select(closing, nx, x)
+                work.side_normal[j, k, sense, 1] = select(closing, ny, y)
+
+
+@inlined
+def free_fall(model, state, work, impulse, span):
+    """Set ``work.free``: velocities without reactions after a time `span` [s]."""
+    fall = impulse.y + span * model.gravity
+    for i in range(1, state.position.shape[0] - 1):
+        work.free[i, 0] = state.velocity[i, 0] - impulse.x
+        work.free[i, 1] = state.velocity[i, 1] - fall
+        work.free[i, 2] = state.velocity[i, 2]
+
+
+@inlined
+def move_far_springing(state, work, impulse):
+    """Set where the far springing is in the middle of a step, and its velocities around that."""
+    end = state.position.shape[0] - 1
+    work.position[end, 0], work.position[end, 1] = impulse.far_x, impulse.far_y
+    state.velocity[end, 0], state.velocity[end, 1] = impulse.before_x, impulse.before_y
+    work.free[end, 0], work.free[end, 1] = impulse.after_x, impulse.after_y
+
+
+@kernel
+def go_to_middle(model, state, work, step):
+    """Move bodies, faces and slips to the middle of a step.
+
+    Reads: model, state, work.
+    Writes: work.
+    """
+    for i in range(1, state.position.shape[0] - 1):
+        for c in range(3):
+            work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
+    placing.place_chain(model, work.position, state, 0.0, work.slip, work)
+    placing.relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+
+
+@inlined
+def is_centred(clock, step):
+    """Whether an impact is expected in the middle of the next step."""
+    return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
+
+
+@inlined
+def time_before(state, step):
+    """Return the part of a step before an expected impact [s]."""
+    return select(is_centred(state.clock, step), 0.5 * step, 0.0 * step)
+
+
+@kernel
+def carry_on(model, state, work, span):
+    """Let the reactions of the last step act on ``work.free`` until an impact.
+
+    Else joints that the impact opens would bear nothing in that time, and the impact would take
+    what the ground gives against them: a part of the energy of the order of the step, each time.
+
+    Reads: model (inverse_inertia, inverse_mass), state.force, work (pivot, position).
+    Writes: work.free.
+    """
+    for j in range(state.slip.shape[0]):
+        fx, fy = span * state.force[j, 0], span * state.force[j, 1]
+        for end, sense in ((j + 1, 1.0), (j, -1.0)):
+            px = work.pivot[j, 0] - work.position[end, 0]
+            py = work.pivot[j, 1] - work.position[end, 1]
+            moment = span * state.force[j, 2] + px * fy - py * fx
+            work.free[end, 0] += sense * model.inverse_mass[end] * fx
+            work.free[end, 1] += sense * model.inverse_mass[end] * fy
+            work.free[end, 2] += sense * model.inverse_inertia[end] * moment
+
+
+@kernel
+def pose_step(model, state, work, impulse, step, shortest):
+    """Set up the contact problem of a step, without initial modes.
+
+    Reads: model, state, work, impulse.
+    Writes: state.velocity, work.
+    """
+    free_fall(model, state, work, impulse, step)
+    move_far_springing(state, work, impulse)
+    go_to_middle(model, state, work, step)
+    aim_ties(model, state, work, step, MEAN)
+    span = time_before(state, step)
+    if some(span > 0.0):
+        carry_on(model, state, work, span)
+    aim_contacts(model, state, work, step, shortest)
+
+
+@kernel
+def take_velocities(model, state, work, impulse, where):
+    """Accept the solved velocities, and record the work of the ground.
+
+    Reads: model.mass, state.velocity, work.solved, impulse (x, y).
+    Writes: state (energy, velocity).
+    """
+    given = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        mean_x = 0.5 * (state.velocity[i, 0] + work.solved[i, 0])
+        mean_y = 0.5 * (state.velocity[i, 1] + work.solved[i, 1])
+        given -= model.mass[i] * (impulse.x * mean_x + impulse.y * mean_y)
+        for c in range(3):
+            state.velocity[i, c] = select(where, work.solved[i, c], state.velocity[i, c])
+    state.energy[Energy.GROUND] += select(where, given, 0.0)
+
+
+@inlined
+def record_far_work(state, work, where):
+    """Record the work of the far springing, where the last joint bears on it."""
+    last, end = state.slip.shape[0] - 1, state.position.shape[0] - 1
+    if last < end - 1:
+        return
+    mean_x = 0.5 * (state.velocity[end, 0] + work.solved[end, 0])
+    mean_y = 0.5 * (state.velocity[end, 1] + work.solved[end, 1])
+    given = work.reaction[last, 0] * mean_x + work.reaction[last, 1] * mean_y
+    state.energy[Energy.GROUND] -= select(where, given, 0.0)
+    for c in range(2):
+        state.velocity[end, c] = select(where, work.solved[end, c], state.velocity[end, c])
+
+
+@inlined
+def _is_complete(j, model, state, work):
+    """Whether no touching corner still closes, or opens again, at a rate that counts."""
+    nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
+    fall = model.gravity * step
+    complete = True
+    for k in range(2):
+        ux, uy = placing.corner_velocity(j, k, work.earlier, work)
+        came = larger(abs(nx * ux + ny * uy), fall)
+        ex, ey = offset_of(j, k, model, work)
+        hx, hy = bend_of(j, k, state.velocity, work)
+        off = nx * ex + ny * ey - 0.125 * step * step * (nx * hx + ny * hy)
+        complete = complete & ((work.contact[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step))
+    return complete
+
+
+@kernel
+def count_changes(model, state, work, where):
+    """Count changes of joints in a step, and mark impacts that go on after it.
+
+    Reads: model, state, work.
+    Writes: state (count, impact).
+    """
+    count = state.count
+    for j in range(state.slip.shape[0]):
+        was_0, was_1 = state.contact[j, 0] > 0.5, state.contact[j, 1] > 0.5
+        is_0, is_1 = work.contact[j, 0] > 0.5, work.contact[j, 1] > 0.5
+        differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
+        differs = differs & where
+        hits = where & (state.impact[j] > 0.5)
+        if some(differs):
+            made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
+            opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
+            slides = differs & (work.slide[j] != 0.0) & (state.slide[j] == 0.0)
+            count[Count.IMPACTS] += flag(made)
+            count[Count.OPENINGS] += flag(opened)
+            count[Count.SLIDES] += flag(slides)
+            count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
+            hits = hits | made
+        if some(hits):
+            going_on = select(_is_complete(j, model, state, work), ENDING, GOING_ON)
+            state.impact[j] = select(hits, going_on, state.impact[j])
+
+
+@kernel
+def record_motion(model, state, where):
+    """Record peaks of displacement, rotation, kinetic energy; return where they are not finite.
+
+    Reads: model, state.
+    Writes: state (clock, energy, peak).
+    """
+    farthest = fastest = 0.0
+    rotation, length = state.peak[Peak.ROTATION], model.length[0]
+    spoiled = farthest
+    for i in range(1, state.position.shape[0] - 1):
+        dx = state.position[i, 0] - model.start[i, 0]
+        dy = state.position[i, 1] - model.start[i, 1]
+        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
+        farthest = larger(farthest, dx * dx + dy * dy)
+        rotation = larger(rotation, abs(state.position[i, 2] - model.start[i, 2]))
+        speed = larger(abs(ux) + abs(uy), length * abs(w))
+        fastest = larger(fastest, speed)
+        spoiled += 0.0 * (dx + dy + state.position[i, 2])
+    peak = state.peak
+    peak[Peak.ROTATION] = select(where, rotation, peak[Peak.ROTATION])
+    far = larger(peak[Peak.DISPLACEMENT], math.sqrt(farthest))
+    peak[Peak.DISPLACEMENT] = select(where, far, peak[Peak.DISPLACEMENT])
+    kinetic = kinetic_energy(model, state.velocity)
+    most = larger(state.energy[Energy.LARGEST_KINETIC], kinetic)
+    state.energy[Energy.LARGEST_KINETIC] = select(
+        where, most, state.energy[Energy.LARGEST_KINETIC]
+    )
+    state.clock[Clock.FASTEST] = select(where, fastest, state.clock[Clock.FASTEST])
+    record_calm(model, state, kinetic, where)
+    return where & (spoiled != 0.0)
+
+
+@kernel
+def record_overlap(model, state, work, where):
+    """Record the deepest overlap of two neighbours at a corner, over the joint's length.
+
+    Reads: model.length, state.peak, work (face, tangent).
+    Writes: state.peak.
+    """
+    deepest = state.peak[Peak.OVERLAP]
+    for j in range(state.slip.shape[0]):
+        for k in range(2):
+            depth = -placing.clearance(j, k, work.face, work.tangent) * (1.0 / model.length[j])
+            deepest = select(where & (depth > deepest), depth, deepest)
+    state.peak[Peak.OVERLAP] = deepest
+
+
+@kernel
+def make_step(model, state, work, impulse, where, loss_limit):
+    """Accept solved velocities and the positions that they reach; as `accept_step`.
+
+    Reads: model, state, work, impulse (x, y).
+    Writes: state, work (face, reaction, rotated, tangent, tie).
+    """
+    clock, count = state.clock, state.count
+    step, changes = clock[Clock.STEP], False
+    for i in range(1, state.position.shape[0]):
+        for c in range(3):
+            moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
+            state.position[i, c] = select(where, moved, state.position[i, c])
+    take_velocities(model, state, work, impulse, where)
+    hit = 0.0 * step
+    for j in range(state.slip.shape[0]):
+        hit = larger(hit, state.impact[j])
+    for j in range(state.slip.shape[0]):
+        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
+        state.slip[j] = select(where, work.slip[j], state.slip[j])
+        for k in range(2):
+            changes = changes | (work.contact[j, k] != state.contact[j, k])
+        for c in range(3):
+            work.reaction[j, c] = work.reaction[j, c] / step
+            steady = select(hit > 0.0, 0.0, work.reaction[j, c])
+            state.force[j, c] = select(where, steady, state.force[j, c])
+    placing.move_faces(model, state.position, work.rotated, work.face, work.tangent)
+    yielded, unexplained = accept_ties(model, state, work, step, where)
+    if model.tie.shape[0] > 0:
+        record_ties(state, yielded, unexplained, where)
+    collapsed = follow_joints(model, state, work, where, loss_limit)
+    broken = record_motion(model, state, where)
+    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
+    clock[Clock.MOVING] += select(where, step, 0.0)
+    count[Count.STEPS] += flag(where)
+    eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
+    # Faces that have turned past a right angle or left each other have no overlap that counts.
+    looks = where & opposite(collapsed) & (changes | (eighth == nearest(eighth)))
+    if some(looks):
+        record_overlap(model, state, work, looks)
+    return collapsed, broken
+
+
+@kernel
+def add_carried(state, work, span):
+    """Add the impulses of `carry_on` to those of the step.
+
+    Reads: state.force.
+    Writes: work.reaction.
+    """
+    for j in range(state.slip.shape[0]):
+        for c in range(3):
+            work.reaction[j, c] += span * state.force[j, c]
+
+
+@kernel
+def accept_step(model, state, work, impulse, where, loss_limit):
+    """Accept a step whose contact problem is solved; return collapsed, broken.
+
+    ``work.reaction`` goes from impulses into the mean forces over the step.
+
+    Reads: model, state, work, impulse (x, y).
+    Writes: state, work (face, reaction, rotated, tangent, tie).
+    """
+    count_changes(model, state, work, where)
+    span = time_before(state, state.clock[Clock.STEP])
+    if some(span > 0.0):  # what acted before the impact works too
+        add_carried(state, work, span)
+    record_step(state, work, where)
+    record_far_work(state, work, where)
+    if some(span > 0.0):
+        add_carried(state, work, -span)
+    return make_step(model, state, work, impulse, where, loss_limit)

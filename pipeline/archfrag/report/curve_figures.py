@@ -1,0 +1,290 @@
+"""Figures of fragility curves, and of what the median capacities of a class depend on."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.fragility.counts import clopper_pearson
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import Answer, curve_of_dict
+from archfrag.report import svg as look
+from archfrag.report.html import TEXTS
+from archfrag.report.inputs import ArchResults, ReportInputs, Scale
+from archfrag.report.svg import Entry, Panel, Sheet, figure
+from archfrag.study.answer.curves import arch_classes
+
+MOST_NAMED = 12  # curves with a colour and stroke of their own
+MOST_THIN = 60  # curves of arches that are drawn for their class
+_MOST_BARS, _MOST_PANELS = 10, 9  # numbers by which the arches of a class differ
+_SHADED = 6  # curves that are drawn with their bands
+_BAND, _THIN = "#c9e3f5", "#b5bec8"  # in legends
+_DAMAGE = ("#f9a58a", "#f4795b", "#e34a33", "#c4281c", "#96120f", "#67000d")  # light to severe
+_SAME = 0.01  # difference of probabilities that nobody sees
+
+
+def curve_panel(
+    sheet: Sheet, entries: Sequence[Entry], reach: float, title: str,
+    words: str = "probability of collapse",
+) -> Panel:  # fmt: skip
+    """Axes of a figure of curves, below its legend."""
+    height = 250.0 if sheet.narrow else 300.0
+    panel = look.panel_below(sheet, entries, height, (0.0, reach), (0.0, 1.0))
+    panel.axis_y(look.even_ticks(0.0, 1.0), words)
+    panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+    return panel
+
+
+def draw_curve(
+    panel: Panel, shown: Answer | Fragility | str, scale: Scale, stroke: Entry, width: float = 1.8
+) -> None:
+    """Draw a lognormal curve, and the band of an answer; nothing if there is no curve."""
+    fit = shown.curve if isinstance(shown, Answer) else shown
+    if isinstance(fit, str):
+        return
+    if isinstance(shown, Answer):
+        im, low, high = np.array([shown.im, shown.lower, shown.upper])
+        seen = scale.factor * im <= panel.x[1]
+        shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
+        panel.band(scale.factor * im[seen], low[seen], high[seen], shade, 0.25)
+    im = np.linspace(0.0, panel.x[1], 100)
+    dash = "5 2.5" if stroke.mark == "dash" else ""
+    panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
+
+
+def _stroke(name: str, place: int, colours: Sequence[str] = look.COLOURS) -> Entry:
+    dashed = place // len(colours) % 2
+    return Entry(name, colours[place % len(colours)], "dash" if dashed else "line")
+
+
+def _thinned(fits: Iterable[Fragility]) -> list[Fragility]:
+    """At most `MOST_THIN` curves, evenly from the weakest to the strongest."""
+    known = sorted(fits, key=lambda fit: fit.theta)
+    places = np.linspace(0, len(known) - 1, min(len(known), MOST_THIN))
+    return [known[i] for i in places.round().astype(int)]
+
+
+def _known(answers: Mapping[str, Answer]) -> dict[str, Fragility]:
+    fits = {name: answer.curve for name, answer in answers.items()}
+    return {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
+
+
+def _medians(fits: Mapping[str, Fragility], scale: Scale) -> str:
+    return "Medians: " + "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in fits.items())
+
+
+def _band_words(answer: Answer) -> str:
+    if not answer.method:
+        return ""
+    return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
+
+
+@figure
+def curve(sheet: Sheet, results: ArchResults, answer: Answer) -> tuple[str, str]:
+    """Fragility curve of an arch with its band, and the capacities or fractions behind it."""
+    scale, fit, percent = results.scale, answer.curve, f"{100 * answer.confidence:.0f} %"
+    texts, highest, isotonic = TEXTS["curve"], float(results.levels.max()), None
+    if results.design.adaptive:
+        caption = texts["searched"]
+        entries = [Entry("capacities of the records", look.INK, "line")]
+    else:
+        caption = texts["stripes" if results.own_levels is None else "grouped"]
+        entries = [Entry(f"fraction, exact {percent} interval", look.INK, "dot")]
+        isotonic = answer.more.get("free", {}).get("isotonic")
+    reach, what = 1.05 * highest, "no lognormal curve could be fitted"
+    if isinstance(fit, Fragility):
+        entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
+        what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
+        reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
+        caption += _band_words(answer)
+    likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
+    if isinstance(most := answer.likelihood, Fragility):
+        entries.append(likeliest)
+        caption += f" Dashed: θ {scale.text(most.theta)}, β {most.beta:.3f}."
+    if isotonic:
+        entries.append(Entry("isotonic", look.GREY, "line"))
+        caption += texts["isotonic"]
+    panel = curve_panel(sheet, entries, reach, scale.label)
+    draw_curve(panel, answer, scale, Entry("", look.BLUE, "line"))
+    draw_curve(panel, answer.likelihood, scale, likeliest, 0.9)
+    if isotonic:
+        im = scale.factor * np.array(isotonic["im"])
+        panel.line(im, isotonic["probability"], look.GREY, 0.9)
+    if isinstance(fit, Fragility) and (median := fit.theta * scale.factor) <= reach:
+        panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+        panel.label(median, panel.box[3] - 6.0, f"θ = {scale.text(fit.theta)}", "s")
+    if reach > 1.05 * highest:
+        panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
+        caption += texts["extrapolated"]
+    if results.design.adaptive:
+        capacity = results.capacities
+        seen = np.sort(capacity[capacity <= reach])
+        height = np.arange(seen.size + 1) / max(capacity.size, 1)
+        steps = np.concatenate([[0.0], np.repeat(seen, 2), [highest]])
+        panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
+    else:
+        used = results.counts["n"] > 0
+        collapses, n = (results.counts[key][used] for key in ("collapsed", "n"))
+        ends = clopper_pearson(collapses, n, answer.confidence)
+        bars = np.column_stack([*ends, np.full(ends[0].size, np.nan)])
+        panel.line(np.repeat(results.levels[used], 3), bars.ravel(), look.INK, 0.9)
+        panel.dots(results.levels, results.fraction, look.INK)
+    return f"Probability of collapse of {results.arch} against {scale.label}: {what}", caption
+
+
+@figure
+def all_curves(
+    sheet: Sheet, inputs: ReportInputs, answers: Mapping[str, Answer],
+    classes: Mapping[str, Answer],
+) -> tuple[str, str] | None:  # fmt: skip
+    """Curves of some arches and classes in one figure; None if they are fewer than two.
+
+    Curves with names lie over thin ones of one colour each.
+    """
+    known, named, of_class = _known(answers), _known(classes), arch_classes(inputs.cube)
+    if len(answers) + len(classes) < 2:
+        return None
+    scale, at, reach = inputs.scale, inputs.at, 1.05 * inputs.highest
+    single = {k: fit for k, fit in known.items() if of_class.get(k) not in classes}
+    members = [[fit for k, fit in known.items() if of_class.get(k) == name] for name in classes]
+    thin = [(_stroke("", i).colour, _thinned(own)) for i, own in enumerate(members)]
+    if len(named) + len(single) <= MOST_NAMED:
+        named |= single
+    elif single:
+        thin.append((look.GREY, _thinned(single.values())))
+    strokes = [_stroke(name, i) for i, name in enumerate(named)]
+    key = strokes + [Entry("each arch", _THIN, "line")] * any(fits for _, fits in thin)
+    panel = curve_panel(sheet, key, reach, scale.label)
+    if at is not None and 0.0 < at < reach:
+        panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
+    im = np.linspace(0.0, reach, 34)
+    for colour, fits in thin:
+        opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
+        for fit in fits:
+            panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
+    shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
+    for own, (name, fit) in zip(strokes, named.items()):
+        draw_curve(panel, {**answers, **classes}[name] if shaded else fit, scale, own)
+    kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
+    whose = f"class {next(iter(classes))}" if one else "a class"
+    caption = words["bands" if shaded else "curves"].format(kind=kind)
+    caption += words["classes"].format(whose=whose) * bool(classes)
+    caption += words["at"] * (at is not None)
+    if shaded:
+        each = "".join(map(_band_words, classes.values()))
+        caption += each if one else words["several"] * bool(classes)
+    what = f"Fragility curves of {len(known)} arches against {scale.label}. "
+    what += _medians(named | dict(list(known.items())[:40]), scale)
+    return what, caption
+
+
+@figure
+def limit_states(sheet: Sheet, inputs: ReportInputs, answer: Answer, name: str) -> str | None:
+    """Curves of the limit states of an arch or a class; None if none has one."""
+    states = answer.more.get("limit_states", {}).get("states", ())
+    curves = [
+        (_stroke(state["name"].replace("_", " "), i, _DAMAGE), fit)
+        for i, state in enumerate(states)
+        if isinstance(fit := curve_of_dict(state["curve"]), Fragility)
+    ]
+    if not curves:
+        return None
+    scale, reach = inputs.scale, 1.05 * inputs.highest
+    panel = curve_panel(sheet, [], reach, scale.label, "probability of reaching it")
+    im, seen = np.linspace(0.0, reach, 400), list[tuple[str, FloatArray]]()
+    for own, fit in curves:
+        draw_curve(panel, fit, scale, own)
+        words, chance = own.label, fit.probability(im / scale.factor)
+        if seen and np.abs(chance - seen[-1][1]).max() < _SAME:
+            words = f"{seen.pop()[0]}, {words}"
+        seen.append((words, chance))
+    # Above the curves is room on the left, below them on the right.
+    for part, (words, chance) in zip(np.linspace(0.85, 0.2, len(seen)), seen):
+        i = int(np.searchsorted(chance, part * chance[-1]))
+        panel.dots(im[[i]], chance[[i]], look.INK, radius=2.4)
+        panel.label(im[i], float(panel.at_y(chance[i])) + 4.0, words, left=part > 0.5)
+    medians = _medians({own.label: fit for own, fit in curves}, scale)
+    return f"Curves of limit states of {name} against {scale.label}. {medians}"
+
+
+@figure
+def two_studies(
+    sheet: Sheet, names: Sequence[str], sides: Sequence[tuple[ArchResults, Answer]]
+) -> str:
+    """Curves of an arch in two studies with their bands, and the observed fractions."""
+    (first, _), (second, _) = sides
+    scale, reach = first.scale, 1.05 * max(first.levels.max(), second.levels.max())
+    strokes = [Entry(names[0], look.BLUE, "line"), Entry(names[1], look.VERMILION, "dash")]
+    panel = curve_panel(sheet, strokes, reach, scale.label)
+    for own, (_, answer) in zip(strokes, sides):
+        draw_curve(panel, answer, scale, own)
+    for own, (results, _), mark in zip(strokes, sides, ("dot", "ring")):
+        panel.dots(results.levels, results.fraction, own.colour, mark)
+    medians = _medians(_known({name: answer for name, (_, answer) in zip(names, sides)}), scale)
+    what = f"Probability of collapse of {first.arch} against {scale.label} in two studies"
+    return f"{what}. {medians}"
+
+
+@figure
+def theta_panels(
+    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
+) -> str | None:
+    """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
+    shown, known = dict(list(differences.items())[:_MOST_PANELS]), np.isfinite(theta)
+    if not shown or known.sum() < 2:
+        return None
+    theta = theta[known]
+    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
+    ends = float(theta.min()) - margin, float(theta.max()) + margin
+    boxes = sheet.grid(len(shown), 3, 150.0, look.BELOW - look.LINE)
+    for box, (title, values) in zip(boxes, shown.items(), strict=True):
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        reach = low - 0.04 * (high - low), high + 0.04 * (high - low)
+        panel = Panel(sheet, box, reach, ends)
+        panel.axis_x(look.even_ticks(*reach, 4))
+        panel.axis_y(look.even_ticks(*ends), f"θ [{unit}]")
+        panel.dots(values[known], theta, look.BLUE, radius=2.4)
+        panel.heading(look.shortened(title, box[2] - box[0]))
+    return f"Median capacities of {theta.size} arches of {name} against {', '.join(shown)}"
+
+
+@figure
+def tornado(
+    sheet: Sheet, theta: FloatArray, differences: Mapping[str, NDArray], name: str, unit: str
+) -> str | None:
+    """Draw `effects_on_theta` as bars, the largest on top; None if arches are too few for it."""
+    names = [key for key, values in differences.items() if np.isfinite(values).all()]
+    known = np.isfinite(theta)
+    if known.sum() < len(names) + 2 or not names:
+        return None
+    values = np.column_stack([differences[key] for key in names])[known]
+    middle, ends = effects_on_theta(theta[known], values)
+    order = np.argsort(-np.abs(np.log(ends[:, 1] / middle)))[:_MOST_BARS]
+    ends = ends[order]
+    margin = 0.05 * float(np.ptp(ends)) or 0.05 * middle
+    reach = float(ends.min()) - margin, float(ends.max()) + margin
+    left, height = 110.0 if sheet.narrow else 170.0, 24.0 * len(order)
+    sheet.height = height + look.BELOW + 8.0
+    box = (left, 8.0, sheet.width - 60.0, 8.0 + height)
+    panel = Panel(sheet, box, reach, (len(order) - 0.5, -0.5))
+    panel.axis_x(look.even_ticks(*reach, 6), f"θ [{unit}]", grid=True)
+    for row, (key, (low, high)) in enumerate(zip(order, ends)):
+        for end, colour in ((low, look.SKY), (high, look.BLUE)):
+            near, far = sorted((middle, end))
+            panel.boxes([near], [far], [row - 0.35], [row + 0.35], colour)
+        label = look.shortened(names[key], left - 12.0)
+        sheet.text(left - 8.0, float(panel.at_y(row)) + 4.0, label, "e")
+    panel.line([middle, middle], panel.y, look.INK, 1.0)
+    return f"Change of the median capacity of {name} with {', '.join(names[k] for k in order)}"
+
+
+def effects_on_theta(theta: FloatArray, values: FloatArray) -> tuple[float, FloatArray]:
+    """Theta of an arch with mean values, and with each value a standard deviation off its mean.
+
+    From a linear regression of ln theta, (n_arch,), on the values, (n_arch, n_value). Returned are
+    theta at the means, and at the mean of a value less and plus its deviation, (n_value, 2).
+    """
+    unit = (values - values.mean(axis=0)) / values.std(axis=0, ddof=1)
+    lines = np.column_stack([np.ones(len(unit)), unit])
+    middle, *effects = np.linalg.lstsq(lines, np.log(theta), rcond=None)[0]
+    return float(np.exp(middle)), np.exp(middle + np.outer(effects, (-1.0, 1.0)))

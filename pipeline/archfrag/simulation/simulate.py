@@ -1,0 +1,331 @@
+"""Simulate arches under ground motions."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.errors import ArchfragError, InputError, UnitWarning
+from archfrag.motions.motion import Motion
+from archfrag.physics.collapse import NOTED_GAP
+from archfrag.physics.ground import grounds_of
+from archfrag.physics.interface import Options, Results
+from archfrag.physics.methods.registry import AUTO, OWN_STEP, MethodInfo
+from archfrag.physics.state import model_of
+from archfrag.physics.status import Count
+from archfrag.simulation import arguments
+from archfrag.simulation.arguments import LOSS_LIMIT
+from archfrag.simulation.response import (
+    STATUS_MESSAGE,
+    UNITS,
+    Response,
+    empty_output,
+    history_of,
+    mechanism_of,
+    response_of,
+)
+from archfrag.simulation.rest import (
+    Onset,
+    at_rest,
+    check_initial,
+    onset,
+    own_time,
+    warn_if_in_g,
+)
+from archfrag.simulation.springings import Far, ground_of
+from archfrag.simulation.standing import check_stands
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Onset", "Response", "limit_load", "onset", "simulate", "simulate_many"]
+
+# The ramp of a limit load: its duration over the time of a fall through a joint's length, its end
+# over the bound of the static theorem, and the displacement over that length that is a motion.
+RAMP, BEYOND_BOUND, MOVED = 200.0, 1.02, 1e-6
+LARGEST_LOAD = 2.0  # of chains that no load moves by the static theorem [g]
+CHECK_INTERVAL = 64
+LARGEST_LOG = 50_000  # changes of the mechanism that are kept with a history
+# Frames of a history are as fine as the record, or this where the record is coarser [s].
+COARSEST_FRAMES = 0.01
+# Fields of a response that a data set of many runs does not have.
+_LEFT_OUT = {
+    "events", "model_time", "energy", "work", "wall_time", "method", "mechanism", "history",
+    "arch", "motion", "scale",
+}  # fmt: skip
+
+
+def simulate(
+    arch: Arch, motion: Motion, scale: float = 1.0, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, history: bool = False,
+    initial: tuple[ArrayLike, ArrayLike] | None = None, *, far: Far = None,
+    follow: float = 20.0, settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT, rests: bool = True,
+) -> Response:  # fmt: skip
+    """Simulate one arch under one ground motion, until it rests or collapses.
+
+    Parameters
+    ----------
+    arch, motion : Arch, Motion
+    scale : float
+        Factor on the motion, vertical component included.
+    method : str
+        "auto" or a name in `archfrag.physics.methods.registry.METHODS`.
+    rtol : float, optional
+        Relative error allowed by methods with step control; their default if not given.
+    dt : float, optional
+        Fixed time step [s]; if not given, steps follow from rtol and the shortest joint.
+    history : bool
+        Whether to keep motion, reactions, contact modes and the log of the mechanism.
+    initial : (position, velocity), optional
+        Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
+        ground [m/s, m/s, rad/s] at time 0, without overlaps; at rest if not given.
+    far : Motion or float, optional
+        Motion of the right springing, with the same time step, or how much later it is [s].
+    follow : float
+        Longest time to simulate after the motion while the arch still moves [s].
+    settings : mapping of str to float, optional
+        Parameters of the method that differ from their defaults, such as a joint stiffness.
+    loss_limit : float
+        Gap at both corners of a joint, over its length, that ends the run as a collapse. So does
+        a joint that slid past its end, rotated by 90 degrees, or has no contact after `follow`.
+    rests : bool
+        Whether an arch rests wherever admissible reactions exist, or is integrated all the time.
+
+    Raises
+    ------
+    InputError, StabilityError
+        If an argument cannot be used, or the arch does not stand and no initial state is given.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+    >>> pulse = np.where(np.arange(0.0, 1.0, 0.001) < 0.3, 1.0, 0.0)
+    >>> response = af.simulate(arch, af.Motion(pulse, dt=0.001), scale=5.0)
+    >>> response.collapsed, response.collapse_mode
+    (False, 'none')
+    """
+    info, own, options = _checked_call(
+        arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
+    )
+    options = options._replace(rests=rests)
+    position, velocity = at_rest(arch)
+    if initial is None:
+        warn_if_in_g(motion, scale, check_stands(arch))
+    else:
+        shift, velocity = check_initial(initial, arch)
+        position += shift
+    ground = grounds_of([ground_of(motion, far, arch)])
+    n_frame = int((motion.duration + follow) / options.frame_interval) + 64 if history else 0
+    n_entry, start = LARGEST_LOG if history else 0, (position, velocity)
+    run, started = info.load(), time.perf_counter()
+    while True:
+        frames, log = output = empty_output(n_frame, n_entry, arch.n_voussoir, arch.n_joint)
+        moving = (*(part.copy() for part in start), initial is None)
+        results = run(arch.chain, ground, float(scale), *moving, options, *output, **own)
+        count = results.count[0]
+        if not history or count[Count.FRAMES] < n_frame:
+            break
+        n_frame *= 2
+    response = response_of(results, 0, info.name, time.perf_counter() - started)
+    response = replace(response, arch=arch, motion=motion, scale=float(scale))
+    if not history:
+        return response
+    n_change, end_time = int(count[Count.LOG_ENTRIES]), float(results.end_time[0])
+    changes = mechanism_of(arch, log, n_change, end_time, from_rest=initial is None)
+    kept = history_of(arch, frames, int(count[Count.FRAMES]))
+    return replace(response, mechanism=changes, history=kept)
+
+
+def limit_load(arch: Arch, towards: str = "+x", method: str = "time_stepping") -> float:
+    """Find the steady ground acceleration at which an arch starts to move as it slowly grows [g].
+
+    Where joints slide, Coulomb's law is not associated: the load at which reactions that follow
+    the ramp leave Coulomb's cones can lie below the limit of the static theorem (`onset`), which
+    is an upper bound of it. From rest under self-weight the load grows to beyond that bound, and
+    the arch has started to move where a voussoir is displaced by a millionth of a joint. A chain
+    whose joints lock each other has no such bound; its load grows to 2 g.
+
+    Parameters
+    ----------
+    arch : Arch
+    towards : str
+        The ground accelerates towards "+x" or "-x".
+    method : str
+        As for `simulate`; by steps or by events.
+
+    Raises
+    ------
+    InputError, StabilityError
+        If no load moves the arch, or it does not stand before.
+    ArchfragError
+        If the method does not move it at a load beyond the bound.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> block = af.Block(width=0.4, height=1.0, friction=0.3)
+    >>> round(af.limit_load(block), 3)
+    0.3
+    """
+    bound, _, _ = check_stands(arch).mechanism(towards)
+    locks = math.isinf(bound)
+    bound = LARGEST_LOAD if locks else bound
+    length = float(model_of(arch.chain).length.min())
+    unit = math.sqrt(length / arch.chain.gravity)
+    time = np.linspace(0.0, RAMP * unit, 2001)
+    most = BEYOND_BOUND * bound * STANDARD_GRAVITY
+    sense = 1.0 if towards == "+x" else -1.0
+    ramp = Motion(sense * most * time / time[-1], time[1])
+    run = simulate(arch, ramp, method=method, history=True, follow=0.0, rests=False)
+    history: Any = run.history
+    shifts = np.abs(history.displacement.values).max(axis=(1, 2))
+    moved = shifts > MOVED * length
+    if not moved.any():
+        load = BEYOND_BOUND * bound * run.end_time / ramp.duration
+        up_to = f"{arch!r}: method {method} does not move it towards {towards} up to {load:.4g} g"
+        if run.end_time < 0.999 * ramp.duration:
+            raise ArchfragError(f"{up_to}; there {STATUS_MESSAGE[run.status]}")
+        if locks:
+            raise InputError(f"{up_to}; its joints lock each other")
+        raise ArchfragError(f"{up_to}, beyond the static bound")
+    return BEYOND_BOUND * bound * float(history.time[int(np.argmax(moved))]) / float(time[-1])
+
+
+def _checked_call(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, follow: float = 20.0,
+    settings: Mapping[str, float] | None = None, loss_limit: float = LOSS_LIMIT,
+) -> tuple[MethodInfo, dict[str, float], Options]:  # fmt: skip
+    """Check a call and return the method, its own settings and its options."""
+    if not isinstance(arch, Arch):
+        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
+    info = arguments.check_method(method)
+    for motion in motions:
+        if not isinstance(motion, Motion):
+            raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
+    arguments.check_taken(info, rtol=rtol, dt=dt)
+    tolerance = arguments.default_of(info, "rtol") if rtol is None else rtol
+    for factor in factors:
+        arguments.check_number("scale", factor, -math.inf, math.inf)
+    arguments.check_number("loss_limit", loss_limit, NOTED_GAP, 10.0)
+    arguments.check_number("rtol", tolerance, 1e-12, 1.0)
+    arguments.check_number("follow", follow, 0.0, math.inf, "s")
+    if dt is not None:
+        arguments.check_number("dt", dt, 1e-9, 10.0, "s")
+    own, unit = arguments.check_settings(info, settings), own_time(arch)
+    if dt is not None or info.step_rule is None:
+        step = largest_step = arguments.default_of(info, "dt") if dt is None else float(dt)
+    else:
+        rule = info.step_rule(float(tolerance), arch.n_voussoir)
+        step, largest_step = unit * rule[0], unit * rule[1]
+    span = max(motion.duration for motion in motions) + follow
+    samples = max(len(motion.acceleration) for motion in motions)
+    sampling = min(float(motion.dt) for motion in motions)
+    options = Options(
+        time_step=float(step), tolerance=float(tolerance), accuracy=float(tolerance),
+        follow=float(follow), loss_limit=float(loss_limit), check_interval=CHECK_INTERVAL,
+        max_steps=int(span / min(step, OWN_STEP * unit)) + samples + 1000,
+        frame_interval=max(float(step), min(sampling, COARSEST_FRAMES)),
+        crowding=0.0, largest_step=float(largest_step),
+    )  # fmt: skip
+    return info, own, options
+
+
+def results_of_runs(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
+    **given: Any,
+) -> tuple[Results, np.ndarray]:  # fmt: skip
+    """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
+    info, own, options = _checked_call(arch, motions, factors, **given)
+    check_stands(arch)
+    unique = list({id(motion): motion for motion in motions}.values())
+    number = {id(motion): k for k, motion in enumerate(unique)}
+    motion = np.array([number[id(each)] for each in motions], int)
+    grounds = grounds_of([ground_of(each, far, arch) for each in unique])
+    factor = np.array(factors, float)
+    started = time.perf_counter()
+    assert info.load_many is not None
+    results = info.load_many()(arch.chain, grounds, motion, factor, options, **own)
+    spent = time.perf_counter() - started
+    # The calls of several runs are timed together.
+    work = 1.0 + results.count[:, Count.STEPS]
+    return results, spent * work / work.sum()
+
+
+def simulate_runs(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
+) -> list[Response]:
+    """As `simulate_many`, a response for each run."""
+    if arguments.check_method(method).load_many is None:
+        pairs = zip(motions, factors, strict=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UnitWarning)
+            return [simulate(arch, *each, method=method, **given) for each in pairs]
+    results, wall_time = results_of_runs(arch, motions, factors, method=method, **given)
+    return [response_of(results, row, method, each) for row, each in enumerate(wall_time.tolist())]
+
+
+def simulate_many(
+    arch: Arch, motions: Motion | Sequence[Motion], factors: ArrayLike, method: str = AUTO,
+    rtol: float | None = None, dt: float | None = None, **more: Any,
+) -> xarray.Dataset:  # fmt: skip
+    """Simulate one arch under many scaled ground motions, four runs at a time.
+
+    Each run has the same results, to the last bit, as `simulate` without a history.
+
+    Parameters
+    ----------
+    arch : Arch
+    motions : Motion or sequence of Motion
+        One for each run, or one for all.
+    factors : array_like, (n_run,)
+        On the motions, vertical components included.
+    method, rtol, dt, **more
+        As for `archfrag.simulate.simulate`, with far, follow, settings and loss_limit.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimension run; the numbers of a `Response` for each, and the factors.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+    >>> pulse = np.where(np.arange(0.0, 1.0, 0.001) < 0.3, 1.0, 0.0)
+    >>> runs = af.simulate_many(arch, af.Motion(pulse, dt=0.001), [3.0, 5.0, 20.0])
+    >>> runs.collapsed.values.tolist()
+    [False, False, True]
+    """
+    import xarray
+
+    scales = np.atleast_1d(np.asarray(factors, float))
+    each = [motions] if isinstance(motions, Motion) else list(motions)
+    each *= scales.size if len(each) == 1 else 1
+    if scales.ndim != 1 or len(each) != scales.size:
+        raise InputError(
+            f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
+            "motion for each factor, or one for all"
+        )
+    responses = simulate_runs(arch, each, scales.tolist(), method, rtol=rtol, dt=dt, **more)
+    strongest = max(range(len(each)), key=lambda i: abs(scales[i]) * each[i].pga, default=None)
+    if strongest is not None:
+        warn_if_in_g(each[strongest], scales[strongest], onset(arch))
+    names = [each.name for each in fields(Response) if each.name not in _LEFT_OUT]
+    columns = {name: [getattr(each, name) for each in responses] for name in (*names, "steps")}
+    columns["status"] = [response.status.name.lower() for response in responses]
+    variables = {
+        name: ("run", np.array(values), {"units": UNITS.get(name.split("_")[-1], "1")})
+        for name, values in columns.items()
+    }
+    return xarray.Dataset(variables, coords={"factor": ("run", scales)}, attrs={"method": method})

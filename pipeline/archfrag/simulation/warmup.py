@@ -1,0 +1,131 @@
+"""Kernels made ready ahead of a run, with a message that says how long it takes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from archfrag.arch import Arch
+from archfrag.arch.quasi_static import SlowArch
+from archfrag.motions.motion import Motion
+from archfrag.motions.oscillator import largest_response
+from archfrag.physics.kernels import load
+from archfrag.physics.kernels.__main__ import make_all_ready
+from archfrag.simulation.arguments import check_method, method_names
+from archfrag.simulation.rest import onset
+from archfrag.simulation.simulate import simulate, simulate_many
+
+TICK = 1.0
+# What compiling takes on two cores, and making machine code of LLVM code [s].
+COMPILING, EMITTING = 60.0, 5.0
+
+
+def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
+    """Make the kernels ready, or load them, once for this machine; seconds it took.
+
+    Machine code is made of the LLVM code that comes with archfrag, or else the kernels are
+    compiled, by two processes where there are two cores. `method` is that to make ready; all
+    installed methods if not given. `progress` is called with a message such as "loading kernels"
+    or "compiling kernels (first run only): 12 s of about 60 s", first at once, then about every
+    second from another thread.
+    """
+    started = time.perf_counter()
+    ready, names = kernels_are_compiled(), method_names() if method is None else (method,)
+    names = tuple(check_method(name).name for name in names)
+    what, expected = ("compiling kernels", COMPILING)
+    if is_shipped():
+        what, expected = "making machine code of the kernels", EMITTING
+
+    def report() -> None:
+        passed = time.perf_counter() - started
+        text = f"{what} (first run only): {passed:.0f} s"
+        text += f" of about {expected:.0f} s" if passed <= expected else ""
+        if progress is not None:
+            progress("loading kernels" if ready else text)
+
+    report()
+    with contextlib.nullcontext() if ready else every(TICK, report):
+        make_all_ready()
+        for name in names:
+            _use(name)
+    return time.perf_counter() - started
+
+
+def is_shipped() -> bool:
+    """Whether archfrag has LLVM code of the kernels as they are, for this kind of processor."""
+    return all(load.is_shipped(name) for name in load.SETS)
+
+
+def kernels_are_compiled() -> bool:
+    """Whether `warmup` has only to load the kernels of a study."""
+    return all(load.is_ready(name) for name in load.SETS)
+
+
+def _use(method: str) -> None:
+    """Call the kernels of a method."""
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+    motion = Motion(np.zeros(3), dt=0.01)
+    if check_method(method).load_many is not None:
+        simulate_many(arch, motion, [1.0], method=method)
+    simulate(arch, motion, method=method)
+
+
+@contextlib.contextmanager
+def every(seconds: float, call: Callable[[], object]) -> Iterator[None]:
+    """Call something again and again, from another thread, as long as the block lasts."""
+    ended = threading.Event()
+
+    def tick() -> None:
+        while not ended.wait(seconds):
+            call()
+
+    ticker = threading.Thread(target=tick, daemon=True)
+    ticker.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        ticker.join()
+
+
+def used_kernels() -> dict[str, list[Any]]:
+    """Kernels that studies call, by set; each with the types of its arguments."""
+    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+    sets, known = dict[str, list[Any]](), set[Any]()
+    motion = Motion(np.sin(np.arange(50.0)), dt=0.01)
+    moving = np.zeros((2, 3, 3))
+
+    def rest() -> None:
+        onset(arch)
+        slow = SlowArch(arch.tied(level=6.0, area=5e-4, prestress=100.0))
+        slow.tension(0, 200.0)
+        for wave in (motion.acceleration, motion.acceleration * 1j):
+            largest_response(wave, 0.01, 10.0, 0.05, np.ones(1, complex), np.zeros(1))
+
+    def steps() -> None:
+        simulate_many(arch, motion, [0.5], method="time_stepping")
+
+    def events() -> None:
+        for name in ("time_stepping", "event_driven"):
+            simulate_many(arch, motion, [0.5], method=name)
+            for start in (None, (moving[0], moving[1])):
+                simulate(arch, motion, method=name, initial=start)
+
+    for name, call in (("rest", rest), ("steps", steps), ("events", events)):
+        load.called.clear()
+        call()
+        new = sorted(set(load.called) - known, key=repr)
+        sets[name], known = new, known.union(new)
+    return sets
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    print(json.dumps(used_kernels()))
