@@ -23,8 +23,9 @@ from archfrag.motions.measures import measure_unit
 from archfrag.motions.motion import Motion
 from archfrag.report import make_report
 from archfrag.results import Results
-from archfrag.study.file import check_text, schema
+from archfrag.study.file import schema
 from archfrag.study.file.arches import VARIABLE
+from archfrag.study.keys import check_text
 from archfrag.study.provenance import digest_of, write_text
 from archfrag.study.reading import MotionList
 from archfrag.study.steps import run_study

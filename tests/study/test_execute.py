@@ -17,11 +17,11 @@ import pytest
 
 from archfrag.errors import InputError
 from archfrag.motions.formats import one_reader, read_apart
+from archfrag.study.designs.ida import Ida
 from archfrag.study.file.schema import Method
 from archfrag.study.running import only_run, stoppable
 from archfrag.study.runs import execute, workers
 from archfrag.study.runs.execute import method_to_compile, run_batch
-from archfrag.study.runs.ida import Ida
 from archfrag.study.runs.store import gather, make_plan, read_part
 from tests.study.small import ROOT, changed
 

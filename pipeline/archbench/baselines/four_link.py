@@ -41,7 +41,8 @@ from archfrag.physics.ground import Grounds, end_rest, one_of, segment_at
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.structs import struct
-from archfrag.physics.methods.common import (
+from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
+from archfrag.physics.shared import (
     AT_END,
     COLLAPSES,
     EXHAUSTED,
@@ -50,7 +51,6 @@ from archfrag.physics.methods.common import (
     log_change,
     write_frame,
 )
-from archfrag.physics.onset import NO_LIMIT, new_rest_problem, rest_limit
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.physics.steps.service import dominant_change, measure_state

@@ -17,7 +17,7 @@ from archbench.baselines.corners import accept_corners, corner_case, new_corners
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.methods.common import GO
+from archfrag.physics.shared import GO
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count
 

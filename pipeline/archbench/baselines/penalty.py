@@ -31,7 +31,7 @@ from archfrag.physics.contact.placing import move_faces, place_contacts
 from archfrag.physics.ground import Grounds, Impulse, end_of_motion, impulse_between
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
 from archfrag.physics.kernels.kernel import inlined, kernel
-from archfrag.physics.methods.common import (
+from archfrag.physics.shared import (
     ALL,
     AT_END,
     BROKEN,

@@ -26,7 +26,7 @@ from archbench.baselines.common import Case, integrate
 from archbench.baselines.corners import accept_corners, corner_case, new_corners, pose_corners
 from archfrag.physics.ground import Grounds, Impulse
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
-from archfrag.physics.methods.common import GO, UNSOLVED
+from archfrag.physics.shared import GO, UNSOLVED
 from archfrag.physics.state import Clock
 from archfrag.physics.status import Count
 

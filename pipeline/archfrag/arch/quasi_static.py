@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
-from archfrag.physics.methods.common import begin
+from archfrag.physics.contact.ties import TAUT, tie_stretch
+from archfrag.physics.shared import begin
 from archfrag.physics.state import new_model, new_state, new_work
 from archfrag.physics.status import Tie, TieState
 from archfrag.physics.steps.creep import creep
 from archfrag.physics.steps.service import rest_range
-from archfrag.physics.ties import TAUT, tie_stretch
 
 if TYPE_CHECKING:
     from archfrag.arch.model import Arch

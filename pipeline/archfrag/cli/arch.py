@@ -99,8 +99,8 @@ def _by_numbers(options: dict[str, Any]) -> "ArchEntry":
     """An arch from the options of the command line, None where not given."""
     from pydantic import ValidationError
 
-    from archfrag.study.file import first_message
     from archfrag.study.file.arches import ArchEntry
+    from archfrag.study.keys import first_message
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
     if "drawing" in given:

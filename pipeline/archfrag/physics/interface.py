@@ -45,7 +45,7 @@ class Options(NamedTuple):
     frame_interval: float  # least time between frames of the history [s]
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
     largest_step: float = 0.0  # between impacts [s]; not above the shortest: all are equal
-    # What follows from these and the arch; see `archfrag.physics.methods.common.ready`.
+    # What follows from these and the arch; see `archfrag.physics.shared.ready`.
     still: float = 0.0  # speed below which the chain may be at rest [m/s]
     rest_plus: float = np.nan  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float = np.nan

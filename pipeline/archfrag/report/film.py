@@ -12,8 +12,8 @@ from archfrag.report.arch_figure import Chosen, Example, repeat, typical_run
 from archfrag.report.html import digits
 from archfrag.report.inputs import ArchResults, arch_results, report_inputs
 from archfrag.report.moving import film
-from archfrag.study.file import meant
 from archfrag.study.file.schema import Study
+from archfrag.study.keys import meant
 
 KINDS = (".gif", ".mp4", ".svg")
 _SAME_LEVEL = 0.005  # a level is written with three digits

@@ -27,11 +27,11 @@ from archfrag.study.answer.compare import Table, compare
 from archfrag.study.answer.curves import arch_classes, quoted, runs_of_cube
 from archfrag.study.answer.fits import cautions_of_cube
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
+from archfrag.study.designs import Design
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
 from archfrag.study.file.schema import Study, load_study
 from archfrag.study.provenance import finite
-from archfrag.study.runs import Design
 from archfrag.study.steps import finished, read_timings
 from archfrag.study.validate import logo_url
 

@@ -15,7 +15,7 @@ from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.errors import InputError, UnitWarning
 from archfrag.physics.contact.path import new_path, solve_with_fallback
 from archfrag.physics.contact.placing import clearance, move_faces, place_contacts
-from archfrag.physics.methods.common import begin
+from archfrag.physics.contact.ties import pull_at_rest, pull_by_ties
 from archfrag.physics.onset import (
     HINGE_EXTRADOS,
     HINGE_INTRADOS,
@@ -24,8 +24,8 @@ from archfrag.physics.onset import (
     new_rest_problem,
     rest_limit,
 )
+from archfrag.physics.shared import begin
 from archfrag.physics.state import Model, State, Work, model_of, new_state, new_work
-from archfrag.physics.ties import pull_at_rest, pull_by_ties
 from archfrag.simulation.thrust import contact_centres, thrust_curve
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """What kernels read and write, found in their syntax trees, as their docstrings tell it.
 
 An effect is a path from an argument: ``state.clock``, or the argument where it is an array. What a
-kernel hands to another counts as what that does with it. ``python -m tests.physics.kernels.effects``
-writes the two lines into the docstrings of the package's kernels.
+kernel hands to another counts as what that does with it.
+``python -m tests.physics.kernels.effects`` writes the two lines into the docstrings of kernels.
 """
 
 import ast

@@ -11,10 +11,10 @@ import math
 
 from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays, opening_rate
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.contact.ties import ask_ties, solve_with_ties, start_ties, take_asked
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.primitives import opposite, select, some
 from archfrag.physics.numbers import count_of, flag, larger
-from archfrag.physics.ties import ask_ties, solve_with_ties, start_ties, take_asked
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5

@@ -21,12 +21,12 @@ from archfrag.physics.contact import blocks, laws
 from archfrag.physics.contact.blocks import Precision
 from archfrag.physics.contact.modes import solve_contact, velocity_scale
 from archfrag.physics.contact.placing import corner_velocity, relative_velocity
+from archfrag.physics.contact.ties import push_by_ties, start_ties
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.onset import RestProblem, new_rest_problem
 from archfrag.physics.state import Model
 from archfrag.physics.status import Count
-from archfrag.physics.ties import push_by_ties, start_ties
 
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3

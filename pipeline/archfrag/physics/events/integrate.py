@@ -30,8 +30,8 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.physics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.physics.mega_voussoirs.second_level import joint_reactions
-from archfrag.physics.methods.common import write_frame
 from archfrag.physics.numbers import sine_cosine
+from archfrag.physics.shared import write_frame
 from archfrag.physics.state import Clock, Model, State, Work
 from archfrag.physics.status import Count, Energy, Peak
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from archfrag.physics.contact.laws import MINUS, PLUS, closed_forces, cone_rays
 from archfrag.physics.contact.placing import clearance, corner_rate_at, move_faces
+from archfrag.physics.contact.ties import BROKEN, SLACK, TAUT, YIELDS
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.runge_kutta import Scheme, Stages
 from archfrag.physics.ground import ground_after
@@ -33,7 +34,6 @@ from archfrag.physics.mega_voussoirs.second_level import (
 )
 from archfrag.physics.state import Model
 from archfrag.physics.status import Tie, TieState
-from archfrag.physics.ties import BROKEN, SLACK, TAUT, YIELDS
 
 # Joint of the trigger where no law waits to be followed up.
 NONE = -1

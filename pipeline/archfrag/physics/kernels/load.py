@@ -21,12 +21,10 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from archfrag.physics.kernels.cache import HOME, source_hash, use_kernel_cache
+from archfrag.physics.kernels.processor import has_common_features, machine
 
 SETS = ("rest", "steps", "events")
 SHIPPED = Path(__file__).parent / "shipped"
-# The processors that have it, of the last ten years, give the same bits: it has fused
-# multiply-adds.
-PROCESSOR, NEEDED = "x86-64-v3", ("avx2", "fma", "bmi2")
 
 called: list[tuple[str, Any]] = []  # kernels that were called from Python so far, and how
 _lock = threading.RLock()
@@ -71,23 +69,6 @@ def _kernels(offers: Any) -> list[tuple[str, Any]]:
 def as_tuples(given: Any) -> Any:
     """Types of arguments as read from JSON, which has lists in place of tuples."""
     return tuple(map(as_tuples, given)) if isinstance(given, list) else given
-
-
-def has_common_features() -> bool:
-    """Whether this processor has what `PROCESSOR` has."""
-    return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
-
-
-@functools.cache
-def machine(processor: str = "") -> Any:
-    """LLVM's description of this machine's processor, or of another."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    features = "" if processor else llvm.get_host_cpu_features().flatten()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=processor or llvm.get_host_cpu_name(), features=features, opt=3, reloc="static",
-        codemodel="jitdefault", jit=True,
-    )  # fmt: skip
 
 
 @functools.cache

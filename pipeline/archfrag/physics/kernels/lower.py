@@ -17,11 +17,9 @@ from numba.extending import (
     models,
     register_model,
     type_callable,
-    typeof_impl,
 )
 
 from archfrag.physics.kernels import primitives, structs
-from archfrag.physics.kernels.kernel import Kernel
 from archfrag.physics.kernels.primitives import LANES
 from archfrag.physics.kernels.structs import class_of, fields_of, name_of, words_of
 
@@ -261,7 +259,7 @@ class FieldType(types.Array):
         return self.plain.key, self.scope
 
 
-def _plain(of: Any) -> Any:
+def plain(of: Any) -> Any:
     """Type as which a value is passed on."""
     return of.plain if isinstance(of, FieldType) else types.unliteral(of)
 
@@ -378,49 +376,3 @@ def _loaded(context: Any, builder: Any, table: Any, place: int, of: Any, shape: 
             whole = builder.insert_value(whole, value, k)
         setattr(array, name, whole)
     return array._getvalue()
-
-
-class KernelType(types.Callable, types.Dummy):
-    """Type of a kernel among the globals of another."""
-
-    def __init__(self, kernel: Kernel) -> None:
-        self.kernel = kernel
-        super().__init__(name=f"kernel {kernel.name}")
-
-    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-        """Compile the version that a call needs; return its signature."""
-        from archfrag.physics.kernels.compile import version_of
-
-        if kws:
-            raise TypeError(f"{self.kernel.name}: kernels take each other's arguments by position")
-        given = tuple(map(_plain, args))
-        return version_of(self.kernel, given).returned(*given)
-
-    def get_call_signatures(self) -> Any:
-        """No signatures are known before a call."""
-        return (), True
-
-    def get_impl_key(self, sig: Any) -> Any:
-        """Key of the code of a call."""
-        return self.name
-
-
-register_model(KernelType)(models.OpaqueModel)
-
-
-@typeof_impl.register(Kernel)
-def _type_of_value(kernel: Kernel, context: Any) -> KernelType:
-    return _type_of_kernel(kernel)
-
-
-@functools.cache
-def _type_of_kernel(kernel: Kernel) -> KernelType:
-    of = KernelType(kernel)
-
-    @lower_builtin(of.name, types.VarArg(types.Any))
-    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        from archfrag.physics.kernels.compile import version_of
-
-        return context.call_internal(builder, version_of(kernel, sig.args).described, sig, args)
-
-    return of

@@ -2,9 +2,9 @@
 
 import math
 
+from archfrag.physics.contact.ties import tension
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.status import Tie
-from archfrag.physics.ties import tension
 
 
 @inlined

@@ -21,7 +21,7 @@ import numpy as np
 from archfrag.physics.events import front as events
 from archfrag.physics.ground import Grounds
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
-from archfrag.physics.methods.common import is_accurate, new_results, refuse
+from archfrag.physics.shared import is_accurate, new_results, refuse
 from archfrag.physics.status import Count, Status
 from archfrag.physics.steps import run as stepper
 

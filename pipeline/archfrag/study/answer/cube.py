@@ -13,12 +13,12 @@ from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
 from archfrag.physics.status import CollapseMode, Model, Status
 from archfrag.study import provenance
+from archfrag.study.designs.design import Cases
 from archfrag.study.file.arches import VARIABLE, ArchEntry
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import read_manifest
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import strict_json
-from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import COLUMNS, VARIABLES, Plan, Table, gather, make_plan
 from archfrag.version import __version__
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeV
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
-from archfrag.study.file import PathText, Section, at, refuse
+from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch

@@ -12,8 +12,8 @@ import numpy as np
 
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
-from archfrag.study.file import at, meant
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
+from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
 from archfrag.tables import check_decimals, parse_table, table_of
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, create_model
 
 from archfrag.motions.calibrate import Acceptable
-from archfrag.study.file import PathText, Section, refuse
+from archfrag.study.keys import PathText, Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion

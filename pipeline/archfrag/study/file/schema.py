@@ -11,11 +11,11 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, TypeAdapter, mod
 from archfrag.errors import InputError
 from archfrag.files import WORK
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
-from archfrag.study.file import PathText, Section, at, refuse
+from archfrag.study.designs import AnyDesign, Stripes
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
 from archfrag.study.file.motions import Motions
-from archfrag.study.runs import AnyDesign, Stripes
+from archfrag.study.keys import PathText, Section, at, refuse
 from archfrag.study.yaml_text import read_keys
 
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]

@@ -14,11 +14,11 @@ from tqdm import tqdm
 
 from archfrag.files import make_folder
 from archfrag.fragility.counts import Verdict
+from archfrag.study.designs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, machine
 from archfrag.study.runs import store
-from archfrag.study.runs.design import CASE, Cases, Verdicts, drive, order_of
 from archfrag.study.runs.store import Plan, Table, places
 from archfrag.study.runs.workers import Cluster, Threads, workers_of
 

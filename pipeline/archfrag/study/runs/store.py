@@ -26,11 +26,11 @@ from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
 from archfrag.physics.status import Count, Energy, Loss, Model, Peak
+from archfrag.study.designs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import digest_of, files_of_code
-from archfrag.study.runs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch

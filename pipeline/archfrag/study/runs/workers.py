@@ -20,9 +20,9 @@ import numpy as np
 
 from archfrag.errors import WorkerError
 from archfrag.files import counted
+from archfrag.study.designs.design import Cases
 from archfrag.study.provenance import available_cores, commit, versions
 from archfrag.study.runs import store
-from archfrag.study.runs.design import Cases
 from archfrag.study.runs.store import Plan, Table
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.runs.design import Asking, Design, Grid, Requests
+from archfrag.study.designs.design import Asking, Design, Grid, Requests
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that survives goes on to the end of the record and costs five times one that collapses.

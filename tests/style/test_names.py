@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PIPELINE = ROOT / "pipeline"
 SOURCES = sorted(
     path for folder in ("archfrag", "archbench") for path in (PIPELINE / folder).rglob("*.py")

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
-from archfrag.study.file import Section
+from archfrag.study.keys import Section
 
 if TYPE_CHECKING:
     from archfrag.fragility.posterior import Posterior

@@ -10,6 +10,7 @@ import numpy as np
 from archfrag.physics.collapse import NO_MODE, NOTED_GAP, collapse_of, loss_mode
 from archfrag.physics.contact.laws import mode_number
 from archfrag.physics.contact.placing import clearance, move_faces, slip_and_gap
+from archfrag.physics.contact.ties import set_ties
 from archfrag.physics.energy import energies_of
 from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
 from archfrag.physics.kernels.kernel import inlined, kernel
@@ -17,7 +18,6 @@ from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock, Model, model_of
 from archfrag.physics.status import Count, Energy, Loss, Peak, Status
 from archfrag.physics.status import Model as ModelLevel
-from archfrag.physics.ties import set_ties
 
 # Nothing; modes that are not reconciled; something is due between steps; collapse; the time is
 # up, or the work allowed is spent; positions overflowed; at rest for good. Up to PAUSE a run
