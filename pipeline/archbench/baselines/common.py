@@ -8,7 +8,7 @@ import numpy as np
 from archfrag.physics import shared
 from archfrag.physics.contact.path import Path
 from archfrag.physics.ground import Grounds
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import inlined, kernel
 from archfrag.physics.kernels.structs import struct
 from archfrag.physics.state import Clock, Model, State, Work, model_of
@@ -30,7 +30,7 @@ class Case(NamedTuple):
     path: Path
     options: Options
     output: shared.Output
-    results: Results
+    results: Outcomes
 
 
 def case_of(
@@ -57,7 +57,7 @@ def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: boo
     stepper.start_given(model, state, work, options, output)
 
 
-def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
+def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcomes:
     """End a run; its final state goes into `position` and `velocity`."""
     model, _, state, work, _, options, output, results = case
     shared.end_run(model, state, work, options, output, results, 0)
@@ -69,7 +69,7 @@ def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Results:
 def integrate(
     case: Case, advance: Callable[[], object], position: np.ndarray, velocity: np.ndarray,
     from_rest: bool,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Move a case to its end."""
     start(case, position, velocity, from_rest)
     while case.state.clock[Clock.CODE] == shared.GO:

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import bridge, checks, facts, shown
 from archfrag.arch import ring as rings
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.polygons import Blocks, polygon_shape
+from archfrag.arch.quasi_static import follow_tie
 from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
@@ -359,8 +362,6 @@ class Arch:
         >>> column.n_joint, round(af.onset(column).plus, 3)
         (2, 0.2)
         """
-        from archfrag.arch.polygons import Blocks, polygon_shape
-
         drawn = Blocks.from_points(outlines, ground)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
         return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
@@ -390,9 +391,6 @@ class Arch:
         friction, thickness_factor, tolerance, **material
             See `from_polygons`.
         """
-        from archfrag.arch.drawing import read_drawing
-        from archfrag.arch.polygons import polygon_shape
-
         drawn = read_drawing(path, layer, unit)
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
@@ -446,8 +444,6 @@ class Arch:
         tied = tied._warned(f"ties[{len(ties) - 1}]")
         if self.chain.start is None or prestress == 0.0:
             return tied
-        from archfrag.arch.quasi_static import follow_tie
-
         return follow_tie(tied)
 
     def recessed(self, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -> Arch:

@@ -12,6 +12,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ellipeinc
 
 from archfrag.arch import STANDARD_GRAVITY, geometry
 from archfrag.arch.checks import FloatArray
@@ -44,9 +46,6 @@ def ellipse(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
-    from scipy.optimize import brentq
-    from scipy.special import ellipeinc
-
     a, b, right = 0.5 * span, rise, 0.5 * math.pi
     parameter = 1.0 - (b / a) ** 2
     length = 2.0 * np.abs(fraction) * float(ellipeinc(right, parameter))
@@ -69,8 +68,6 @@ def catenary(span: float, rise: float, fraction: FloatArray) -> CentreLine:
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
     """
-    from scipy.optimize import brentq
-
     slenderness = 2.0 * rise / span
     # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
     above = min(2.0 * slenderness, max(4.0, 2.0 * math.log(4.0 * slenderness + 1.0)))

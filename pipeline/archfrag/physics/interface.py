@@ -80,8 +80,8 @@ class MechanismLog(NamedTuple):
 
 
 @struct()
-class Results(NamedTuple):
-    """Results of runs, a row for each; every method returns them."""
+class Outcomes(NamedTuple):
+    """Outcomes of runs, a row for each; every method returns them."""
 
     status: np.ndarray  # (n_run,) archfrag.physics.status.Status
     end_time: np.ndarray  # (n_run,) [s]
@@ -92,5 +92,5 @@ class Results(NamedTuple):
     # (n_run, len(Count)) by archfrag.physics.status.Count
     count: np.ndarray  # type: ignore[assignment]
     energy: np.ndarray  # (n_run, len(Energy)) [J]
-    model_time: np.ndarray  # (n_run, len(Model)) simulated time in each model [s]
+    model_time: np.ndarray  # (n_run, len(Level)) time simulated at each levell [s]
     peak: np.ndarray  # (n_run, len(Peak))

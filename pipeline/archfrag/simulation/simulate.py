@@ -17,7 +17,7 @@ from archfrag.errors import ArchfragError, InputError, UnitWarning
 from archfrag.motions.motion import Motion
 from archfrag.physics.collapse import NOTED_GAP
 from archfrag.physics.ground import grounds_of
-from archfrag.physics.interface import Options, Results
+from archfrag.physics.interface import Options, Outcomes
 from archfrag.physics.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.physics.state import model_of
 from archfrag.physics.status import Count
@@ -244,7 +244,7 @@ def _checked_call(
 def results_of_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
     **given: Any,
-) -> tuple[Results, np.ndarray]:  # fmt: skip
+) -> tuple[Outcomes, np.ndarray]:  # fmt: skip
     """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
     info, own, options = _checked_call(arch, motions, factors, **given)
     check_stands(arch)

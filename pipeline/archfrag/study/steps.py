@@ -13,10 +13,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import provenance
 from archfrag.study.answer.cube import attributes, write_cube
+from archfrag.study.answer.fits import fit_cube, fit_lines, load_fits
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
@@ -77,8 +80,6 @@ def read_timings(study: Study) -> dict[str, list[float]]:
     paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
-    import pandas as pd
-
     table = pd.concat([pd.read_csv(path, converters={"arch": str}) for path in paths])
     return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
@@ -121,8 +122,6 @@ def make_step(
     if step == "cube":
         told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
-        from archfrag.study.answer.fits import fit_cube, fit_lines
-
         require(study, "cube", plan)
         fitted = fit_cube(study)
         answers, cautions = fit_lines(study, fitted) if say else ([], [])
@@ -159,8 +158,6 @@ def require(study: Study, step: str, plan: Plan | None = None) -> None:
 
 def finished(study: Study) -> "Fitted":
     """Return cube and answers of a study; InputError if they are out of date."""
-    from archfrag.study.answer.fits import load_fits
-
     require(study, "cube")
     require(study, "fit")
     return load_fits(study)

@@ -16,8 +16,13 @@ from xml.parsers import expat
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.facts import facts_text, unit_cautions
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
+from archfrag.simulation.rest import stays_at_rest
+from archfrag.simulation.simulate import onset
+from archfrag.simulation.standing import arch_cautions
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
 from archfrag.study.file.records import (
@@ -28,6 +33,7 @@ from archfrag.study.file.records import (
     read_sources,
 )
 from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
@@ -79,11 +85,6 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
     Only the first arches are looked at.
     """
-    from archfrag.arch.facts import unit_cautions
-    from archfrag.simulation.rest import stays_at_rest
-    from archfrag.simulation.simulate import onset
-    from archfrag.simulation.standing import arch_cautions
-
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     known = study.intensity.measure == "PGA" and not study.motions.vertical
     found_of: dict[str, list[str]] = {}  # ids of the arches of which a text is true
@@ -119,8 +120,6 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
     """Text on the blocks of a drawing, the span first, and a caution if it shows more."""
-    from archfrag.arch.drawing import read_drawing
-
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer, unit = f"layer {drawn.layer}", drawn.unit
@@ -138,8 +137,6 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 def arch_texts(study: Study) -> tuple[str, ...]:
     """Weights, forces and places of the first arches of a study, of a class those of its first."""
-    from archfrag.arch.facts import facts_text
-
     first = {member.arch_class: member for member in reversed(study.members)}
     some = list(reversed(first.values()))[:MOST_ASKED]
     return tuple(f"{member.id}: {facts_text(member.entry.build())}" for member in some)
@@ -170,8 +167,6 @@ def logo_url(logo: str) -> str:
 def check_start(study: Study) -> None:
     """Check hazard, logo, and that the output folder may take results; nothing is created."""
     if (risk := study.risk) is not None:
-        from archfrag.study.hazard import load_hazard
-
         load_hazard([Path(risk.hazard)], study.intensity.measure, risk.unit, risk.site)
     if study.report.logo is not None:
         logo_url(study.report.logo)

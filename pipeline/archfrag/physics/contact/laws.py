@@ -31,11 +31,24 @@ def corner_mode(corner, slide):
 
 
 @inlined
+def corners_of(mode):
+    """Return whether a joint of this mode touches at corner 0, and at corner 1."""
+    corners = (mode + 2) // 3
+    return corners & 1, corners >> 1
+
+
+@inlined
+def slide_of(mode):
+    """Return the sense of friction: 1 along the tangent, -1 against it, 0 if the joint sticks."""
+    sense = (mode + 2) % 3
+    return 0.0 if mode == OPEN or sense == 0 else (1.0 if sense == 1 else -1.0)
+
+
+@inlined
 def set_mode(work, j, mode):
     """Write a mode into ``work.contact`` and ``work.slide``."""
-    corners, sense = (mode + 2) // 3, (mode + 2) % 3
-    work.contact[j, 0], work.contact[j, 1] = corners & 1, corners >> 1
-    work.slide[j] = 0.0 if corners == 0 or sense == 0 else (1.0 if sense == 1 else -1.0)
+    work.contact[j, 0], work.contact[j, 1] = corners_of(mode)
+    work.slide[j] = slide_of(mode)
 
 
 @inlined

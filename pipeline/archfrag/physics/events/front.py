@@ -9,7 +9,7 @@ from archfrag.physics.events.locate import new_motion
 from archfrag.physics.events.phases import ACCUMULATION, BY_UNSOLVED, follow_phases
 from archfrag.physics.events.runge_kutta import FIFTH_ORDER, THIRD_ORDER
 from archfrag.physics.ground import Grounds, one_of
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.physics.state import Model, model_of, new_state, new_work
 from archfrag.physics.status import Count
@@ -41,7 +41,7 @@ def new_run(model: Model, grounds: Grounds, options: Options, rest: tuple[float,
     )  # fmt: skip
 
 
-def _refused(chain: Chain, options: Options, results: Results) -> Results:
+def _refused(chain: Chain, options: Options, results: Outcomes) -> Outcomes:
     shared.refuse(results, np.flatnonzero(~shared.is_accurate(chain, options, results, ROUNDING)))
     return results
 
@@ -49,7 +49,7 @@ def _refused(chain: Chain, options: Options, results: Results) -> Results:
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain; arguments and result as `archfrag.physics.steps.run.run`."""
     model, results = model_of(chain), shared.new_results(1)
     rest = rest_of(model) if from_rest else UNKNOWN
@@ -65,7 +65,7 @@ def run(
 
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
-) -> Results:
+) -> Outcomes:
     """One run after the other; as `archfrag.physics.steps.run.run_many`."""
     model, results = model_of(chain), shared.new_results(len(motion))
     rest, output = rest_of(model), shared.no_output(chain.mass.size, chain.friction.size)

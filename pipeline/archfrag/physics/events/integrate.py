@@ -16,7 +16,7 @@ from archfrag.physics.energy import kinetic_energy, record_calm
 from archfrag.physics.events import runge_kutta
 from archfrag.physics.events.locate import (
     THRESHOLD,
-    Motion,
+    MechanismMotion,
     closed_inside,
     find_margins,
     keep_margins,
@@ -81,7 +81,7 @@ class Run(NamedTuple):
     state: State
     work: Work
     mega: MegaVoussoirs
-    motion: Motion
+    motion: MechanismMotion
     progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
     outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]

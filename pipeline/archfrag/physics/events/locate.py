@@ -48,7 +48,7 @@ ROUNDING = 1e-9
 
 
 @struct()
-class Motion(NamedTuple):
+class MechanismMotion(NamedTuple):
     """Workspace for the motion of mega-voussoirs between events."""
 
     model: Model  # of the voussoirs
@@ -68,12 +68,12 @@ class Motion(NamedTuple):
     trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
 
 
-def new_motion(model: Model, scheme: Scheme, tolerance: float) -> Motion:
+def new_motion(model: Model, scheme: Scheme, tolerance: float) -> MechanismMotion:
     """Allocate the workspace of a chain's motion, for a relative error of a step."""
     n_joint, length = model.friction.size, float(model.length.min())
     margins = np.full((2, n_joint + len(model.tie), N_LAW), np.inf)
     gaps = np.full((2, n_joint, 2, 2), np.inf)
-    return Motion(
+    return MechanismMotion(
         model=model,
         stages=runge_kutta.new_stages(model.mass.size),
         scheme=scheme,

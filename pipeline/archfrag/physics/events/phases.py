@@ -36,8 +36,7 @@ from archfrag.physics.mega_voussoirs import assemble
 from archfrag.physics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.physics.mega_voussoirs.second_level import GAP_0
 from archfrag.physics.state import Clock
-from archfrag.physics.status import Cause, Count, Energy, Peak
-from archfrag.physics.status import Model as ModelLevel
+from archfrag.physics.status import Cause, Count, Energy, Level, Peak
 from archfrag.physics.steps import service
 from archfrag.physics.steps.at_impacts import next_step
 from archfrag.physics.steps.run import start_at_rest, try_step
@@ -45,7 +44,7 @@ from archfrag.physics.steps.step import record_overlap
 
 BY_ACCUMULATION, BY_QUIESCENCE = int(Cause.ACCUMULATION), int(Cause.QUIESCENT)
 BY_UNSOLVED = int(Cause.UNSOLVED)
-FOUR, MEGA = int(ModelLevel.FOUR_HINGES), int(ModelLevel.MEGA_VOUSSOIRS)
+FOUR, MEGA = int(Level.FOUR_HINGES), int(Level.MEGA_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
 IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
 STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7

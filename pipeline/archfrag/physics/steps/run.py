@@ -17,7 +17,7 @@ from archfrag.physics.contact.modes import solve_contact, start_modes
 from archfrag.physics.contact.path import Path, new_path
 from archfrag.physics.contact.placing import move_faces
 from archfrag.physics.ground import Grounds, end_of_motion, impulse_between
-from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Results
+from archfrag.physics.interface import Chain, Frames, MechanismLog, Options, Outcomes
 from archfrag.physics.kernels.kernel import kernel
 from archfrag.physics.kernels.primitives import (
     LANES,
@@ -328,7 +328,7 @@ _kept = threading.local()
 def run(
     chain: Chain, grounds: Grounds, factor: float, position: np.ndarray, velocity: np.ndarray,
     from_rest: bool, options: Options, frames: Frames, log: MechanismLog,
-) -> Results:  # fmt: skip
+) -> Outcomes:  # fmt: skip
     """Integrate one chain under one ground motion; the signature of every method.
 
     Parameters
@@ -342,7 +342,7 @@ def run(
 
     Returns
     -------
-    archfrag.physics.interface.Results
+    archfrag.physics.interface.Outcomes
         One row.
     """
     model, results = model_of(chain), shared.new_results(1)
@@ -363,7 +363,7 @@ def run(
 
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
-) -> Results:
+) -> Outcomes:
     """Integrate one chain from rest under many scaled ground motions, four at a time.
 
     Run k is moved by the motion of number ``motion[k]``, times ``factor[k]``; its row of the

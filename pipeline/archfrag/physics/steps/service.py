@@ -319,9 +319,10 @@ def handle(model, grounds, state, work, path, options, output):
 
 @inlined
 def code_after(state, options, until, outcome):
-    """Return the codes of runs after an attempt at a step; the last that applies counts.
+    """Return the codes of runs (`Wait`) after an attempt at a step.
 
-    `outcome` are masks: solved, unsolved, collapsed, broken.
+    `outcome` are masks: solved, unsolved, collapsed, broken. Of several codes that apply
+    the first below counts.
     """
     clock, count = state.clock, state.count
     solved, unsolved, collapsed, broken = outcome
@@ -330,10 +331,13 @@ def code_after(state, options, until, outcome):
     over = clock[Clock.TIME] >= until
     most = options.first_steps + until * (MOST_STEPS / options.time_step)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * most)
-    code = select(unsolved, float(shared.UNSOLVED), clock[Clock.CODE])
-    code = select(solved & due, float(shared.PAUSE), code)
-    code = select(spent, float(shared.EXHAUSTED), code)
-    code = select(over, float(shared.AT_END), code)
-    code = select(clock[Clock.CODE] > shared.PAUSE, clock[Clock.CODE], code)
-    code = select(collapsed, float(shared.COLLAPSES), code)
-    return select(broken, float(shared.BROKEN), code)
+    before = clock[Clock.CODE]
+    return (
+        select(broken, float(shared.BROKEN),
+        select(collapsed, float(shared.COLLAPSES),
+        select(before > shared.PAUSE, before,
+        select(over, float(shared.AT_END),
+        select(spent, float(shared.EXHAUSTED),
+        select(solved & due, float(shared.PAUSE),
+        select(unsolved, float(shared.UNSOLVED), before)))))))
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from archfrag.files import counted, make_folder, replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import measure_unit, scaling_exponent
-from archfrag.physics.status import CollapseMode, Model, Status
+from archfrag.physics.status import CollapseMode, Level, Status
 from archfrag.study import provenance
 from archfrag.study.designs.design import Cases
 from archfrag.study.file.arches import VARIABLE, ArchEntry
@@ -71,7 +71,7 @@ def build_cube(
         return cube
 
     values: dict[str, Any] = {
-        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Model],
+        "level": np.arange(shape[2]), "model": [model.name.lower() for model in Level],
         "measure": names, "measure_unit": list(map(measure_unit, names)),
         "measure_exponent": list(map(scaling_exponent, names)),
         "record_measure": [[record.measures[name] for name in names] for record in records],

@@ -19,6 +19,9 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.posterior import fit_posterior
+from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
 from archfrag.study.keys import Section
 
 if TYPE_CHECKING:
@@ -93,20 +96,14 @@ class Design(Section, ABC):
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band; options and errors are those of `quoted_band`."""
-        from archfrag.fragility.quoted import quoted_band
-
         return quoted_band(found, im, **options)
 
     def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
         """Posterior of the curve, and the number of records or runs."""
-        from archfrag.fragility.quoted import capacity_posterior
-
         return capacity_posterior(found)
 
     def likelihood(self, found: Brackets) -> Fragility:
         """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
-        from archfrag.fragility.fit import fit_stripes
-
         decided = found.collapsed | found.survived
         level, place = np.unique(found.levels[decided], return_inverse=True)
         collapsed = np.bincount(place, found.collapsed[decided], level.size)
@@ -155,14 +152,10 @@ class Cloud(Design):
 
     def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
         """Curve and band from single runs, each with a motion of its own."""
-        from archfrag.fragility.quoted import quoted_runs
-
         return quoted_runs(*_single(found), im, confidence=options["confidence"])
 
     def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
         """Posterior of the curve of single runs, and their number."""
-        from archfrag.fragility.posterior import fit_posterior
-
         level, collapsed = _single(found)
         return fit_posterior(level, collapsed, 1), float(level.size)
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from archfrag.fragility.counts import Brackets, Verdict
 from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.fit import fit_brackets
 from archfrag.study.designs.design import Asking, Design, Grid, Requests
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
@@ -82,8 +83,6 @@ class Ida(Design):
 
     def likelihood(self, found: Brackets) -> Fragility:
         """Curve by maximum likelihood, from the brackets of the records' capacities."""
-        from archfrag.fragility.fit import fit_brackets
-
         known = found.known()
         return fit_brackets(known.lower, known.upper)
 

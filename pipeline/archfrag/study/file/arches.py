@@ -4,13 +4,20 @@ import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from scipy import stats
 
+from archfrag import arch
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
+from archfrag.arch.drawing import read_drawing
+from archfrag.arch.facts import no_unit_warnings
+from archfrag.arch.polygons import polygon_ring
+from archfrag.arch.uncertain import Marginal
+from archfrag.simulation.springings import move_springing
+from archfrag.simulation.strength import crushed
 from archfrag.study.keys import PathText, Section, at, refuse
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.arch.uncertain import Marginal
 
 _SPANNED = ("span", "rise", "thickness", "voussoirs", "friction")
 _LOADED = ("dead_load", "fill", "piers", "strength", "springings", "ties")
@@ -207,10 +214,6 @@ class Distribution(Section):
 
     def marginal(self) -> "Marginal":
         """Distribution to draw from."""
-        from scipy import stats
-
-        from archfrag.arch.uncertain import Marginal
-
         keys: Any = self
         if self.distribution == "normal":
             law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
@@ -371,9 +374,6 @@ class ArchEntry(Section):
         """The arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
-        from archfrag.arch.drawing import read_drawing
-        from archfrag.arch.polygons import polygon_ring
-
         drawn = read_drawing(self.drawing, self.layer, self.unit)
         polygon_ring(drawn, self.tolerance)
         given = self.model_dump(exclude_none=True, exclude={"drawing", "layer", "unit"})
@@ -383,8 +383,6 @@ class ArchEntry(Section):
 
     def build(self) -> "Arch":
         """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
-        from archfrag.arch.facts import no_unit_warnings
-
         entry = self.read()
         key = repr(entry.model_dump(exclude={"id", "vary"}))
         if key not in _BUILT:
@@ -402,8 +400,6 @@ _MOST_KEPT = 256
 
 def _built(entry: ArchEntry) -> "Arch":
     """The arch of an entry, which is read from its drawing already."""
-    from archfrag import arch
-
     name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
     keys = {*sum(PROFILES[name], ()), *_MATERIAL} - {"strength", "springings", "ties"}
@@ -412,9 +408,6 @@ def _built(entry: ArchEntry) -> "Arch":
     if entry.recess is not None:
         built = built.recessed(entry.recess.intrados, entry.recess.extrados)
     if entry.strength is not None or entry.springings is not None:
-        from archfrag.simulation.springings import move_springing
-        from archfrag.simulation.strength import crushed
-
         built = built if entry.strength is None else crushed(built, entry.strength)
         if entry.springings is not None:
             built = move_springing(built, **entry.springings.model_dump())

@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from archfrag.arch.uncertain import sample, to_digits
 from archfrag.errors import InputError, StabilityError
 from archfrag.files import read_text
+from archfrag.simulation.simulate import onset
+from archfrag.simulation.standing import prestress_text
 from archfrag.study.file.arches import COLUMNS, VARIABLE, ArchEntry, JointScatter
 from archfrag.study.keys import at, meant
 from archfrag.study.yaml_text import parse_value
@@ -147,8 +150,6 @@ def _drawn(base: Member) -> Iterator[Member]:
     if vary is None:
         yield base
         return
-    from archfrag.arch.uncertain import sample, to_digits
-
     seed = [vary.seed]
     if base.id != base.arch_class:  # rows are drawn independently, whatever other rows there are
         seed.append(zlib.crc32(base.id.encode()))
@@ -185,8 +186,6 @@ def _drawn(base: Member) -> Iterator[Member]:
 def _joints_drawn(
     joints: JointScatter, given: Mapping[str, Any], n_joint: int, generator: np.random.Generator
 ) -> dict[str, Any]:
-    from archfrag.arch.uncertain import to_digits
-
     keys: dict[str, Any] = {}
     # All are drawn, so that one key more leaves the others' numbers as they are.
     for name, distribution in joints:
@@ -218,9 +217,6 @@ def check_buildable(given: Members) -> None:
 
 def check_standing(given: Members) -> None:
     """Check that all arches can exist (or InputError) and stand (or StabilityError)."""
-    from archfrag.simulation.simulate import onset
-    from archfrag.simulation.standing import prestress_text
-
     check_buildable(given)
     for member in given:
         arch = member.entry.build()

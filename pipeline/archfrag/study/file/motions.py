@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
+from archfrag.motions import process
 from archfrag.motions.calibrate import Acceptable
 from archfrag.study.keys import PathText, Section, refuse
 
@@ -103,8 +104,6 @@ def apply_step(
     name: str, settings: dict[str, Any], motion: "Motion", record: Path, inventory: str | None
 ) -> "Motion":
     """Apply one step to a motion; InputError if it does not suit it."""
-    from archfrag.motions import process
-
     if name == "choose":  # done where records are read
         return motion
     if name == "response":

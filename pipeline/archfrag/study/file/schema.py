@@ -11,6 +11,8 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, TypeAdapter, mod
 from archfrag.errors import InputError
 from archfrag.files import WORK
 from archfrag.motions.measures import LEVEL_UNITS, measure_unit, parse_measure, scaling_exponent
+from archfrag.simulation import arguments
+from archfrag.simulation.arguments import method_names
 from archfrag.study.designs import AnyDesign, Stripes
 from archfrag.study.file.arches import ArchEntry, Identifier
 from archfrag.study.file.members import Members, check_buildable, checked, expand
@@ -114,8 +116,6 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _known_with_its_settings(self) -> Self:
-        from archfrag.simulation import arguments
-
         names = arguments.method_names()
         if self.name not in names:
             raise refuse(f"= {self.name} must be one of {', '.join(names)}", "name")
@@ -252,8 +252,6 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
 
 def study_schema() -> str:
     """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
-    from archfrag.simulation.arguments import method_names
-
     schema = Study.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"

@@ -25,7 +25,7 @@ from archfrag.files import replacing
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import scaling_exponent
 from archfrag.physics.kernels.cache import digest_of_syntax, kernel_platform
-from archfrag.physics.status import Count, Energy, Loss, Model, Peak
+from archfrag.physics.status import Count, Energy, Level, Loss, Peak
 from archfrag.study.designs.design import Cases, Grid, Requests, Verdicts, ask, order_of
 from archfrag.study.file.members import Members
 from archfrag.study.file.records import PreparedRecord, load_prepared, load_record
@@ -35,7 +35,7 @@ from archfrag.study.provenance import digest_of, files_of_code
 if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
-    from archfrag.physics.interface import Results
+    from archfrag.physics.interface import Outcomes
 
 # Code that decides what a run is, and what its row holds.
 DECIDING = (
@@ -57,7 +57,7 @@ _ENTRIES: dict[str, Any] = {"count": Count, "loss": Loss, "peak": Peak}
 # A row: its key, all columns, the time simulated in each model, and how long it took.
 ROW = np.dtype([
     ("key", f"S{KEY}"), *((column.name, column.dtype) for column in COLUMNS),
-    ("model_time", "f8", (len(Model),)), ("wall_time", "f8"),
+    ("model_time", "f8", (len(Level),)), ("wall_time", "f8"),
 ])  # fmt: skip
 
 
@@ -70,7 +70,7 @@ def code_identity() -> str:
     return digest_of([kernel_platform(), digest_of_syntax(tuple(files_of_code(*DECIDING))), rows])
 
 
-def columns_of(results: "Results") -> dict[str, NDArray]:
+def columns_of(results: "Outcomes") -> dict[str, NDArray]:
     """Columns of runs by name, each (n_run,), and `model_time` (n_run, n_model) [s]."""
     energy, largest = results.energy, results.energy[:, Energy.LARGEST_KINETIC]
     columns: dict[str, NDArray] = {
@@ -80,7 +80,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
             energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)),
             where=largest > 0.0,
         ),
-        "model_time": results.model_time[:, list(Model)],
+        "model_time": results.model_time[:, list(Level)],
     }  # fmt: skip
     for column in COLUMNS:
         if column.source:
