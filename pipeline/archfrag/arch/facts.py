@@ -55,7 +55,7 @@ def facts_of(arch: Arch) -> dict[str, Any]:
     gravity, given = arch.chain.gravity, arch.parameters
     fill, masonry = 0.0, arch.chain.mass * gravity
     if "fill" in given:
-        without = arch.again(fill=None)["chain"].mass * gravity
+        without = arch.rebuilt(fill=None).chain.mass * gravity
         fill, masonry = float((masonry - without).sum()), without
     load = given.get("dead_load") or 0.0
     dead = float(np.broadcast_to(load, last - first).sum())

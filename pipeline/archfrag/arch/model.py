@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import bridge, checks, facts, shown
 from archfrag.arch import ring as rings
+from archfrag.arch.building import Given, fields_of, plain
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
@@ -90,7 +91,7 @@ class Arch:
     free_end: bool
     flipped: bool
     parameters: dict[str, Any]
-    again: partial[dict[str, Any]]  # makes these fields anew, with other piers or fill
+    given: Given  # what it was built of before recesses, springings and ties
     built: Arch | None = None  # as it was before a springing moved
 
     @property
@@ -207,8 +208,8 @@ class Arch:
         angle = np.radians(checks.joint_positions(joints, voussoirs, embrace, "degrees"))
         ring = rings.circular_ring(np.zeros(2), radius, thickness, angle, sector)
         shape = {"radius": radius, "thickness": thickness, "embrace": embrace}
-        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": _plain(joints)}
-        return cls(**_fields("circular", given, ring, friction, **material))._warned()
+        given = {**shape, "voussoirs": voussoirs, "sector": sector, "joints": plain(joints)}
+        return cls._built_of("circular", given, ring, friction, **material)
 
     @classmethod
     def segmental(
@@ -282,8 +283,8 @@ class Arch:
         own = {} if sector is None else {"sector": sector}
         ring = ring_of(span, rise, thickness, position, **own)
         shape = {"span": span, "rise": rise, "thickness": thickness, "voussoirs": voussoirs}
-        shape |= own | {"joints": _plain(joints)}
-        return cls(**_fields(profile, shape, ring, friction, **material))._warned()
+        shape |= own | {"joints": plain(joints)}
+        return cls._built_of(profile, shape, ring, friction, **material)
 
     @classmethod
     def from_joints(
@@ -325,7 +326,7 @@ class Arch:
             raise GeometryError(f"{counts}; they must be equal")
         shape = {"intrados": inner.tolist(), "extrados": outer.tolist(), "free_end": free_end}
         ring = rings.straight_ring(inner, outer)
-        return cls(**_fields("from_joints", shape, ring, friction, free_end, **material))._warned()
+        return cls._built_of("from_joints", shape, ring, friction, free_end, **material)
 
     @classmethod
     def from_polygons(
@@ -364,7 +365,7 @@ class Arch:
         """
         drawn = Blocks.from_points(outlines, ground)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
+        return cls._built_of("polygons", shape, ring, friction, free, **material)
 
     @classmethod
     def from_dxf(
@@ -395,7 +396,7 @@ class Arch:
         if drawn.caution:
             warnings.warn(drawn.caution, UserWarning, stacklevel=2)
         shape, ring, free = polygon_shape(drawn, tolerance, thickness_factor)
-        return cls(**_fields("polygons", shape, ring, friction, free, **material))._warned()
+        return cls._built_of("polygons", shape, ring, friction, free, **material)
 
     def tied(
         self, level: float | None = None, *, area: float, modulus: float = 2.0e11,
@@ -487,7 +488,7 @@ class Arch:
         corner = np.stack(moved[::-1] if self.flipped else moved, axis=1)
         before, after = self.chain.face_before + corner, self.chain.face_after + corner
         chain = self.chain._replace(face_before=before, face_after=after)
-        recess = {"intrados": _plain(intrados), "extrados": _plain(extrados)}
+        recess = {"intrados": plain(intrados), "extrados": plain(extrados)}
         given = {**self.parameters, "recess": recess}
         return self.changed(**ends, chain=chain, parameters=given)
 
@@ -560,7 +561,15 @@ class Arch:
         if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):
             names = ", ".join(sorted(later))
             raise GeometryError(f"the arch has {names} already; on_piers and filled come before")
-        return Arch(**self.again(**more))._warned(*more)
+        return self.rebuilt(**more)._warned(*more)
+
+    def rebuilt(self, **more: Any) -> Arch:
+        """Return the arch with other piers or fill, before recesses, springings and ties."""
+        return Arch(**fields_of(self.given._replace(**more)))
+
+    @classmethod
+    def _built_of(cls, *given: Any, **material: Any) -> Self:
+        return cls(**fields_of(Given(*given, **material)))._warned()
 
     def _warned(self, *keys: str) -> Self:
         """Return the arch after warnings of values that are probably in another unit."""
@@ -596,70 +605,5 @@ class Block(Arch):
         right = np.array([[0.5 * width, 0.0], [0.5 * width, height]])
         ring = rings.straight_ring(right, right * [-1.0, 1.0])
         shape = {"width": width, "height": height}
-        super().__init__(**_fields("block", shape, ring, friction, True, density, depth))
+        super().__init__(**fields_of(Given("block", shape, ring, friction, True, density, depth)))
         self._warned()
-
-
-def _fields(
-    profile: str, shape: dict[str, Any], ring: rings.Ring, friction: ArrayLike,
-    free_end: bool = False, density: ArrayLike = 2000.0, depth: ArrayLike = 1.0,
-    dead_load: ArrayLike | None = None, piers: dict[str, Any] | None = None,
-    fill: dict[str, Any] | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """Attributes of an `Arch`, from its ring and what gives it mass and friction, checked here.
-
-    `piers` and `fill` are the arguments of `Arch.on_piers` and `Arch.filled` by name.
-    """
-    again = partial(
-        _fields, profile, shape, ring, friction, free_end, density, depth, dead_load, piers=piers,
-        fill=fill,
-    )  # fmt: skip
-    count, load = len(ring.outlines), 0.0 if dead_load is None else dead_load
-    n_joint = count if free_end else count + 1
-    weight = checks.shared_or_each("dead_load", load, count, "voussoir", "N")
-    density_of, depth_of = (
-        checks.shared_or_each(name, value, count, "voussoir", unit, least=checks.SMALLEST)
-        for name, value, unit in (("density", density, "kg/m3"), ("depth", depth, "m"))
-    )
-    more: dict[str, Any] = {}
-    springings, whole = (0, count), False
-    if piers is not None or fill is not None:
-        bridge.check_upright(ring, free_end)
-    if piers is not None:
-        piers = bridge.checked_piers(**piers)
-        ring, (left, right) = bridge.on_piers(ring, piers), piers["courses"]
-        springings, whole = (left, left + count), np.shape(friction) == (n_joint + left + right,)
-        if whole and piers["friction"] is not None:
-            raise GeometryError("piers.friction is given, and friction for each of their joints")
-        n_joint += (left + right) * whole
-        weight = np.pad(weight, (left, right))
-        density_of = bridge.extended(density_of, piers, "density")
-        depth_of = bridge.extended(depth_of, piers, "depth")
-        more["piers"] = {name: each and _plain(each) for name, each in piers.items()}
-        more["piers"]["courses"] = piers["courses"]
-    coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)
-    if piers is not None and not whole:
-        coefficient = bridge.extended(coefficient, piers, "friction")
-    loads = [(weight, np.array(ring.backs))]
-    if fill is not None:
-        more["fill"] = bridge.checked_fill(**fill)
-        loads.append(bridge.weight_of_fill(ring, springings, more["fill"], depth_of))
-        dead_load = load  # none would say that nothing lies on the ring
-    if profile != "block":
-        more["dead_load"] = _plain(dead_load)
-    matter = {"friction": _plain(friction), "density": _plain(density), "depth": _plain(depth)}
-    return {
-        "chain": rings.chain_of(ring, coefficient, density_of * depth_of, loads),
-        "intrados": ring.intrados, "extrados": ring.extrados, "outlines": tuple(ring.outlines),
-        "free_end": free_end, "flipped": ring.sense < 0, "again": again,
-        "parameters": {"profile": profile, **shape, **matter, **more},
-    }  # fmt: skip
-
-
-def _plain(value: ArrayLike | None) -> Any:
-    """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
-    if value is None:
-        return None
-    numbers = np.asarray(value, dtype=float).astype(object)
-    numbers[numbers == math.inf] = "inf"
-    return numbers.tolist()
