@@ -1,6 +1,5 @@
 """Files for papers: tables beside the report, figures, and curves by number of voussoirs."""
 
-import json
 import re
 
 import numpy as np

@@ -5,7 +5,6 @@ from pathlib import Path
 import click
 
 from archfrag.cli.options import cores_option, point_to_report, takes, takes_study, warn
-from archfrag.study.done import finished_folder
 
 
 @click.command()
@@ -26,6 +25,8 @@ def run(
     """
     if not quiet:  # before the imports, which take a second or more
         warn(f"reading {study_file}")
+    from archfrag.study.done import finished_folder
+
     folder = finished_folder(study_file, overrides)
     if folder is None:
         from archfrag.cli.study import run_all  # what has nothing to do imports none of this

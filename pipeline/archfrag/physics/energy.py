@@ -128,7 +128,7 @@ def record_calm(model, state, kinetic, where):
 def balance_energy(model, state):
     """Record the energy that no work explains; return the kinetic energy [J].
 
-    Reads: model, state (clock, energy, position, tie, velocity).
+    Reads: model, state.
     Writes: state.energy.
     """
     energy = state.energy

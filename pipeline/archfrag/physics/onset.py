@@ -104,7 +104,7 @@ def _add_body(problem, j, i, gravity, mass, weight, size, sense):
 def set_resultants(model, problem, weight, size):
     """Set ``problem.part``; forces are over the weight, moments over weight times size.
 
-    Reads: problem (centroid, part, pull).
+    Reads: model.mass, problem (centroid, part, pull).
     Writes: problem.part.
     """
     part, n_joint, n_body = problem.part, problem.part.shape[0], model.mass.shape[0] - 2

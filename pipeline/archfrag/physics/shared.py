@@ -117,7 +117,7 @@ def write_frame(model, state, work, output):
 def log_change(state, time, cause, joint, level, output):
     """Log a change of the mechanism, or of its model, if the log has room.
 
-    Reads: state.slip, output (log, log.time, written).
+    Reads: state (contact, slide, slip), output (log, log.time, written).
     Writes: output (log.cause, log.joint, log.mode, log.model, log.time, written).
     """
     log, entry = output.log, output.written[1]

@@ -291,7 +291,7 @@ def simulate_many(
     factors : array_like, (n_run,)
         On the motions, vertical components included.
     method, rtol, dt, **more
-        As for `archfrag.simulate.simulate`, with far, follow, settings and loss_limit.
+        As for `archfrag.simulate`, with far, follow, settings and loss_limit.
 
     Returns
     -------

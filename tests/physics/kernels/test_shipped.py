@@ -12,12 +12,12 @@ import llvmlite.binding as llvm
 import numpy as np
 import psutil
 import pytest
-from archfrag.simulate import results_of_runs
 
 import archfrag as af
 from archfrag.physics.kernels import __main__ as ready
 from archfrag.physics.kernels import load, processor
 from archfrag.physics.kernels.cache import source_hash
+from archfrag.simulation.simulate import results_of_runs
 
 BUILD = "python -m archfrag.physics.kernels build"
 MADE_ON = "znver4"
@@ -102,7 +102,7 @@ def runs(name):
 
 @pytest.mark.skipif(not processor.has_common_features(), reason="needs the processor's features")
 def test_machine_code_for_this_processor_and_for_any_gives_the_same_bits(monkeypatch):
-    from archfrag.methods.time_stepping.run import run_four
+    from archfrag.physics.steps.run import run_four
 
     here = runs("time_stepping")
     (key,) = list(run_four._entries)[:1]

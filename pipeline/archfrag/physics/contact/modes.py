@@ -126,7 +126,7 @@ def velocity_scale(position, work):
     At least what rounding leaves of velocities, for a chain in flight that moves as one body.
     ``work.relative`` is overwritten.
 
-    Reads: position, work (candidate, free, pivot, point).
+    Reads: position, work (candidate, free, pivot, point, relative).
     Writes: work.relative.
     """
     relative_velocity(position, work.free, work.pivot, work.relative)

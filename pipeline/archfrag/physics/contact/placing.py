@@ -189,7 +189,7 @@ def corner_rate_at(j, px, py, position, velocity):
 def relative_velocity(position, velocity, pivot, out):
     """Velocity of the body after each joint relative to the one before it, at pivots (Eq 22).
 
-    Reads: position, velocity.
+    Reads: position, velocity, pivot.
     Writes: out.
     """
     for j in range(pivot.shape[0]):

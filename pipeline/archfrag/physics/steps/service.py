@@ -148,7 +148,7 @@ def write_if_due(model, state, work, output):
 
     Reactions act at the middles of steps; those of the instant lie between them.
 
-    Reads: model.start, state (clock, position, slip, velocity), work.reaction, output.
+    Reads: model, state, work, output.
     Writes: output.
     """
     clock, frames, n = state.clock, output.frames, output.written[0]
