@@ -88,7 +88,7 @@ def _coefficients(friction: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def plain(value: ArrayLike | None) -> Any:
-    """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
+    """Return the numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
     if value is None:
         return None
     numbers = np.asarray(value, dtype=float).astype(object)

@@ -91,7 +91,7 @@ def facts_text(arch: Arch) -> str:
 
 
 def force_text(force: float) -> str:
-    """A force in N below 1 kN, in kN up to 10 MN, else in MN."""
+    """Write a force in N below 1 kN, in kN up to 10 MN, else in MN."""
     scale, unit = (1.0, "N") if force < 1e3 else (1e3, "kN") if force < 1e7 else (1e6, "MN")
     return f"{force / scale:.3g} {unit}"
 
@@ -102,7 +102,7 @@ def unit_cautions(arch: Arch, *keys: str) -> list[str]:
 
 
 def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
-    """Keys with values beyond what is usual, and what is to be said of them."""
+    """Yield the keys with values beyond what is usual, and what is to be said of them."""
     given = arch.parameters
     span, _, thickness = arch.dimensions
     first, last = arch.springings
@@ -146,7 +146,7 @@ def _doubtful(arch: Arch) -> Iterator[tuple[str, str]]:
 def _beyond(
     key: str, value: Any, least: float, most: float, unit: str
 ) -> Iterator[tuple[str, str]]:
-    """The first of the values of a key that is beyond the usual ones, if there is one."""
+    """Yield the first value of a key that is beyond the usual ones, if there is one."""
     for one in np.ravel([] if value is None else value).tolist():
         if not least <= one <= most:
             rule = f"usual are {least:g} to {most:g} {unit}; is that its unit?"

@@ -153,7 +153,9 @@ class Arch:
         return shown.frame(self, *motion)
 
     def corner_name(self, corner: int) -> str:
-        """User's name of corner 0 or 1 of the chain's joints: "intrados" or "extrados"."""
+        """Return the user's name of corner 0 or 1 of the chain's joints: "intrados" or
+        "extrados".
+        """
         return ("intrados", "extrados")[corner != self.flipped]
 
     def __repr__(self) -> str:

@@ -48,7 +48,7 @@ class SlowArch:
         self._time = min(LONGEST, 50.0 * math.sqrt(STEP * self.length / self.model.gravity))
 
     def rest_range(self) -> tuple[float, float]:
-        """Range of rest in the present geometry [g]; negative numbers if there is none."""
+        """Return range of rest in the present geometry [g]; negative numbers if there is none."""
         found, plus, minus = rest_range(self.model, self._state, self._work, self._path.rest)
         return (plus, minus) if found else (-math.inf, -math.inf)
 
@@ -90,7 +90,7 @@ class SlowArch:
         cosine, sine = np.cos(angle), np.sin(angle)
 
         def placed(body: int, points: NDArray) -> NDArray:
-            """Points that moved with a body; those of the ground stay."""
+            """Return the points that moved with a body; those of the ground stay."""
             x, y = (points - centroid[body]).T
             c, s = cosine[body], sine[body]
             return start[body, :2] + np.column_stack([c * x - s * y, s * x + c * y])

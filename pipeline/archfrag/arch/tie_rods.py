@@ -22,7 +22,7 @@ def tie_row(
     arch: Arch, level: float | None, area: float, modulus: float, prestress: float,
     strength: float, rupture: float, ends: Sequence[End] | None,
 ) -> list[float]:  # fmt: skip
-    """Row of ``Chain.tie`` of a tie; arguments as `Arch.tied`."""
+    """Return the row of ``Chain.tie`` of a tie; arguments are those of `Arch.tied`."""
     if (level is None) == (ends is None):
         raise GeometryError("a tie needs either its level or its ends")
     stiff = checks.number("area", area, "m2", closed=False)
@@ -52,7 +52,7 @@ def tie_row(
 
 
 def _at_level(arch: Arch, level: float) -> list[End]:
-    """Outermost points of the voussoirs at a height, left and right."""
+    """Return the outermost points of the voussoirs at a height, left and right."""
     found: list[End] = []
     for body, outline in enumerate(arch.outlines):
         for (x, y), (u, v) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist()):
@@ -68,7 +68,7 @@ def _at_level(arch: Arch, level: float) -> list[End]:
 
 
 def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
-    """Ends as they are given, checked."""
+    """Return the ends of a tie as they are given, checked."""
     both = [(int(body), float(x), float(y)) for body, x, y in ends or ()]
     bodies = [body for body, *_ in both]
     last = arch.n_voussoir - 1 + (not arch.free_end)
@@ -84,7 +84,7 @@ def _given(arch: Arch, ends: Sequence[End] | None) -> list[End]:
 
 
 def _turn(arch: Arch, body: int) -> np.ndarray:
-    """Rotation of a body at rest: its axes as rows, (2, 2)."""
+    """Return the rotation of a body at rest: its axes as rows, (2, 2)."""
     start = arch.chain.start
     angle = 0.0 if start is None else float(start[body, 2])
     return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
@@ -97,7 +97,7 @@ def tie_name(arch: Arch, tie: int) -> str:
 
 
 def tie_lines(arch: Arch) -> np.ndarray:
-    """Ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
+    """Return the ends of the ties of an arch at rest, (n_tie, 2, 2) [m]."""
     rows = np.zeros((0, 6)) if arch.chain.tie is None else arch.chain.tie
     lines = rows[:, 2:6].reshape(-1, 2, 2).copy()
     for line, bodies in zip(lines, rows[:, :2].astype(int) - 1):

@@ -146,7 +146,7 @@ _MOST_NAMED = 12  # entries of a list
 
 
 def _folder(path: Path) -> Path:
-    """Folder of the results of a study, which is given itself or by the study file."""
+    """Return the folder of the results of a study, which is given itself or by the study file."""
     return path if path.is_dir() else load_study(path).folder
 
 
@@ -175,7 +175,9 @@ def _text(value: Any) -> str:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """Facts of a cube, levels in the unit of its study; InputError if it is none of archfrag."""
+    """Return the facts of a cube, levels in the unit of its study; InputError if it is none of
+    archfrag.
+    """
     try:
         with opened(path), xr.open_dataset(path) as cube:  # a pipe would be waited for
             stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]

@@ -85,7 +85,7 @@ def _takes_arch(command: Callable) -> Callable:
 
 
 def _of_study(path: Path, name: str | None) -> ArchEntry:
-    """An arch of a study file, or a sample of it; its only one if `name` is None."""
+    """Return an arch of a study file, or a sample of it; its only one if `name` is None."""
 
     study = load_study(path)
     entries = {entry.id: entry for entry in study.arches if entry.table is None}
@@ -102,7 +102,7 @@ def _of_study(path: Path, name: str | None) -> ArchEntry:
 
 
 def _by_numbers(options: dict[str, Any]) -> ArchEntry:
-    """An arch from the options of the command line, None where not given."""
+    """Return an arch from the options of the command line, None where not given."""
 
     given = {"id": "arch"} | {key: value for key, value in options.items() if value is not None}
     if "drawing" in given:

@@ -78,7 +78,7 @@ def warn(message: str) -> None:
 
 
 def wrapped(text: str, indent: int) -> list[str]:
-    """Lines of a text, broken between words at the width of the terminal."""
+    """Return the lines of a text, broken between words at the width of the terminal."""
     width = max(shutil.get_terminal_size().columns, indent + 20)
     return textwrap.wrap(text, width, subsequent_indent=" " * indent,
                          break_long_words=False, break_on_hyphens=False)  # fmt: skip

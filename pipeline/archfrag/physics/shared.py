@@ -237,7 +237,8 @@ def record_end(model, state):
 
 @kernel
 def sways_in_rest(model, state, options):
-    """Whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground motion.
+    """Return whether a chain sways on its ties for ever: calm for `CALM_TIME` after the ground
+    motion.
 
     Elastic ties take no energy, and nothing gives any. In that time a motion away from an unstable
     position would have grown by many powers of ten, so the chain swings about a stable one.
@@ -298,7 +299,7 @@ def end_run(model, state, work, options, output, results, row):
 def is_accurate(
     chain: Chain, options: Options, results: Outcomes, negligible: float
 ) -> np.ndarray:
-    """Whether each run keeps its tolerance, by its own energy error and overlap.
+    """Return whether each run keeps its tolerance, by its own energy error and overlap.
 
     True for runs that have not ended; `negligible` is the energy that counts for nothing, over
     weight times the longest joint's length [1].

@@ -216,7 +216,9 @@ class Response:
         return animate(self, seconds, speed)
 
     def _arrays(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations [rad]."""
+        """Return the times (n_time,) [s], displacements (n_time, n_voussoir, 2) [m], rotations
+        [rad].
+        """
         if self.history is None:
             raise InputError("the response has no history; simulate with history=True")
         names = ("time", "displacement", "rotation")
@@ -224,8 +226,8 @@ class Response:
         return time, shift, turn
 
     def _window(self, seconds: float) -> tuple[float, float]:
-        """Times between which a film shows the run: up to its collapse, or about its largest
-        rotation; `seconds` at most. The same time twice if nothing moves.
+        """Return the times between which a film shows the run: up to its collapse, or about its
+        largest rotation; `seconds` at most. The same time twice if nothing moves.
         """
         assert self.arch is not None
         time, shift, turn = self._arrays()
@@ -286,7 +288,7 @@ def response_of(results: Outcomes, row: int, method: str, wall_time: float) -> R
 def empty_output(
     n_frame: int, n_entry: int, n_body: int, n_joint: int
 ) -> tuple[Frames, MechanismLog]:
-    """Space for so many frames of a history and entries of a log."""
+    """Return the space for so many frames of a history and entries of a log."""
     body, joint = (n_frame, n_body, 3), (n_frame, n_joint, 3)
     time, cause, joint_of_cause, model = (
         np.zeros(n_entry, code) for code in (np.float64, np.int8, np.int32, np.int8)
@@ -297,7 +299,8 @@ def empty_output(
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
-    """The frames that were written, with names and units; along time, voussoir, joint, component.
+    """Return the frames that were written, with names and units; along time, voussoir, joint,
+    component.
 
     Event-driven methods evaluate a frame at its instant; time stepping writes it where a step sets
     out, with the velocities between those half a step before and after and the mean reactions over
@@ -342,7 +345,7 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
 def mechanism_of(
     arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
 ) -> tuple[MechanismChange, ...]:
-    """Entries of a log in words, after the standstill in which the run began if it did.
+    """Return the entries of a log in words, after the standstill in which the run began if it did.
 
     `n_entry` changes were made: more than the log has space for if it was too small.
     """

@@ -245,7 +245,9 @@ def results_of_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], *, far: Far = None,
     **given: Any,
 ) -> tuple[Outcomes, np.ndarray]:  # fmt: skip
-    """As `simulate_many`: what the kernels leave, a row for each run, and wall times [s]."""
+    """Simulate many runs; return what the kernels leave, a row for each run, and wall times
+    [s].
+    """
     info, own, options = _checked_call(arch, motions, factors, **given)
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
@@ -265,7 +267,7 @@ def results_of_runs(
 def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], method: str, **given: Any
 ) -> list[Response]:
-    """As `simulate_many`, a response for each run."""
+    """Simulate many runs; return a response for each."""
     if arguments.check_method(method).load_many is None:
         pairs = zip(motions, factors, strict=True)
         with warnings.catch_warnings():

@@ -104,7 +104,9 @@ def prestress_text(arch: Arch) -> str:
 
 
 def _part_of_prestress(arch: Arch) -> float:
-    """Largest part of the prestress of its ties with which an arch stands; nan if with none."""
+    """Return the largest part of the prestress of its ties with which an arch stands; nan if with
+    none.
+    """
     ties = arch.chain.tie
     if ties is None:
         return math.nan

@@ -93,7 +93,7 @@ def check_block(given: Any, key: str) -> Any:
 
 
 def refuse(text: str, *keys: str) -> PydanticCustomError:
-    """An error of a value, or of keys in a block: `text` follows the value or the keys."""
+    """Return an error of a value, or of keys in a block; `text` follows the value or the keys."""
     return PydanticCustomError("refused", "{text}", {"text": text, "keys": list(keys)})
 
 
@@ -109,14 +109,14 @@ PathText = Annotated[str, Field(min_length=1), AfterValidator(_absolute)]
 
 
 def key_path(parts: Sequence[Any]) -> str:
-    """Keys and indices as people write them: ``arches[0].radius``."""
+    """Return the keys and indices as people write them: ``arches[0].radius``."""
     return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
 
 
 def first_message(
     error: ValidationError, given: Any, written: Callable[[Sequence[Any]], str] = key_path
 ) -> str:
-    """Message on the first thing that is wrong: key, value and rule.
+    """Return the message on the first thing that is wrong: key, value and rule.
 
     `given` is what was validated; `written` tells how a list of keys and numbers is written.
     """

@@ -45,13 +45,13 @@ def batch_step(batch: int, batches: int) -> str:
 
 
 def step_names(study: Study) -> list[str]:
-    """All steps of a study in their order."""
+    """Return all steps of a study in their order."""
     count = study.execution.batches
     return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
 
 
 def products(study: Study, step: str) -> list[Path]:
-    """Files that a step makes; parts of runs have checks of their own."""
+    """Return the files that a step makes; parts of runs have checks of their own."""
     if step.startswith("batch"):  # a table of its runs, with how long each took
         return [study.work / "runs" / f"{step}.csv"]
     if step == "motions":
@@ -71,12 +71,12 @@ def products(study: Study, step: str) -> list[Path]:
 
 
 def _tables(study: Study) -> list[Path]:
-    """Tables of the runs of all batches."""
+    """Return the tables of the runs of all batches."""
     return [products(study, name)[0] for name in step_names(study) if name.startswith("batch")]
 
 
 def read_timings(study: Study) -> dict[str, list[float]]:
-    """Wall times of the runs of each arch [s]; empty if their tables are not there."""
+    """Return the wall times of the runs of each arch [s]; empty if their tables are not there."""
     paths = _tables(study)
     if not all(path.is_file() for path in paths):
         return {}
@@ -164,7 +164,7 @@ def finished(study: Study) -> "Fitted":
 
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:
-    """Steps to be done, and what has changed since they were done last."""
+    """Return the steps to be done, and what has changed since they were done last."""
     names, inputs = step_names(study), study_inputs(study)
     try:
         if changed := provenance.changes(read_manifest(study)["inputs"], inputs, study.folder):
@@ -182,7 +182,9 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
 
 
 def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> bool:
-    """Whether all runs of a plan are made, and that of the cube `before`, if any, was the same."""
+    """Return whether all runs of a plan are made, and that of the cube `before`, if any, was the
+    same.
+    """
     now = {name: provenance.digest_of(digest) for name, digest in plan.digests.items()}
     if before is not None and not now.items() <= before.items():
         return False
@@ -193,7 +195,7 @@ def _runs_are_there(study: Study, plan: Plan, before: dict[str, str] | None) -> 
 
 
 def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
-    """Why the results of a step are not those of the study as it is; empty if they are."""
+    """Return why the results of a step are out of date; empty if they are not."""
     own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     main = next(iter(own.values()))
     before, made = provenance.read_stamp(study, step)
@@ -209,7 +211,7 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
-    """Digests of all that the results of a step follow from, by the names of messages."""
+    """Return digests of a step's inputs, by the names that messages use."""
     found: dict[str, Any] = {
         "code": provenance.digest_of_code("**/*"),
         "packages": provenance.versions(),

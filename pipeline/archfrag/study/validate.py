@@ -44,7 +44,9 @@ MOST_ASKED = 12  # arches, records
 
 
 def shipped_folder() -> Path:
-    """Folder with Snakefile, rules and records: the checkout, or one of the installed package."""
+    """Return the folder with Snakefile, rules and records: the checkout, or one of the installed
+    package.
+    """
     for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
         if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
             return folder
@@ -68,7 +70,9 @@ def write_starter(folder: Path) -> Path:
 
 
 def suspicious(records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """Cautions on records by their files and samples, each with the records that it is on."""
+    """Return the cautions on records by their files and samples, each with the records that it is
+    on.
+    """
     alike: dict[str, list[str]] = {}
     for record in records:
         for text in record.cautions:
@@ -119,7 +123,7 @@ def unit_warnings(study: Study, found: Members) -> tuple[str, ...]:
 
 
 def read_from_drawing(entry: ArchEntry) -> list[str]:
-    """Text on the blocks of a drawing, the span first, and a caution if it shows more."""
+    """Return a text on the blocks of a drawing, span first, and a caution if it shows more."""
     path = Path(str(entry.drawing))
     drawn = read_drawing(path, entry.layer, entry.unit)
     layer, unit = f"layer {drawn.layer}", drawn.unit
@@ -136,14 +140,16 @@ def read_from_drawing(entry: ArchEntry) -> list[str]:
 
 
 def arch_texts(study: Study) -> tuple[str, ...]:
-    """Weights, forces and places of the first arches of a study, of a class those of its first."""
+    """Return the weights, forces and places of the first arches of a study, of a class those of
+    its first.
+    """
     first = {member.arch_class: member for member in reversed(study.members)}
     some = list(reversed(first.values()))[:MOST_ASKED]
     return tuple(f"{member.id}: {facts_text(member.entry.build())}" for member in some)
 
 
 def logo_url(logo: str) -> str:
-    """A picture as a data URL; InputError if it is missing, too large or of another kind.
+    """Return a picture as a data URL; InputError if it is missing, too large or of another kind.
 
     Its kind follows from its content: the first bytes of PNG and JPEG, the root element of SVG.
     """

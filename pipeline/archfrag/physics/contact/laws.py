@@ -108,7 +108,7 @@ def cone_rays(j, model, ax, ay, bx, by):
 
 @kernel
 def functions_if_open(j, work, value, target):
-    """Opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
+    """Write the opening rates of corner 0 by the two normals, then those of corner 1 (Eqs 5, 23).
 
     Reads: work (candidate, corner_rate, known, side_normal).
     Writes: value, target.
@@ -127,7 +127,8 @@ def functions_if_open(j, work, value, target):
 
 @kernel
 def functions_if_closed(j, model, work, value, target):
-    """Normal forces at both corners, then Coulomb's limits of either sense, or the slip rate.
+    """Write normal forces at both corners, then Coulomb's limits of either sense, or the slip
+    rate.
 
     Reads: model.friction, work.
     Writes: value, target.
@@ -147,7 +148,8 @@ def functions_if_closed(j, model, work, value, target):
 
 @kernel
 def functions_if_corner(j, model, work, value, target):
-    """Margins of the cones about both normals, or force and slip rate; then the other corner.
+    """Write margins of the cones about both normals, or force and slip rate; then the other
+    corner.
 
     Reads: model.ray, work.
     Writes: value, target.

@@ -158,7 +158,9 @@ def largest_force(work):
 
 @inlined
 def closes_soon(j, k, work, ahead):
-    """Whether an open corner will touch within the time `ahead` after its bias's own time."""
+    """Return whether an open corner will touch within the time `ahead` after its bias's own
+    time.
+    """
     ux = (1.0 + ahead) * work.corner_rate[j, k, 0] - ahead * work.bias[j, k, 0]
     uy = (1.0 + ahead) * work.corner_rate[j, k, 1] - ahead * work.bias[j, k, 1]
     asks = (work.asked_contact[j, k] > 0.5) | (opening_rate(j, k, ux, uy, work) < 0.0)

@@ -92,7 +92,7 @@ NO_BREAK = Break(-1, np.inf, laws.OPEN, -1)
 
 
 def new_path(model: Model) -> Path:
-    """Workspace for the chain of a model."""
+    """Return the workspace for the chain of a model."""
     n_joint = model.friction.size
     friction = np.minimum(model.friction, PATH_FRICTION)
     limited = model._replace(friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1))

@@ -26,7 +26,7 @@ SLACK, TAUT, YIELDS, BROKEN = 0.0, 1.0, 2.0, 3.0
 
 @inlined
 def _end(model, t, side, x, y, angle):
-    """Where an end of a tie is, of a body at x, y that has rotated."""
+    """Return where an end of a tie is, of a body at x, y that has rotated."""
     s, c = sine_cosine(angle)
     a, b = model.tie[t, Tie.X_0 + 2 * side], model.tie[t, Tie.Y_0 + 2 * side]
     return x + c * a - s * b, y + s * a + c * b
@@ -34,7 +34,7 @@ def _end(model, t, side, x, y, angle):
 
 @inlined
 def _ends(model, t, position):
-    """Where the ends of a tie are, and the rows of its bodies."""
+    """Return where the ends of a tie are, and the rows of its bodies."""
     i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
     px, py = _end(model, t, 0, position[i, 0], position[i, 1], position[i, 2])
     qx, qy = _end(model, t, 1, position[k, 0], position[k, 1], position[k, 2])
@@ -72,7 +72,7 @@ def place_tie(model, t, position, tie):
 
 @inlined
 def stretch_rate(model, t, velocity, tie):
-    """Rate at which a tie grows longer [m/s]."""
+    """Return the rate at which a tie grows longer [m/s]."""
     i, k = int(model.tie[t, Tie.BODY_0]), int(model.tie[t, Tie.BODY_1])
     rate = tie[t, TieWork.DX] * (velocity[k, 0] - velocity[i, 0])
     rate += tie[t, TieWork.DY] * (velocity[k, 1] - velocity[i, 1])
@@ -267,7 +267,7 @@ def _solve_impulses(model, work):
 
 @kernel
 def solve_with_ties(model, position, work, scale, precision, first):
-    """As `archfrag.physics.contact.blocks.solve_modes`, with the impulses of ties.
+    """Solve the contact problem in the present modes (`solve_modes`), with the impulses of ties.
 
     Reads: model (inverse_inertia, inverse_mass, ray, tie), position, work, precision.left.
     Writes: work.

@@ -66,7 +66,9 @@ def run(
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Outcomes:
-    """One run after the other; as `archfrag.physics.steps.run.run_many`."""
+    """Make runs one after the other; arguments are those of
+    `archfrag.physics.steps.run.run_many`.
+    """
     model, results = model_of(chain), shared.new_results(len(motion))
     rest, output = rest_of(model), shared.no_output(chain.mass.size, chain.friction.size)
     for row, (number, by) in enumerate(zip(motion, factor)):

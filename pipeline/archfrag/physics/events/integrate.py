@@ -128,7 +128,7 @@ def record_place(run, mega, position):
 
 @inlined
 def _has_collapsed(run, mega, position):
-    """Whether a joint has lost contact for good; records gaps of joints without contact."""
+    """Return whether a joint has lost contact for good; records gaps of joints without contact."""
     collapsed, work = False, mega.work
     for k in range(mega.work.slip.shape[0]):
         per_length = 1.0 / mega.model.length[k]
@@ -179,8 +179,7 @@ def begin_motion(run, mega, segment):
 
 @kernel
 def recover_reactions(run, mega, position, velocity, ground):
-    """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
-    it is.
+    """Recover all voussoirs and their reactions; return whether the first level has a solution.
 
     Reads: run, mega, position, velocity, ground.
     Writes: run, mega.

@@ -231,7 +231,7 @@ def _gap_at(motion, mega, part, k, c):
 
 @inlined
 def closed_inside(motion, mega, step):
-    """Whether a corner that is open at both ends of a step closes inside it, and where.
+    """Return whether a corner that is open at both ends of a step closes inside it, and where.
 
     Returns part, searched.
 

@@ -114,7 +114,7 @@ def _close_slow_joints(run):
 
 @inlined
 def _approaches(run):
-    """Whether the solved velocities close a corner that touches."""
+    """Return whether the solved velocities close a corner that touches."""
     work, limit = run.work, -STAYING * run.motion.speed
     approaches = False
     for j in range(work.slide.size):

@@ -70,7 +70,7 @@ _calls: list[set[str]] = []  # by the versions that are being compiled, the inne
 
 
 def version_of(kernel: Kernel, args: tuple[Any, ...]) -> Version:
-    """Version of a kernel for numba's types of its arguments."""
+    """Return the version of a kernel for numba's types of its arguments."""
     found = _versions.get((kernel.name, args))
     if found is None:
         found = _compiled(kernel, args)
@@ -180,11 +180,11 @@ class KernelType(types.Callable, types.Dummy):
         return version_of(self.kernel, given).returned(*given)
 
     def get_call_signatures(self) -> Any:
-        """No signatures are known before a call."""
+        """Return nothing: no signatures are known before a call."""
         return (), True
 
     def get_impl_key(self, sig: Any) -> Any:
-        """Key of the code of a call."""
+        """Return the key of the code of a call."""
         return self.name
 
 

@@ -37,11 +37,11 @@ class _Four(types.Type):
         super().__init__(name=name)
 
     def unify(self, typingctx: Any, other: Any) -> Any:
-        """A variable that is plain on one path and of four on another is of four."""
+        """Return the type of four if one path gives a plain value and another one of four."""
         return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """A plain value converts as safely as an integer to a float."""
+        """Return that a plain value converts as safely as an integer to a float."""
         safe = typingctx.can_convert(types.int32, types.float64)
         return safe if isinstance(other, self.plain) else None
 
@@ -260,7 +260,7 @@ class FieldType(types.Array):
 
 
 def plain(of: Any) -> Any:
-    """Type as which a value is passed on."""
+    """Return the type as which a value is passed on."""
     return of.plain if isinstance(of, FieldType) else types.unliteral(of)
 
 
@@ -269,7 +269,7 @@ lower_cast(FieldType, types.Array)(lambda context, builder, of, to, value: value
 
 
 def _item(context: Any, builder: Any, of: FieldType, array: Any, index: Any, given: Any) -> Any:
-    """Address of an item of a field, None if the index is not one of numbers; and its metadata."""
+    """Return address of an item of a field and its metadata; None if the index is no number."""
     several = isinstance(index, types.BaseTuple)
     kinds = index.types if several else (index,)
     if len(kinds) != of.ndim or not all(isinstance(each, types.Integer) for each in kinds):

@@ -11,13 +11,13 @@ PROCESSOR, NEEDED = "x86-64-v3", ("avx2", "fma", "bmi2")
 
 
 def has_common_features() -> bool:
-    """Whether this processor has what `PROCESSOR` has."""
+    """Return whether this processor has what `PROCESSOR` has."""
     return all(llvm.get_host_cpu_features().get(each) for each in NEEDED)
 
 
 @functools.cache
 def machine(processor: str = "") -> Any:
-    """LLVM's description of this machine's processor, or of another."""
+    """Return LLVM's description of this machine's processor, or of another."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = "" if processor else llvm.get_host_cpu_features().flatten()

@@ -44,7 +44,7 @@ def count_breaks(grounds: Grounds) -> int:
 
 
 def goes_by_events(tolerance: float, n_body: int = 0, n_break: float = np.inf) -> bool:
-    """Whether `auto` integrates from event to event rather than by steps on all voussoirs.
+    """Return whether `auto` integrates from event to event rather than by steps on all voussoirs.
 
     `n_break` is `count_breaks` where a history is asked for, else infinite.
 
@@ -95,7 +95,7 @@ def _made_well(
 def run_many(
     chain: Chain, grounds: Grounds, motion: np.ndarray, factor: np.ndarray, options: Options
 ) -> Outcomes:
-    """Many runs; as `archfrag.physics.steps.run.run_many`."""
+    """Make many runs; arguments are those of `archfrag.physics.steps.run.run_many`."""
     by_events = goes_by_events(options.tolerance)
 
     def make(method: ModuleType, given: Options, rows: np.ndarray) -> Outcomes:

@@ -203,7 +203,7 @@ def next_step(state, options, where, until):
 
 @inlined
 def locates(state, options, live):
-    """Whether a step is so long that a corner which closes off its middle refuses it."""
+    """Return whether a step is so long that a corner which closes off its middle refuses it."""
     clock = state.clock
     step = clock[Clock.STEP]
     return live & (step > NEARLY * options.time_step) & opposite(is_centred(clock, step))

@@ -223,7 +223,7 @@ class One(NamedTuple):
 
 
 def new_one(model: Model) -> One:
-    """Buffers for one run."""
+    """Return the buffers for one run."""
     state, work = new_state(model), new_work(model)
     returned = tuple(array.reshape(-1) for array in state)
     fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
@@ -231,7 +231,7 @@ def new_one(model: Model) -> One:
 
 
 def new_four(model: Model) -> Four:
-    """Buffers for four runs."""
+    """Return the buffers for four runs."""
     state, work = new_state(model, lane_array), new_work(model, lane_array)
     returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
     also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
@@ -267,7 +267,7 @@ def next_run(model, grounds, one, options, jobs, output, results):
 
 @kernel
 def run_four(model, grounds, four, one, options, jobs, output, results):
-    """Many runs from rest, four at a time; arguments as `next_run`.
+    """Make many runs from rest, four at a time; arguments are those of `next_run`.
 
     Reads: model, grounds, four, one, options, jobs (factor, motion, runs, upcoming), output.
     Writes: four, one, jobs (runs, upcoming), output, results.
@@ -310,7 +310,7 @@ def rest_of(model: Model) -> tuple[float, float]:
 
 
 def _buffers(model: Model) -> tuple[Four, One]:
-    """Buffers for many runs of a chain, as new; a thread keeps those that it used last."""
+    """Return buffers for many runs of a chain; a thread keeps those that it used last."""
     kept = _kept.__dict__
     if kept.get("model") is not model:
         kept["model"], kept["buffers"] = model, (new_four(model), new_one(model))

@@ -36,7 +36,7 @@ MOST_STEPS, ITERATIONS_PER_STEP = 2.0, 16.0
 
 @kernel
 def is_as_built(model, state):
-    """Whether all joints are closed and none has slipped: the chain is in its own geometry.
+    """Return whether all joints are closed and none has slipped: the chain is in its own geometry.
 
     Reads: model.length, state (contact, slip).
     Writes: nothing.

@@ -164,7 +164,7 @@ def go_to_middle(model, state, work, step):
 
 @inlined
 def is_centred(clock, step):
-    """Whether an impact is expected in the middle of the next step."""
+    """Return whether an impact is expected in the middle of the next step."""
     return abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step)) <= CENTRED * step
 
 
@@ -245,7 +245,7 @@ def record_far_work(state, work, where):
 
 @inlined
 def _is_complete(j, model, state, work):
-    """Whether no touching corner still closes, or opens again, at a rate that counts."""
+    """Return whether no touching corner still closes, or opens again, at a rate that counts."""
     nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
     fall = model.gravity * step
     complete = True

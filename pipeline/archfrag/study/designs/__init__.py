@@ -22,7 +22,7 @@ AnyDesign = Annotated[
 
 
 def design_of(facts: Mapping[str, Any]) -> Design:
-    """The design of a cube, whose facts may hold those of its arches too."""
+    """Return the design of a cube, whose facts may hold those of its arches too."""
     keys = {key: value for key, value in facts.items() if key != "arches"}
     found: Design = TypeAdapter[Any](AnyDesign).validate_python(keys)
     return found

@@ -206,7 +206,7 @@ class Distribution(Section):
         return self
 
     def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
+        """Return the distribution to draw from."""
         keys: Any = self
         if self.distribution == "normal":
             law = stats.norm(keys.mean, keys.sd or keys.cov * keys.mean)
@@ -366,7 +366,7 @@ class ArchEntry(Section):
         return self.model_dump(exclude_none=True)
 
     def read(self) -> "ArchEntry":
-        """The arch with what its drawing holds; GeometryError if that cannot be an arch."""
+        """Return the arch with what its drawing holds; GeometryError if that cannot be an arch."""
         if self.drawing is None:
             return self
         drawn = read_drawing(self.drawing, self.layer, self.unit)
@@ -377,7 +377,7 @@ class ArchEntry(Section):
         return ArchEntry.model_validate({**given, **blocks, "profile": "polygons"})
 
     def build(self) -> "Arch":
-        """The arch, of one that varies by its own values; GeometryError if it cannot exist."""
+        """Return arch, of one that varies by its own values; GeometryError if it cannot exist."""
         entry = self.read()
         key = repr(entry.model_dump(exclude={"id", "vary"}))
         if key not in _BUILT:
@@ -411,7 +411,7 @@ _MOST_KEPT = 256
 
 
 def _built(entry: ArchEntry) -> "Arch":
-    """The arch of an entry, which is read from its drawing already."""
+    """Return the arch of an entry, which is read from its drawing already."""
     name, makers = str(entry.profile), {"block": arch.Block, "polygons": arch.Arch.from_polygons}
     make: Any = makers.get(name) or getattr(arch.Arch, name)
     later = {"strength", "springings", "ties", "recess", "vary", "id", "profile"}

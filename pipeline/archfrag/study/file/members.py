@@ -46,7 +46,7 @@ class Member:
 
     @cached_property
     def chain(self) -> str:
-        """Digest of the arrays that the kernels get of the arch."""
+        """Return the digest of the arrays that the kernels get of the arch."""
         digest = hashlib.sha256()
         for name, value in self.entry.build().chain._asdict().items():
             array = np.ascontiguousarray(value, "<f8")
@@ -58,12 +58,12 @@ Members = tuple[Member, ...]  # in the order of the study's entries
 
 
 def checked(members: Members) -> Members:
-    """All arches; if there are very many, some of them at equal distances."""
+    """Return all arches; if there are very many, some of them at equal distances."""
     return members[:: -(-len(members) // MOST_CHECKED) or 1]
 
 
 def shown(theta: Sequence[float]) -> list[int]:
-    """Places of the arches that a report shows one by one, by their median capacities.
+    """Return the places of the arches that a report shows one by one, by their median capacities.
 
     All of up to `SHOWN`; of many the weakest, the middle and the strongest. nan: no curve.
     """
@@ -99,7 +99,9 @@ def expand(entries: Sequence[ArchEntry]) -> Members:
 
 
 def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
-    """The arch of an entry, or those of its table; it fills the cells that a row leaves empty."""
+    """Yield the arch of an entry, or those of its table; it fills the cells that a row leaves
+    empty.
+    """
     if entry.table is None:
         with at(where):
             entry = entry.read()
@@ -140,7 +142,7 @@ def _listed(entry: ArchEntry, where: str) -> Iterator[Member]:
 
 
 def _drawn(base: Member) -> Iterator[Member]:
-    """The samples of an arch, or itself if it does not vary.
+    """Yield the samples of an arch, or itself if it does not vary.
 
     Keys are drawn by the scheme (`archfrag.arch.uncertain.sample`), but what differs from joint to
     joint by plain random numbers, the same for the n-th sample of a seed whatever the number of

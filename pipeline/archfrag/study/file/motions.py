@@ -28,7 +28,7 @@ def _mapping(given: Any) -> Any:
 
 
 def _settings(step: str) -> Any:
-    """Block of the settings of a step, as the table of steps describes them."""
+    """Return the block of the settings of a step, as the table of steps describes them."""
     fields: dict[str, Any] = {}
     for key, about in STEPS[step].get("settings", {}).items():
         if "one_of" in about:

@@ -37,7 +37,7 @@ class LevelRange(Section):
 
 
 def _listed(levels: list[float] | LevelRange) -> list[float]:
-    """All levels, of a range to twelve digits: what a person would have typed."""
+    """Return all levels, of a range to twelve digits: what a person would have typed."""
     if isinstance(levels, LevelRange):
         step = (levels.stop - levels.start) / (levels.count - 1)
         levels = [float(f"{levels.start + i * step:.12g}") for i in range(levels.count)]
@@ -251,7 +251,9 @@ def study_of(given: dict[str, Any], folder: Path, place: Any) -> Study:
 
 
 def study_schema() -> str:
-    """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
+    """Return the JSON schema of study files, for editors; the text of
+    ``configs/study.schema.json``.
+    """
     schema = Study.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"
