@@ -90,8 +90,8 @@ def tie_impulses(
         impulses = np.linalg.solve(matrix, np.where(taut, known + gain * free, held))
         rates = free + answer @ impulses
         law = [
-            tie_impulse(*each, step, pair)
-            for *each, pair in zip(stretch, stiffness, strength, zip(before, rates))
+            tie_impulse(stretch[t], stiffness[t], strength[t], step, (before[t], rates[t]))
+            for t in range(len(free))
         ]
         if np.allclose(impulses, law, rtol=1e-9, atol=1e-9 * step * np.abs(stiffness).max()):
             return impulses

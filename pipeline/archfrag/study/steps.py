@@ -25,6 +25,7 @@ from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
 from archfrag.study.file.schema import Study
 from archfrag.study.running import clock, only_run
+from archfrag.study.runs.execute import run_batch
 from archfrag.study.runs.store import Plan, gather, make_plan
 from archfrag.study.validate import check_start
 
@@ -103,20 +104,7 @@ def make_step(
         return finish(study, step)
     plan = plan or make_plan(study)
     if step.startswith("batch"):
-        from archfrag.study.runs.execute import run_batch
-
-        batch, batches = map(int, step.removeprefix("batch-").split("of"))
-        log, table = run_batch(study, batch, cores, quiet, plan)
-        (path,) = products(study, step)
-        make_folder(path.parent)
-        write_csv(path, [table])
-        name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
-        seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
-        told(
-            f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
-            f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
-        )
-        return None
+        return _make_batch(study, step, told, plan, cores, quiet)
     if compared is None and not out_of_date(study, step, plan):
         return None
     if step == "cube":
@@ -130,6 +118,23 @@ def make_step(
     elif report is not None:
         told(f"report: {report(study, compared)}")
     return finish(study, step, plan)
+
+
+def _make_batch(
+    study: Study, step: str, told: Say, plan: Plan, cores: int | None, quiet: bool
+) -> None:
+    """Make the runs of a batch that are missing, and the table of all its runs."""
+    batch, batches = map(int, step.removeprefix("batch-").split("of"))
+    log, table = run_batch(study, batch, cores, quiet, plan)
+    (path,) = products(study, step)
+    make_folder(path.parent)
+    write_csv(path, [table])
+    name = f"batch {batch + 1} of {batches}: " if batches > 1 else "simulations: "
+    seconds, new = log["wall_time"] - log["compile_time"], log["runs"] - log["kept"]
+    told(
+        f"{name}{counted(log['runs'], 'run')}, {log['kept']} kept from before, {new} new; "
+        f"{seconds:.1f} s on {counted(log['workers'], 'core')}"
+    )
 
 
 def finish(study: Study, step: str, plan: Plan | None = None) -> None:
@@ -212,37 +217,56 @@ def out_of_date(study: Study, step: str, plan: Plan | None = None) -> str:
 
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, str]:
     """Return digests of a step's inputs, by the names that messages use."""
-    found: dict[str, Any] = {
-        "code": provenance.digest_of_code("**/*"),
-        "packages": provenance.versions(),
+    code = {"code": provenance.digest_of_code("**/*"), "packages": provenance.versions()}
+    if step == "cube":
+        inputs = _inputs_of_cube(study, plan or make_plan(study))
+    else:
+        inputs = _INPUTS[step](study)
+    return {name: provenance.digest_of(value) for name, value in (code | inputs).items()}
+
+
+def _inputs_of_motions(study: Study) -> dict[str, Any]:
+    return {name: read_manifest(study)[name] for name in ("key", "inputs")}
+
+
+def _inputs_of_cube(study: Study, plan: Plan) -> dict[str, Any]:
+    return {
+        **plan.digests,
+        "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
+        "parameters of arches": [(m.id, m.values) for m in plan.arches],
+        "title": study.title, "institution": study.institution,
+        "settings": attributes(study, plan),
+        "motions": provenance.sha256_if_there(study.work / MANIFEST),
+    }  # fmt: skip
+
+
+def _inputs_of_fit(study: Study, before: Sequence[str] = ("cube",)) -> dict[str, Any]:
+    paths = [path for name in before for path in products(study, name)]
+    return {
+        **{path.name: provenance.sha256_if_there(path) for path in paths},
+        "report.confidence": study.report.confidence,
+        "limit_states": study.limit_states.model_dump(),
     }
-    if step == "motions":
-        found |= {name: read_manifest(study)[name] for name in ("key", "inputs")}
-    elif step == "cube":
-        plan = plan or make_plan(study)
-        found |= plan.digests | {
-            "attributes of arches": [(m.arch_class, m.attributes) for m in plan.arches],
-            "parameters of arches": [(m.id, m.values) for m in plan.arches],
-            "title": study.title, "institution": study.institution,
-            "settings": attributes(study, plan),
-        }  # fmt: skip
-    elif step in ("fit", "report"):
-        before = ("cube",) if step == "fit" else ("cube", "fit")
-        paths = [path for name in before for path in products(study, name)]
-        found |= {path.name: provenance.sha256_if_there(path) for path in paths}
-        found["report.confidence"] = study.report.confidence
-        found["limit_states"] = study.limit_states.model_dump()
-    if step in ("cube", "report"):
-        found["motions"] = provenance.sha256_if_there(study.work / MANIFEST)
-    if step == "report":
-        found["report"] = study.report.model_dump(exclude={"confidence", "logo"})
-        logo = Path(study.report.logo or "")
-        found["logo"] = [logo.name, provenance.sha256_if_there(logo)]
-        if study.risk is not None:
-            hazard = Path(study.risk.hazard)
-            given = study.risk.model_dump(exclude={"hazard"})
-            found["risk"] = [given, hazard.name, provenance.sha256_if_there(hazard)]
-    return {name: provenance.digest_of(value) for name, value in found.items()}
+
+
+def _inputs_of_report(study: Study) -> dict[str, Any]:
+    logo, risk = Path(study.report.logo or ""), {}
+    if study.risk is not None:
+        hazard = Path(study.risk.hazard)
+        given = study.risk.model_dump(exclude={"hazard"})
+        risk = {"risk": [given, hazard.name, provenance.sha256_if_there(hazard)]}
+    return {
+        **_inputs_of_fit(study, ("cube", "fit")),
+        "motions": provenance.sha256_if_there(study.work / MANIFEST),
+        "report": study.report.model_dump(exclude={"confidence", "logo"}),
+        "logo": [logo.name, provenance.sha256_if_there(logo)],
+        **risk,
+    }
+
+
+_INPUTS: dict[str, Callable[[Study], dict[str, Any]]] = {
+    "motions": _inputs_of_motions, "fit": _inputs_of_fit, "report": _inputs_of_report,
+}  # fmt: skip
 
 
 def run_study(
