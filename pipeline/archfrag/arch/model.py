@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -13,16 +12,16 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import bridge, checks, facts, shown
+from archfrag.arch import checks, facts, shown
 from archfrag.arch import ring as rings
 from archfrag.arch.building import Given, fields_of, plain
 from archfrag.arch.drawing import read_drawing
 from archfrag.arch.polygons import Blocks, polygon_shape
 from archfrag.arch.quasi_static import follow_tie
+from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_lines, tie_row
 from archfrag.errors import GeometryError
 from archfrag.files import counted
-from archfrag.physics.interface import Chain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,8 +36,7 @@ _OVER_SPAN: dict[str, tuple[float, float, Any]] = {
 _SHOWN = ("radius", "span", "rise", "thickness", "width", "height")  # in the repr
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Arch:
+class Arch(Shape):
     """Rigid voussoirs in a row between two rigid springings, or on one.
 
     Make one with a class method: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`,
@@ -66,14 +64,10 @@ class Arch:
 
     Attributes
     ----------
-    chain : Chain
-        Masses, inertias, centroids and joint faces for the mechanics.
     intrados, extrados : (n_voussoir + 1, 2) ndarray
         Ends of the joint lines by the user's names [m]; with a free end the last is no joint.
-    outlines : tuple of (m, 2) ndarray
-        Of the voussoirs, for drawing; not closed [m].
-    free_end, flipped : bool
-        The last voussoir touches no ground; corner 0 of the chain's joints is the extrados.
+    free_end : bool
+        The last voussoir touches no ground.
     parameters : dict
         What the user gave, with defaults, for strict JSON.
 
@@ -84,65 +78,10 @@ class Arch:
     <Arch pointed: 12 voussoirs, 13 joints; span 6 m, rise 4 m, thickness 0.6 m; 125 kN>
     """
 
-    chain: Chain
-    intrados: NDArray[np.float64]
-    extrados: NDArray[np.float64]
-    outlines: tuple[NDArray[np.float64], ...]
-    free_end: bool
-    flipped: bool
-    parameters: dict[str, Any]
-    given: Given  # what it was built of before recesses, springings and ties
-    built: Arch | None = None  # as it was before a springing moved
-
-    @property
-    def n_voussoir(self) -> int:
-        """Number of bodies."""
-        return len(self.chain.mass)
-
-    @property
-    def n_joint(self) -> int:
-        """Number of joints, those with the ground included."""
-        return len(self.chain.friction)
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """Centroids of the bodies at rest, (n_voussoir, 2) [m]."""
-        start = self.chain.start
-        return self.chain.centroid if start is None else start[:, :2]
-
-    @property
-    def springings(self) -> tuple[int, int]:
-        """Joints at the ends of the ring: of an arch on piers its skewbacks."""
-        left, right = self.parameters.get("piers", {}).get("courses", (0, 0))
-        return left, self.n_voussoir - right
-
-    @property
-    def depths(self) -> NDArray[np.float64]:
-        """Depth of each body across the plane, (n_voussoir,) [m]."""
-        given, (first, last) = self.parameters, self.springings
-        ring = np.broadcast_to(np.asarray(given["depth"], float), last - first)
-        return bridge.extended(ring, given["piers"], "depth") if "piers" in given else ring
-
-    @property
-    def dimensions(self) -> tuple[float, float, float]:
-        """Clear span, rise at the joints' intrados and mean thickness of the ring [m]."""
-        first, last = self.springings
-        inner, outer = self.intrados[first : last + 1], self.extrados[first : last + 1]
-        ends = inner[[0, -1]]
-        span, rise = abs(ends[1, 0] - ends[0, 0]), inner[:, 1].max() - ends[:, 1].min()
-        thickness = np.linalg.norm(outer - inner, axis=1).mean()
-        return float(span), float(rise), float(thickness)
-
     @property
     def tie_lines(self) -> NDArray[np.float64]:
         """Ends of the ties at rest, (n_tie, 2, 2) [m]."""
         return tie_lines(self)
-
-    @property
-    def tie_bodies(self) -> NDArray[np.int64]:
-        """Voussoirs at the ends of the ties, (n_tie, 2); of a springing -1 or their number."""
-        ties = np.zeros((0, 2)) if self.chain.tie is None else self.chain.tie
-        return ties[:, :2].astype(np.int64) - 1
 
     @property
     def fill_outlines(self) -> list[NDArray[np.float64]]:
@@ -554,10 +493,6 @@ class Arch:
         """
         given = {"height_over_crown": height_over_crown, "unit_weight": unit_weight}
         return self._with(fill={**given, **more})
-
-    def changed(self, **fields: Any) -> Arch:
-        """Return the arch with other attributes; of a `Block` it is an `Arch`."""
-        return Arch(**{**vars(self), **fields})
 
     def _with(self, **more: dict[str, Any]) -> Arch:
         if later := {"recess", "strength", "springings", "ties"} & set(self.parameters):

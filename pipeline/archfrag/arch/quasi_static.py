@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch.shape import Shape
 from archfrag.arch.tie_rods import tie_name
 from archfrag.errors import StabilityError
 from archfrag.physics.contact.path import new_path
@@ -17,9 +18,6 @@ from archfrag.physics.state import new_model, new_state, new_work
 from archfrag.physics.status import Tie, TieState
 from archfrag.physics.steps.creep import creep
 from archfrag.physics.steps.service import rest_range
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
 
 LOST_GAP = 0.5  # gap at both corners of a joint, over its length, of an arch that has fallen [1]
 # Step of a movement over the shortest joint, or as a rotation [rad]; the step in time makes
@@ -35,10 +33,13 @@ HOLDS = 1e-9
 PULL, LEAST_PULL, FOLLOWING, SOFT = 0.02, 1e-4, 2000, 1e6
 
 
-class SlowArch:
+Kind = TypeVar("Kind", bound=Shape)
+
+
+class SlowArch(Generic[Kind]):
     """An arch without velocity: in each step it goes where forces in balance let it go."""
 
-    def __init__(self, arch: Arch) -> None:
+    def __init__(self, arch: Kind) -> None:
         self._built = arch
         self.model = new_model(arch.chain)
         self._state, self._work = new_state(self.model), new_work(self.model)
@@ -71,7 +72,7 @@ class SlowArch:
                 return min(self.rest_range()) >= -HOLDS
         return False
 
-    def arch(self) -> Arch:
+    def arch(self) -> Kind:
         """Return the arch at rest where the bodies are."""
         arch, model = self._built, self.model
         start = self._state.position[1:-1].copy()
@@ -138,7 +139,7 @@ class SlowArch:
         self._state.tie[tie] = TAUT, 0.0
 
 
-def follow_tie(arch: Arch) -> Arch:
+def follow_tie(arch: Kind) -> Kind:
     """Return an arch that has spread at rest under its last tie.
 
     Its hinges leave it one thrust, so that it moves where a tie pulls, until joints close. The tie

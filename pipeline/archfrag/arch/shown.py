@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from archfrag.arch.checks import FloatArray
-
-if TYPE_CHECKING:
-    from archfrag.arch.model import Arch
+from archfrag.arch.shape import Shape
 
 
-def fill_outlines(arch: Arch) -> list[FloatArray]:
+def fill_outlines(arch: Shape) -> list[FloatArray]:
     """Return the outlines of fill and of backing, (m, 2) each [m]; empty without fill.
 
     They run along chords of the extrados, on which the voussoirs are drawn.
@@ -40,7 +36,7 @@ def fill_outlines(arch: Arch) -> list[FloatArray]:
 
 
 def frame(
-    arch: Arch, place: FloatArray, rotation: FloatArray, margin: float
+    arch: Shape, place: FloatArray, rotation: FloatArray, margin: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lower left and the upper right corner of a frame about all bodies [m].
 
