@@ -66,8 +66,6 @@ class Arch(Shape):
     ----------
     intrados, extrados : (n_voussoir + 1, 2) ndarray
         Ends of the joint lines by the user's names [m]; with a free end the last is no joint.
-    free_end : bool
-        The last voussoir touches no ground.
     parameters : dict
         What the user gave, with defaults, for strict JSON.
 

@@ -18,8 +18,9 @@ class Shape:
     """Attributes of an `Arch`, and what follows from them.
 
     `chain` has masses, inertias, centroids and joint faces for the kernels; if `flipped`, corner 0
-    of its joints is the extrados. `outlines` are those of the voussoirs, (m, 2) each, not closed
-    [m]; `parameters` is what the user gave, for strict JSON.
+    of its joints is the extrados. With a `free_end` the last voussoir touches no ground.
+    `outlines` are those of the voussoirs, (m, 2) each, not closed [m]; `parameters` is what the
+    user gave, for strict JSON.
     """
 
     chain: Chain
