@@ -16,9 +16,8 @@ from obspy import Stream, Trace
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.calibrate import accept_or_refuse, implausible
+from archfrag.motions.channel import instrument, unit_factor
 from archfrag.motions.index import index_table, write_index
-from archfrag.motions.motion import unit_factor
-from archfrag.motions.partners import channel_code, instrument, is_vertical
 from archfrag.motions.read import read_channels, record_name
 
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
@@ -41,7 +40,7 @@ def convert_record(
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
     for group in groups:
-        code = _plain(channel_code(group[0])) or len(written) + 1
+        code = _plain(group[0].stats.record.code) or len(written) + 1
         middle, end = "" if len(groups) == 1 else f".{code}", "mseed" if form == "mseed" else "txt"
         target = place / f"{record_name(file)}{middle}.{end}"
         if os.path.realpath(target) == os.path.realpath(file) or target in written:
@@ -56,16 +55,16 @@ def convert_record(
                 made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
                 part.write_text(_text(group[0], factor, to, made), encoding="ascii")
         written.append(target)
-        if all(map(is_vertical, group)):
+        if all(channel.stats.record.is_vertical for channel in group):
             continue
-        first = group[0].stats
+        first, facts = group[0].stats, group[0].stats.record.facts
         rows[target.stem] = {
             "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-            "event": str(first.record.get("event", "")),
-            **{key: first.record[key] for key in _HEADER if key in first.record},
+            "event": first.record.event,
+            **{key: facts[key] for key in _HEADER if key in facts},
             "dt_s": float(first.delta), "unit": to,
             "columns": "" if form == "mseed" else "time=1 acceleration=2",
-            "channels": " ".join(map(channel_code, group)),
+            "channels": " ".join(channel.stats.record.code for channel in group),
             "source": file.name, "source_sha256": digest,
             "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
         }  # fmt: skip
@@ -76,15 +75,16 @@ def convert_record(
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
     """Channels with codes of their own if SEED can hold them, or else new ones."""
     codes = [(_plain(channel.stats.network)[:2] or "XX", _plain(channel.stats.station)[:5],
-              str(channel.stats.location).strip(), channel_code(channel))
+              str(channel.stats.location).strip(), channel.stats.record.code)
              for channel in group]  # fmt: skip
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes)
     if not held or len(set(codes)) < len(codes):
         horizontals = dict.fromkeys(map(instrument, group), 0)
         for number, (channel, its) in enumerate(zip(group, map(instrument, group))):
-            horizontals[its] += not is_vertical(channel)
+            vertical = channel.stats.record.is_vertical
+            horizontals[its] += not vertical
             place = f"{list(horizontals).index(its):02d}" if len(horizontals) > 1 else ""
-            kind = "HNZ" if is_vertical(channel) else f"HN{horizontals[its]}"
+            kind = "HNZ" if vertical else f"HN{horizontals[its]}"
             codes[number] = (*codes[number][:2], place, kind)
         if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(horizontals) > 99:
             raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
@@ -100,14 +100,13 @@ def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
 def _text(channel: Trace, factor: float, unit: str, made: str) -> str:
     """Columns of time and acceleration below a header, all in ASCII."""
     stats, record, dt = channel.stats, channel.stats.record, float(channel.stats.delta)
-    date = record.get("date") or (stats.starttime.date if stats.starttime.timestamp else "")
-    facts = {"event": record.get("event"), "date": date,
-             "station": record.get("station") or stats.station}  # fmt: skip
+    date = record.date or (stats.starttime.date if stats.starttime.timestamp else "")
+    facts = {"event": record.event, "date": date, "station": record.station or stats.station}
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         made,
         *(f"{name}: {fact}" for name, fact in facts.items() if fact),
-        f"component: {channel_code(channel)}; dt = {dt!r} s; {channel.data.size} samples",
+        f"component: {record.code}; dt = {dt!r} s; {channel.data.size} samples",
         *(f"step: {step}" for step in record.log),
     ]
     times = (np.arange(channel.data.size) * dt).tolist()

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.motions.motion import Motion
-from archfrag.motions.partners import seconds
+from archfrag.motions.motion import Motion, seconds
 from archfrag.motions.process import REVERSED
 
 APART = 60.0  # [s] between origin times, or starts of records, of one earthquake

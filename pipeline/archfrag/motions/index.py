@@ -7,18 +7,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import opened, read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.motion import unit_factor
+from archfrag.motions.channel import unit_factor
+from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.tables import check_decimals, parse_table
-
-if TYPE_CHECKING:
-    from archfrag.motions.formats.columns import Columns
 
 INDEX_NAME = "index.csv"
 COLUMNS = (
@@ -49,7 +48,7 @@ class IndexEntry:
     sha256: str  # of the file, or its first digits
     metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
     accept: tuple[str, ...] = ()
-    columns: "Columns | None" = None
+    columns: Columns | None = None
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -87,8 +86,6 @@ def load_index(path: str | Path) -> list[IndexEntry]:
                 raise RecordError(f"{place}: {column} = {text!r} is not a number")
         columns = None
         if values.get("columns"):
-            from archfrag.motions.formats.columns import parse_columns  # imports obspy
-
             try:
                 columns = parse_columns(values["columns"])
             except InputError as error:
@@ -144,8 +141,6 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
-    import pandas as pd
-
     table, path = list(rows), Path(folder) / INDEX_NAME
     columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
     write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])

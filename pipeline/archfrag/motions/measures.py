@@ -21,16 +21,15 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.channel import STANDARD_GRAVITY, check_right_angle
 from archfrag.motions.oscillator import largest_response
-from archfrag.motions.partners import check_right_angle
 
 # Units in which levels may be given, by the SI unit of their measure.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
@@ -48,6 +47,21 @@ _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
 
 
+class Shaking(Protocol):
+    """What a measure needs of a motion: rows of acceleration [m/s2] at equal steps [s]."""
+
+    @property
+    def acceleration(self) -> Samples: ...
+    @property
+    def transverse(self) -> Samples | None: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def id(self) -> str: ...
+    @property
+    def metadata(self) -> Mapping[str, Any]: ...
+
+
 class Measure(NamedTuple):
     """A parsed name: its kind, its periods [s] if any, and the SI unit of its values."""
 
@@ -58,7 +72,7 @@ class Measure(NamedTuple):
 
 
 def integral(samples: Samples, dt: float) -> Samples:
-    """Integral from zero at the first sample by the trapezoid rule, shape (n_sample,)."""
+    """Return the integral from the first sample by the trapezoid rule, shape (n_sample,)."""
     values = np.zeros(samples.size)
     np.add(samples[1:], samples[:-1], out=values[1:])
     values *= 0.5 * dt
@@ -68,7 +82,10 @@ def integral(samples: Samples, dt: float) -> Samples:
 def arias_times(
     acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
 ) -> list[float]:
-    """When the Arias intensity, of both horizontals if there are two, reaches parts of it [s]."""
+    """Return the times [s] at which the Arias intensity reaches fractions of its final value.
+
+    It is that of both horizontal components if there are two.
+    """
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
     time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
@@ -81,8 +98,8 @@ def _peak(values: Samples) -> float:
     return float(max(values.max(), -values.min()))
 
 
-def _cav(motion: Motion, count: int = 2**16, least: float = 0.0) -> float:
-    """CAV of the parts of so many steps in which the acceleration reaches `least`."""
+def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
+    """Return CAV, summed over the windows of `count` steps whose peak reaches `least`."""
     record, total = motion.acceleration, []
     for start in range(0, record.size - 1, count):
         part = record[start : start + count + 1]
@@ -97,8 +114,8 @@ def _cav(motion: Motion, count: int = 2**16, least: float = 0.0) -> float:
     return float(sum(total))
 
 
-def _average(motion: Motion, low: float, high: float) -> float:
-    """Geometric mean of Sa at 10 periods."""
+def _average(motion: Shaking, low: float, high: float) -> float:
+    """Return the geometric mean of Sa at 10 periods."""
     values = spectral_acceleration(motion, np.geomspace(low, high, 10))
     return float(np.exp(np.log(values).mean())) if values.all() else 0.0
 
@@ -155,50 +172,54 @@ def parse_measure(name: str) -> Measure:
 
 
 def measure_unit(name: str) -> str:
-    """SI unit of the values of an intensity measure: ``m/s2``, ``m/s``, ``m`` or ``s``."""
+    """Return the SI unit of an intensity measure: ``m/s2``, ``m/s``, ``m`` or ``s``."""
     return parse_measure(name).unit
 
 
 def scaling_exponent(name: str) -> int:
-    """Power of a factor on a motion with which a measure grows; 0 if it follows no power."""
+    """Return the power of a motion's factor with which a measure grows; 0 if there is none."""
     return _KINDS[parse_measure(name).kind][1]
 
 
-def measure(motion: Motion, name: str) -> float:
-    """Value of the named intensity measure in its SI unit; InputError if it cannot be had."""
-    found, one, other = parse_measure(name), motion.acceleration, motion.transverse
-    if not found.rotated:
-        return _KINDS[found.kind][3](motion, *found.periods)
+def measure(motion: Shaking, name: str) -> float:
+    """Return the value of an intensity measure in its SI unit.
+
+    InputError if the name is unknown, or needs a second component that the motion has not.
+    """
+    asked, one, other = parse_measure(name), motion.acceleration, motion.transverse
+    if not asked.rotated:
+        return _KINDS[asked.kind][3](motion, *asked.periods)
     if other is None:
         raise InputError(f"{motion.id or 'motion'}: {name} needs two horizontal components")
-    check_right_angle(motion, name, "; rotate them to an azimuth first")
-    if found.kind == "Sa":
-        peaks = _spectrum(one + 1j * other, motion.dt, found.periods, _ANGLES)[0]
+    remedy = "; rotate them to an azimuth first"
+    check_right_angle(motion.metadata, f"{motion.id or 'motion'}: {name}", remedy)
+    if asked.kind == "Sa":
+        peaks = _spectrum(one + 1j * other, motion.dt, asked.periods, _ANGLES)[0]
     else:
-        if found.kind == "PGV":
+        if asked.kind == "PGV":
             one, other = (integral(part, 1.0) * motion.dt for part in (one, other))
         peaks = np.array([np.abs(one * np.cos(a) + other * np.sin(a)).max() for a in _ANGLES])
-    return float(np.percentile(peaks, float(found.rotated[4:])))
+    return float(np.percentile(peaks, float(asked.rotated[4:])))
 
 
-def spectral_acceleration(motion: Motion, periods: ArrayLike) -> Samples:
-    """Pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
+def spectral_acceleration(motion: Shaking, periods: ArrayLike) -> Samples:
+    """Return the pseudo-spectral acceleration of linear oscillators, shape (n_period,) [m/s2].
 
-    The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, z = 0.05, at periods
-    T [s], at 200 points of a period or more (to 0.1 %, even of white noise). The acceleration
-    falls to zero in one step after the record; the free vibration that follows counts.
-    InputError unless periods are above 0.
+    It is the largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, z = 0.05, at
+    periods T [s], at 200 points of a period or more (to 0.1 %, even of white noise). The
+    acceleration falls to zero in one step after the record; the free vibration that follows
+    counts. InputError unless periods are above 0.
     """
     return _spectrum(motion.acceleration, motion.dt, periods, np.zeros(1))[:, 0]
 
 
 def scale_factor(
-    motion: Motion, measure_name: str, level: float, value: float | None = None
+    motion: Shaking, measure_name: str, level: float, value: float | None = None
 ) -> float:
-    """Factor on a motion that brings a measure to a level, in its SI unit, above 0.
+    """Return the factor on a motion that brings a measure to a level above 0, in its SI unit.
 
-    `value` is that of the motion, if it is known. InputError if the measure does not grow by a
-    power of the factor, RecordError if there is no motion.
+    `value` is the measure of the motion, if it is known. InputError if the measure does not grow
+    by a power of the factor, RecordError if the motion is zero.
     """
     if not scaling_exponent(measure_name):
         scaled = ", ".join(name for name, (_, exponent, _, _) in _KINDS.items() if exponent)
@@ -213,7 +234,7 @@ def scale_factor(
 
 
 def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples) -> Samples:
-    """Sa by angle, (n_period, n_angle); the second component is the imaginary part of `ground`."""
+    """Return Sa by angle, (n_period, n_angle); `ground` has the second component as imaginary."""
     chosen = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     if not (np.isfinite(chosen).all() and (chosen > 0.0).all()):
         raise InputError(f"periods {chosen.tolist()} must be positive numbers of seconds")

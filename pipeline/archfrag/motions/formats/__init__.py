@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 from obspy import Trace
-from obspy.core import AttribDict
 
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent, opened, wide_encoding
+from archfrag.motions.channel import Channel
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -46,8 +46,7 @@ _shared = list[ProcessPoolExecutor]()  # of the blocks of `one_reader`
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
     """Read the traces of a file in a format, or in the first one that recognises it.
 
-    Each has in ``stats.record`` what the header states, samples ``announced`` and ``held``, and
-    the ``messages`` of the reader. RecordError if the file is damaged or in no format.
+    Each has its `Channel` as ``stats.record``. RecordError if the file is damaged or in no format.
     """
     if form := form or recognise(path, (*TEXT, *BINARY)):
         return read_as(path, form)
@@ -117,10 +116,12 @@ def read_as(path: str, name: str) -> list[Trace]:
         if length and size % length:
             cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
             raise RecordError(f"{path}: {cut_off} bytes")
-        facts = {"announced": trace.stats.npts, "held": len(trace.data), "messages": list(shown),
-                 "log": (), "errors": ()}  # fmt: skip
-        trace.stats._format, trace.stats.npts = name, len(trace.data)
-        trace.stats.record = AttribDict({**facts, **trace.stats.get("record", {})})
+        announced, held = trace.stats.npts, len(trace.data)
+        if "record" not in trace.stats:
+            code = str(trace.stats.channel).strip()
+            trace.stats.record = Channel(code, announced=announced, held=held)
+        trace.stats.record.messages = list(shown)
+        trace.stats._format, trace.stats.npts = name, held
     return traces
 
 

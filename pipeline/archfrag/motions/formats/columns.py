@@ -116,11 +116,9 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         if _rises_evenly(own):
             rises = "what would be accelerations rises evenly, as times do"
             raise RecordError(f"{name}: {rises}; name the columns of both")
-        record = {
-            "announced": own.size, "held": own.size, "component": code,
-            "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
-        }  # fmt: skip
-        traces.append(trace_of(own, step, name, record))
+        facts = {"announced": own.size, "code": code, "vertical": code == "V",
+                 "log": [f"Columns {columns}."]}  # fmt: skip
+        traces.append(trace_of(own, step, name, facts))
         traces[-1].stats._format = "COLUMNS"
         if stated:
             traces[-1].stats.ascii = {"unit": stated[1]}

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
@@ -246,8 +247,6 @@ def shipped_recipes() -> list[Recipe]:
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
     """Write motions (those that are shipped) as ``synthetic/*.mseed`` [m/s2], with their index."""
-    from obspy import Stream, Trace, UTCDateTime
-
     folder, rows = Path(out_dir), []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes

@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.motions.motion import STANDARD_GRAVITY
+from archfrag.motions.channel import STANDARD_GRAVITY
 
 Row = NDArray[np.float64]
 SHEAR_VELOCITY = 3.5  # [km/s]

@@ -1,4 +1,4 @@
-"""The records of a study: found by index or pattern, read, processed, measured and stored."""
+"""The records of a study: find → read → pair → process → name, then measure and store."""
 
 import fnmatch
 import glob
@@ -9,33 +9,27 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import make_folder, sha256_of
-from archfrag.motions import index, partners
-from archfrag.motions.calibrate import check_file
-from archfrag.motions.cautions import sample_cautions
+from archfrag.motions import index, partners, read
+from archfrag.motions.cautions import motion_cautions
+from archfrag.motions.channel import VERTICAL
 from archfrag.motions.earthquakes import earthquakes, recording_of
+from archfrag.motions.formats import one_reader
+from archfrag.motions.formats.columns import parse_columns
 from archfrag.motions.measures import measure, scale_factor
-from archfrag.motions.partners import VERTICAL, folder_names
+from archfrag.motions.motion import Motion, load_motions, save_motions, with_component
+from archfrag.motions.partners import folder_names
 from archfrag.motions.process import REVERSED, both_senses
+from archfrag.study import provenance
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
 from archfrag.study.file.schema import Study
-from archfrag.study.provenance import (
-    Inputs,
-    canonical_json,
-    read_json,
-    sha256_if_there,
-    write_text,
-)
 from archfrag.study.yaml_text import relative
-
-if TYPE_CHECKING:
-    from archfrag.motions.motion import Motion
 
 MANIFEST, FOLDER = "motions.json", "motions"
 # Measures in which every run is known: the study's own is compared with them.
@@ -43,27 +37,38 @@ COMPARED = (
     "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
     "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
 )  # fmt: skip
+VERTICAL_LEFT = "Vertical component left out."
 _AGAIN = "run `archfrag motions` on the study file"
 
 
 @dataclass
-class Source:
+class RecordFile:
     """A record file, and how to read it."""
 
     path: Path
     options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
     entry: index.IndexEntry | None = None  # row of the study's index
     name: str | None = None  # what ids begin with, where the file's own name is not enough
-    # Files of the components that the study asks for, unless they are in the record's own.
+    # Files of the components that the study needs, unless they are in the record's own.
     others: dict[str, Path] = field(default_factory=dict)
 
+    @property
+    def is_vertical(self) -> bool:
+        """Tell whether the index lists a vertical component."""
+        code = self.entry.metadata.get("component") if self.entry else ""
+        return bool(VERTICAL.fullmatch(str(code or "")))
 
-VERTICAL_LEFT = "Vertical component left out."
+    @property
+    def site(self) -> tuple[Any, ...] | None:
+        """Return event and station by the index; None if either is unknown."""
+        about = self.entry.metadata if self.entry else {}
+        site = (about.get("event"), about.get("station"))
+        return site if all(site) else None
 
 
 @dataclass(frozen=True)
 class PreparedRecord:
-    """One stored motion with its facts for results."""
+    """One stored motion, and its facts for results."""
 
     id: str
     file: str  # of the stored motion, in the study's folder of work
@@ -84,261 +89,280 @@ class PreparedRecord:
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
-def find_sources(asked: Motions, measure: str) -> list[Source]:
-    """Find the record files that a study with this measure asks for.
+def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
+    """Find the record files that a study with this measure needs, and those of their components.
 
     InputError or RecordError for a file or id that is missing, or is there with two settings.
     """
     rows = [] if asked.index is None else index.load_index(asked.index)
-    select = None if asked.files else asked.select  # of files the ids are known when read
-    check_known(select or (), [row.id for row in rows])
-    given: dict[Path, Source] = {}
+    listed = [RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+              for row in rows]  # fmt: skip
+    sources, by_path = listed, dict[Path, RecordFile]()
+    if asked.select and not asked.files:  # of files the ids are known when they are read
+        check_known(asked.select, [row.id for row in rows])
+        sources = [file for file, row in zip(listed, rows) if row.id in asked.select]
     for number, entry in enumerate(asked.files):
         options = entry.model_dump(exclude={"path"})
         with at(f"motions.files[{number}]"):
             if entry.columns is not None:
-                from archfrag.motions.formats.columns import parse_columns
-
                 options["columns"] = parse_columns(entry.columns)
             for path in _matching(entry.path):
                 # Two patterns may match the same file.
-                if given.setdefault(path, source := Source(path, options)) != source:
-                    other = "another unit, inventory, columns or accept"
-                    raise InputError(f"an entry before it matches {path} with {other}")
-    every = [Source(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
-             for row in rows if select is None or row.id in select]  # fmt: skip
-    every += given.values()
-    for source in every:
-        check_file(source.path)
-        if inventory := source.options.get("inventory"):
-            check_file(Path(inventory))
+                if by_path.setdefault(path, file := RecordFile(path, options)) != file:
+                    differ = "another unit, inventory, columns or accept"
+                    raise InputError(f"an entry before it matches {path} with {differ}")
+    sources = [*sources, *by_path.values()]
+    for file in sources:
+        read.check_file(file.path)
+        if inventory := file.options.get("inventory"):
+            read.check_file(Path(inventory))
     # Without those that hold only the vertical component of another one's record.
-    verticals = partners.vertical_files(sorted({source.path for source in every}))
-    sites = {_site(source.entry) for source in every if not _is_vertical(source.entry)} - {None}
-    found = [source for source in every if source.path not in verticals
-             and not (_is_vertical(source.entry) and _site(source.entry) in sites)]  # fmt: skip
-    _name([source for source in found if source.entry is None])
-    _add_others(found, _components(asked, measure), rows)
-    return found
+    verticals = partners.vertical_files(sorted({file.path for file in sources}))
+    sites = {file.site for file in sources if not file.is_vertical} - {None}
+    sources = [file for file in sources if file.path not in verticals
+               and not (file.is_vertical and file.site in sites)]  # fmt: skip
+    _distinguish([file for file in sources if file.entry is None])
+    _find_components(sources, _needed(asked, measure), listed)
+    return sources
 
 
 def input_paths(study: Study) -> dict[str, list[Path]]:
-    """Files that the motions of a study follow from, by kind, and those that would count too."""
-    sources = find_sources(study.motions, study.intensity.measure)
-    given = study.motions.index
+    """Return the files, by kind, that the motions follow from, or would if they appeared."""
+    sources, given = find_sources(study.motions, study.intensity.measure), study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
-    places = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / index.INDEX_NAME for each in places for place in (each, each.parent)]
+    folders = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
     if given is not None:
         indices.insert(0, Path(given, index.INDEX_NAME if os.path.isdir(given) else ""))
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
-    for place in places:
+    for folder in folders:
         # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
-        every = sorted(place.glob("*.xml"))
-        inventories += [p for p in every if p.stem in names or p.stem.count(".") == 1]
+        tables = sorted(folder.glob("*.xml"))
+        inventories += [p for p in tables if p.stem in names or p.stem.count(".") == 1]
     return {"record": records, "index": indices, "inventory": inventories}
 
 
-def study_inputs(study: Study) -> Inputs:
-    """All files that the motions of a study follow from, with their digests.
+def study_inputs(study: Study) -> provenance.Inputs:
+    """Return the digests of all files that the motions of a study follow from.
 
     Paths are relative to the folder of the results, so that a study may be moved with them.
     """
     return {
         kind: {os.path.relpath(path, study.folder): digest for path in paths
-               if (digest := sha256_if_there(path)) is not None}
+               if (digest := provenance.sha256_if_there(path)) is not None}
         for kind, paths in input_paths(study).items()
     }  # fmt: skip
 
 
-def check_known(selected: Iterable[str], known: Iterable[str]) -> None:
-    """Check that all selected records exist; `InputError` names the first that does not."""
-    names = list(known)
+def check_known(selected: Iterable[str], ids: Sequence[str]) -> None:
+    """Raise InputError for the first selected record that does not exist."""
     for name in selected:
-        if name not in names:
-            hint = meant(name, names) or f"the study has {', '.join(names)}"
+        if name not in ids:
+            hint = meant(name, ids) or f"the study has {', '.join(ids)}"
             raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
 
 
 def _matching(text: str) -> list[Path]:
-    """The file of a path, or those of a pattern: in folders as written, with names in any case."""
+    """Return the file of a path, or those of a pattern, whose name may be in any case."""
     pattern = Path(text)
     if not glob.has_magic(text) or pattern.is_file():
         return [pattern]
     place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
     folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
-    every = [Path(folder, each) for folder in folders for each in folder_names(Path(folder))]
-    paths = sorted(p for p in every if name.match(p.name) and not index.goes_with_records(p))
+    paths = sorted(Path(folder, file) for folder in folders for file in folder_names(Path(folder))
+                   if name.match(file) and not index.goes_with_records(Path(file)))  # fmt: skip
     if not paths:
         raise InputError(f"no file matches {text}")
     return paths
 
 
-def _name(sources: Sequence[Source]) -> None:
-    """Give sources whose ids would be equal the names of their folders too, but common ones."""
-    stems, alike = Counter(source.path.stem for source in sources), dict[str, list[Source]]()
-    for source in sources:
-        if stems[source.path.stem] > 1 and index.find_entry(source.path) is None:
-            from archfrag.motions.read import record_name  # imports obspy
-
-            alike.setdefault(record_name(source.path), []).append(source)
-    for name, own in alike.items():
-        parents = [source.path.parent for source in own]
+def _distinguish(files: Sequence[RecordFile]) -> None:
+    """Give files whose ids would be equal the names of their folders, but for common ones."""
+    stems, alike = Counter(file.path.stem for file in files), dict[str, list[RecordFile]]()
+    for file in files:
+        if stems[file.path.stem] > 1 and index.find_entry(file.path) is None:
+            alike.setdefault(read.record_name(file.path), []).append(file)
+    for name, group in alike.items():
+        parents = [file.path.parent for file in group]
         common = os.path.commonpath(parents)
-        for source, parent in zip(own, parents) if own[1:] else ():
-            last = source.path.name if parents.count(parent) > 1 else name
-            source.name = "+".join((*parent.relative_to(common).parts, last))
+        for file, parent in zip(group, parents) if group[1:] else ():
+            last = file.path.name if parents.count(parent) > 1 else name
+            file.name = "+".join((*parent.relative_to(common).parts, last))
 
 
-def _components(asked: Motions, measure: str) -> dict[str, bool]:
-    """Whether motions need a vertical, and both horizontal components at once."""
-    pairs = any(name == "rotate" for name, _ in asked.steps)
-    pairs = pairs or measure.strip().startswith("RotD")
-    return {"vertical": asked.vertical, "transverse": pairs}
+def _needed(asked: Motions, measure: str) -> dict[str, bool]:
+    """Tell whether motions need a vertical, and both horizontal components at once."""
+    rotates = any(name == "rotate" for name, _ in asked.steps)
+    return {"vertical": asked.vertical, "transverse": rotates or measure.strip()[:4] == "RotD"}
 
 
-def _add_others(
-    sources: Sequence[Source], needed: dict[str, bool], rows: Sequence[index.IndexEntry]
+def _find_components(
+    files: Sequence[RecordFile], needed: dict[str, bool], listed: Sequence[RecordFile]
 ) -> None:
-    """Find the files of the other components that are asked for.
+    """Find the files of the other components that are needed.
 
     A row of the index with the same event and station comes before a file of nearly the same name.
     """
-    asked = [kind for kind, is_needed in needed.items() if is_needed]
-    places = {source.path.parent for source in sources} if asked else ()
-    by_name = {place: partners.partners(folder_names(place)) for place in places}
-    for source in sources if asked else ():
-        site = _site(source.entry)
-        alike = [row for row in rows if site and _site(row) == site and row is not source.entry]
-        for kind in asked:
-            vertical = kind == "vertical"
-            paths = [row.path for row in alike if _is_vertical(row) == vertical]
-            named = by_name[source.path.parent][vertical].get(source.path.name)
-            if len(paths) != 1 and named:
-                paths = [source.path.with_name(named)]
-            if len(paths) == 1:
-                source.others[kind] = paths[0]
+    kinds = [kind for kind, is_needed in needed.items() if is_needed]
+    folders = {file.path.parent for file in files} if kinds else ()
+    by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
+    for file, kind in ((file, kind) for file in files for kind in kinds):
+        vertical = kind == "vertical"
+        paths = [row.path for row in listed if file.site and row.site == file.site
+                 and row.entry is not file.entry and row.is_vertical == vertical]  # fmt: skip
+        name = by_name[file.path.parent][vertical].get(file.path.name)
+        if len(paths) != 1 and name:
+            paths = [file.path.with_name(name)]
+        if len(paths) == 1:
+            file.others[kind] = paths[0]
 
 
-def _is_vertical(row: index.IndexEntry | None) -> bool:
-    return row is not None and bool(VERTICAL.fullmatch(str(row.metadata.get("component") or "")))
+_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all of them
 
 
-def _site(row: index.IndexEntry | None) -> tuple[Any, Any] | None:
-    """Event and station of a row of an index, if both are known."""
-    found = (row.metadata.get("event"), row.metadata.get("station")) if row else (None, None)
-    return found if all(found) else None
-
-
-def read_sources(asked: Motions, measure: str) -> Iterator["Motion"]:
+def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
     """Read the motions that a study asks for one after the other, processed as it states."""
-    from archfrag.motions.formats import one_reader
-    from archfrag.motions.read import load_motion, read_horizontals
-
-    select, steps, needed = asked.select, asked.steps, _components(asked, measure)
+    steps, needed = asked.steps, _needed(asked, measure)
     chosen = dict(steps).get("choose", {}).get("components", ())
-    taken: dict[str, Path] = {}
-    left_out: dict[Any, str] = {}  # records by their facts, with a component not chosen
-    used, turned, known = set[Any](), set[Any](), list[str]()
-    pairs: dict[Path, dict[str, str]] = {}
     with one_reader():
-        for source in find_sources(asked, measure):
-            path, entry, options = source.path, source.entry, source.options
-            if entry is None:
-                every = read_horizontals(path, name=source.name, **options)
-            else:
-                every = [load_motion(entry)]
-            facts = {"file": path.name, "file_sha256": sha256_of(path)}
-            pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
-            for motion in every:
-                about, code = motion.metadata, str(motion.metadata.get("component", ""))
-                shared = tuple(str(about.get(k) or "") for k in ("event", "station", "start_time"))
-                record = shared if any(shared) else path
-                if chosen and not {code.upper(), code[-1:].upper()} & {c.upper() for c in chosen}:
-                    left_out.setdefault(record, f"{path}: record {motion.id} ({code})")
-                    continue
-                used.add(record)
-                other = pairs[path.parent].get(path.name)
-                if other and not partners.numbered(path.name, other):
-                    first = sha256_of(path.with_name(min(path.name, other)))
-                    facts["pair"] = f"{first[:16]} {motion.acceleration.size} {motion.dt:g}"
-                if (path, code) in turned:  # the other component of a motion that was rotated
-                    continue
-                motion = _with_components(needed, motion, every, source)
-                if "rotate" in dict(steps):
-                    same = motion.metadata.get("file_transverse", "") == path.name
-                    file = path if same else source.others.get("transverse")
-                    turned.add((file, motion.metadata.get("component_transverse", "")))
-                for number, (name, settings) in enumerate(steps):
-                    with at(f"{path}: motions.processing[{number}] ({name})", kind=RecordError):
-                        motion = apply_step(name, settings, motion, path, options.get("inventory"))
-                    if name == "rotate":
-                        one, other = motion.id, str(motion.metadata.get("id_transverse", ""))
-                        common = os.path.commonprefix([one, other]).rstrip(" -+_.:")  # noqa: RUF071
-                        motion = motion._replaced(id=common or f"{one}+{other}")
-                known.append(motion.id)
-                for each in both_senses(motion) if asked.both_senses else [motion]:
-                    if each.id in taken:
-                        whose = f"already belongs to {taken[each.id]}; each record needs its own"
-                        raise RecordError(f"{path}: the record id {each.id!r} {whose}")
-                    taken[each.id] = path
-                    if select is None or motion.id in select:
-                        yield each._replaced(metadata={**each.metadata, **facts})
+        recordings = _choose(_read(find_sources(asked, measure)), chosen)
+        paired = _pair(recordings, needed, "rotate" in dict(steps))
+        yield from _name(_process(paired, steps), asked)
+
+
+def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
+    """Read the horizontal components of files, with what tells the records of one earthquake."""
+    pairs: dict[Path, dict[str, str]] = {}
+    for file in files:
+        path = file.path
+        if file.entry is None:
+            motions = read.read_horizontals(path, name=file.name, **file.options)
+        else:
+            motions = [read.load_motion(file.entry)]
+        pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
+        other, first = pairs[path.parent].get(path.name), ""
+        if other and not partners.numbered(path.name, other):
+            first = sha256_of(path.with_name(min(path.name, other)))[:16]
+        for place, motion in enumerate(motions):
+            facts = {"file_sha256": sha256_of(path)} | motion.metadata
+            if first:
+                facts["pair"] = f"{first} {motion.acceleration.size} {motion.dt:g}"
+            motions[place] = replace(motion, metadata=facts)
+        yield from ((file, motion, motions) for motion in motions)
+
+
+def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[_Read]:
+    """Keep the chosen components (all if none is named); RecordError for a record without one."""
+    letters, left_out, used = {code.upper() for code in components}, dict[Any, str](), set[Any]()
+    for file, motion, motions in recordings:
+        about, code = motion.metadata, str(motion.metadata.get("component", ""))
+        facts = tuple(str(about.get(key) or "") for key in ("event", "station", "start_time"))
+        record = facts if any(facts) else file.path
+        if letters and not {code.upper(), code[-1:].upper()} & letters:
+            left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
+            continue
+        used.add(record)
+        yield file, motion, motions
     if lost := [name for record, name in left_out.items() if record not in used]:
-        text = f"has none of the components {', '.join(chosen)} that motions.processing chooses"
-        raise RecordError(f"{lost[0]}: {text}")
-    check_known(select or (), known)
-    if not known:
+        text = f"has none of the components {', '.join(components)} that motions.processing"
+        raise RecordError(f"{lost[0]}: {text} chooses")
+
+
+def _pair(
+    recordings: Iterable[_Read], needed: dict[str, bool], rotates: bool
+) -> Iterator[tuple[RecordFile, Motion]]:
+    """Give motions the components that are needed, and no others.
+
+    Where they are rotated, both horizontal components of a record give one motion.
+    """
+    turned = set[Any]()
+    for file, motion, motions in recordings:
+        if (file.path, str(motion.metadata.get("component", ""))) in turned:
+            continue
+        paired = motion
+        if motion.vertical is not None and not needed["vertical"]:
+            labels = {**motion.metadata, "vertical_component": ""}
+            paired = replace(motion, vertical=None, metadata=labels,
+                             log=(*motion.log, VERTICAL_LEFT))  # fmt: skip
+        for kind in (kind for kind, is_needed in needed.items() if is_needed):
+            if kind == "transverse" or motion.vertical is None:
+                other = _component(kind, file, motion, motions)
+                if file.entry is not None:  # what an index states, headers may spell otherwise
+                    labels = {**other.metadata, "event": "", "date": "", "station": ""}
+                    other = replace(other, metadata=labels)
+                paired = with_component(paired, other, kind)
+        if rotates:
+            about = paired.metadata
+            same = about.get("file_transverse", "") == file.path.name
+            other_file = file.path if same else file.others.get("transverse")
+            turned.add((other_file, about.get("component_transverse", "")))
+        yield file, paired
+
+
+def _component(kind: str, file: RecordFile, motion: Motion, motions: Sequence[Motion]) -> Motion:
+    """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
+    path, clue, other = file.others.get(kind), "", None
+    if kind == "transverse":
+        other = partners.other_horizontal(motion, motions)
+    if other is None and path is not None:
+        if kind == "vertical":
+            return read.read_vertical(path, **file.options)
+        candidates = read.read_horizontals(path, **file.options)
+        other = candidates[0] if len(candidates) == 1 else None
+        if other and file.entry is None and not partners.belong_together(motion, other):
+            other, alike = None, f"{path.name} has nearly the same name, but neither"
+            clue = f"{alike} start, event and station nor length show that it belongs. "
+    if other is None:
+        remedy = "leave this record out"
+        if kind == "vertical":
+            remedy += ", or set motions.vertical: false for all records"
+        component = "vertical" if kind == "vertical" else "other horizontal"
+        raise RecordError(
+            f"{file.path}: record {motion.id} has no {component} component, which the study "
+            f"needs. {clue}It must be in this file, in one whose name differs in the "
+            "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
+            f"with this event and station. Without such a file, {remedy}"
+        )
+    return other
+
+
+def _process(
+    paired: Iterable[tuple[RecordFile, Motion]], steps: Sequence[tuple[str, dict[str, Any]]]
+) -> Iterator[tuple[RecordFile, Motion]]:
+    """Apply the steps of processing; what is rotated is named after both components."""
+    for file, motion in paired:
+        for number, (name, settings) in enumerate(steps):
+            place = f"{file.path}: motions.processing[{number}] ({name})"
+            with at(place, kind=RecordError):
+                inventory = file.options.get("inventory")
+                motion = apply_step(name, settings, motion, file.path, inventory)
+            if name == "rotate":
+                ids = [motion.id, str(motion.metadata.get("id_transverse", ""))]
+                common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
+                motion = replace(motion, id=common or "+".join(ids))
+        yield file, motion
+
+
+def _name(processed: Iterable[tuple[RecordFile, Motion]], asked: Motions) -> Iterator[Motion]:
+    """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
+    taken, ids = dict[str, Path](), list[str]()
+    for file, motion in processed:
+        ids.append(motion.id)
+        for sense in both_senses(motion) if asked.both_senses else [motion]:
+            if sense.id in taken:
+                whose = f"already belongs to {taken[sense.id]}; each record needs its own"
+                raise RecordError(f"{file.path}: the record id {sense.id!r} {whose}")
+            taken[sense.id] = file.path
+            if asked.select is None or motion.id in asked.select:
+                yield sense
+    check_known(asked.select or (), ids)
+    if not ids:
         raise InputError("motions: the study has no record; give an index or files")
 
 
-def _with_components(
-    asked: dict[str, bool], motion: "Motion", every: Sequence["Motion"], source: Source
-) -> "Motion":
-    """Give a motion the components that are asked for, and no others."""
-    from archfrag.motions.read import read_horizontals, read_vertical
-
-    own = motion
-    if own.vertical is not None and not asked["vertical"]:
-        labels = {**own.metadata, "vertical_component": ""}
-        log = (*own.log, VERTICAL_LEFT)
-        motion = own._replaced(vertical=None, metadata=labels, log=log)
-    for kind, needed in asked.items():
-        if not needed or (kind == "vertical" and own.vertical is not None):
-            continue
-        file, also = source.others.get(kind), ""
-        other = None if kind == "vertical" else partners.other_horizontal(own, every)
-        if other is None and file is not None:
-            if kind == "vertical":
-                other = read_vertical(file, **source.options)
-            else:
-                found = read_horizontals(file, **source.options)
-                other = found[0] if len(found) == 1 else None
-                if other and source.entry is None and not partners.belong_together(own, other):
-                    other, alike = None, f"{file.name} has nearly the same name, but neither"
-                    also = f"{alike} start, event and station nor length show that it belongs. "
-        if other is None:
-            component, how = "other horizontal", "leave this record out"
-            if kind == "vertical":
-                component, how = kind, f"{how}, or set motions.vertical: false for all records"
-            raise RecordError(
-                f"{source.path}: record {own.id} has no {component} component, which the study "
-                f"needs. {also}It must be in this file, in one whose name differs in the "
-                "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
-                f"with this event and station. Without such a file, {how}"
-            )
-        if source.entry is not None:  # an index states what the headers may spell differently
-            labels = {**other.metadata, **dict.fromkeys(("event", "date", "station"), "")}
-            other = other._replaced(metadata=labels)
-        motion = partners.joined(motion, other, kind)
-    return motion
-
-
-def described(
-    study: Study, motion: "Motion", compared: Sequence[str] = COMPARED
-) -> PreparedRecord:
-    """Facts of a motion that is not stored yet; InputError if it cannot be scaled.
+def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) -> PreparedRecord:
+    """Return the facts of a motion that is not stored yet; InputError if it cannot be scaled.
 
     Its `measures` are that of the study and those that are `compared` with it.
     """
@@ -347,17 +371,13 @@ def described(
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
-    cautions = [*about.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
-    if motion.vertical is not None:
-        found = sample_cautions(motion.vertical, motion.dt)
-        cautions += [f"vertical: {text}" for text in found]
     return PreparedRecord(
         motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
         about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
         scale_factor(motion, own, 1.0, measures[own]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        cautions=cautions, samples=samples.hexdigest(),
+        cautions=motion_cautions(motion), samples=samples.hexdigest(),
     )  # fmt: skip
 
 
@@ -366,8 +386,6 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
 
     New motions count when the manifest is written, which is last; until then the old ones do.
     """
-    from archfrag.motions.motion import save_motions
-
     inputs, records, facts = study_inputs(study), list[PreparedRecord](), list[dict[str, Any]]()
     folder = make_folder(study.work / FOLDER)
     for motion in read_sources(study.motions, study.intensity.measure):
@@ -384,19 +402,19 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
         records.sort(key=lambda record: order.index(record.id))
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs,
                 "records": [asdict(record) for record in records]}  # fmt: skip
-    write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
+    provenance.write_text(study.work / MANIFEST, provenance.canonical_json(manifest) + "\n")
     for path in set(folder.glob("*.npz")) - {study.work / record.file for record in records}:
         path.unlink()
     return records
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
-    """The manifest that `prepare_motions` wrote: key, inputs and `PreparedRecord`s."""
+    """Return the manifest that `prepare_motions` wrote: key, inputs and `PreparedRecord`s."""
     path = study.work / MANIFEST
     try:
-        found = read_json(path)
-        records = [PreparedRecord(**record) for record in found["records"]]
-        return {"key": found["key"], "inputs": dict(found["inputs"]), "records": records}
+        stored = provenance.read_json(path)
+        records = [PreparedRecord(**record) for record in stored["records"]]
+        return {"key": stored["key"], "inputs": dict(stored["inputs"]), "records": records}
     except FileNotFoundError:
         raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -404,7 +422,7 @@ def read_manifest(study: Study) -> dict[str, Any]:
 
 
 def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored; InputError if they are not the study's or damaged."""
+    """Return the stored records; InputError if they are not those of the study, or damaged."""
     manifest = read_manifest(study)
     if manifest["key"] != motions_key(study):
         other = "other records or another measure than the study now has"
@@ -414,22 +432,20 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     return list(manifest["records"])
 
 
-def load_record(work: Path, record: PreparedRecord) -> "Motion":
-    """The motion of a record, stored in a study's folder of work."""
-    from archfrag.motions.motion import load_motions
-
+def load_record(work: Path, record: PreparedRecord) -> Motion:
+    """Load the motion of a record from a study's folder of work."""
     return load_motions(_check_stored(work, record))[0]
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
     path = work / record.file
-    if sha256_if_there(path) != record.prepared:
+    if provenance.sha256_if_there(path) != record.prepared:
         what = f"the motion prepared of record {record.id!r} is missing, changed or damaged"
         raise InputError(f"{path}: {what}; {_AGAIN}")
     return path
 
 
 def motions_key(study: Study) -> dict[str, Any]:
-    """Settings of a study on its motions and its measure; paths are as in `study_inputs`."""
+    """Return what a study sets of its motions and measure; paths are as in `study_inputs`."""
     motions = relative(study.motions.model_dump(mode="json"), study.folder)
     return {"motions": motions, "measure": study.intensity.measure}
