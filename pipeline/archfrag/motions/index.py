@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import opened, read_text, sha256_of, unquoted, write_csv
@@ -141,6 +140,8 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
+    import pandas as pd  # start-up: studies read indices without it
+
     table, path = list(rows), Path(folder) / INDEX_NAME
     columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
     write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])

@@ -1,6 +1,7 @@
 """Target spectra for selecting records, from the ground-motion models of pygmm."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,6 +142,23 @@ def conditional_spectrum(
     covariance[known, :] = covariance[:, known] = 0.0
     mean[known] = np.log(level)
     return Target(grid, mean, covariance, float(conditioning), messages)
+
+
+def scenario_target(
+    rupture: Rupture, period: float, level: tuple[float | None, float | None],
+    measured: Sequence[float], model: str,
+) -> Target:  # fmt: skip
+    """Return the conditional spectrum of a scenario at those `measured` periods near ``PERIODS``.
+
+    `level` is Sa at the conditioning `period` [g], or the standard deviations above its median.
+    Between measured periods the scatter of spectra would be lost.
+    """
+    sa, epsilon = level
+    if sa is None:
+        ln_median, sd, _ = predict(rupture, model, [period])
+        sa = float(np.exp(ln_median[0] + epsilon * sd[0]))
+    near = {min(measured, key=lambda have: abs(np.log(have / t)), default=t) for t in PERIODS}
+    return conditional_spectrum(rupture, sa, period, sorted(near), model)
 
 
 def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:

@@ -244,8 +244,9 @@ def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
         other, first = pairs[path.parent].get(path.name), ""
         if other and not partners.numbered(path.name, other):
             first = sha256_of(path.with_name(min(path.name, other)))[:16]
+        digest = sha256_of(path)
         for place, motion in enumerate(motions):
-            facts = {"file_sha256": sha256_of(path)} | motion.metadata
+            facts = {**motion.metadata, "file_sha256": digest}
             if first:
                 facts["pair"] = f"{first} {motion.acceleration.size} {motion.dt:g}"
             motions[place] = replace(motion, metadata=facts)
