@@ -7,8 +7,8 @@ import archfrag as af
 from archfrag.errors import InputError
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.read import read_motion
-from archfrag.study.file.records import read_sources
 from archfrag.study.file.schema import load_study
+from archfrag.study.file.sources import read_sources
 from tests.study.small import TEXT, small_study
 
 from .helpers import pga, refused, wave

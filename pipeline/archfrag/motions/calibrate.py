@@ -27,10 +27,7 @@ LARGEST_INVENTORY = 50_000_000  # [bytes]
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
-    """Return the words of an `accept` in the order of ``ACCEPTABLE``.
-
-    Commas or blanks separate them. RecordError, beginning with `place`, for another word.
-    """
+    """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
     given = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
     for word in given:
         if word not in ACCEPTABLE:

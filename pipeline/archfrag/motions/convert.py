@@ -26,7 +26,7 @@ _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth
 def convert_record(
     path: str | Path, folder: str | Path, form: str, to: str, **options: Any
 ) -> list[Path]:
-    """Write the channels of a record file in another format, and return the files written.
+    """Write the channels of a record file in another format; return the files written.
 
     `form` is ``mseed`` (all channels in a file) or ``text`` (a file each: time [s] and
     acceleration), in the unit `to`; `options` are those of `read_motion`. Files of the same name
@@ -73,7 +73,7 @@ def convert_record(
 
 
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
-    """Channels with codes of their own if SEED can hold them, or else new ones."""
+    """Return channels with their own codes if SEED can hold them, or else new ones."""
     codes = [(_plain(channel.stats.network)[:2] or "XX", _plain(channel.stats.station)[:5],
               str(channel.stats.location).strip(), channel.stats.record.code)
              for channel in group]  # fmt: skip
@@ -98,17 +98,15 @@ def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
 
 
 def _text(channel: Trace, factor: float, unit: str, made: str) -> str:
-    """Columns of time and acceleration below a header, all in ASCII."""
-    stats, record, dt = channel.stats, channel.stats.record, float(channel.stats.delta)
-    date = record.date or (stats.starttime.date if stats.starttime.timestamp else "")
-    facts = {"event": record.event, "date": date, "station": record.station or stats.station}
+    """Return columns of time and acceleration below a header, all in ASCII."""
+    record, dt = channel.stats.record, float(channel.stats.delta)
     header = [
-        f"two columns: time [s], acceleration [{unit}]",
-        made,
-        *(f"{name}: {fact}" for name, fact in facts.items() if fact),
+        f"two columns: time [s], acceleration [{unit}]", made,
+        *(f"{name}: {record.facts[name]}" for name in ("event", "date", "station")
+          if name in record.facts),
         f"component: {record.code}; dt = {dt!r} s; {channel.data.size} samples",
         *(f"step: {step}" for step in record.log),
-    ]
+    ]  # fmt: skip
     times = (np.arange(channel.data.size) * dt).tolist()
     rows = [f"{t:.10g} {v!r}" for t, v in zip(times, (channel.data / factor).tolist())]
     plain = (" ".join(f"# {line}".split())[:1000] for line in header)

@@ -12,7 +12,7 @@ APART = 60.0  # [s] between origin times, or starts of records, of one earthquak
 
 
 def recording_of(motion: Motion) -> dict[str, Any]:
-    """Facts by which records of one earthquake are recognised, see `earthquakes`."""
+    """Return the facts by which `earthquakes` recognises records of one earthquake."""
     about = motion.metadata
     start = seconds(about.get("start_time"))
     keys = ("file_sha256", "source_sha256", "pair")
@@ -25,7 +25,7 @@ def recording_of(motion: Motion) -> dict[str, Any]:
 
 
 def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
-    """Names of the earthquakes of records; none where a record is known to share none.
+    """Return the names of the earthquakes of records; empty if none is stated or shared.
 
     A name in a header or an index counts first. Without one, records share an earthquake if they
     are of one file (``files`` in common), or if their ``origin`` times or starts are less than a
@@ -54,12 +54,12 @@ def earthquakes(records: Sequence[dict[str, Any]]) -> list[str]:
             if len(names(near.tolist())) < 2:  # else the times are not those of earthquakes
                 join(near.tolist())
     together: dict[int, list[int]] = {}
-    for i, own in enumerate(group.tolist()):
-        together.setdefault(own, []).append(i)
-    found = [record["event"] for record in records]
+    for i, number in enumerate(group.tolist()):
+        together.setdefault(number, []).append(i)
+    events = [record["event"] for record in records]
     for members in together.values():
         first = f"earthquake of {records[members[0]]['id']}" if len(members) > 1 else ""
         name = next(iter(names(members)), first)
         for i in members:
-            found[i] = found[i] or name
-    return found
+            events[i] = events[i] or name
+    return events

@@ -21,8 +21,8 @@ changes by -2 z ds / w, and g = f' / w by ds / w.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,7 @@ LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 0.01},
 }
 Samples = NDArray[np.float64]
+Shaking = Any  # an `archfrag.Motion`, which imports this file
 _DAMPING = 0.05  # fraction of critical
 _DIGITS = 10  # of a spectrum; more depend on the machine's exponential function
 _ANGLES = np.deg2rad(np.arange(180.0))  # of directions in the horizontal plane
@@ -45,21 +46,6 @@ _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
-
-
-class Shaking(Protocol):
-    """What a measure needs of a motion: rows of acceleration [m/s2] at equal steps [s]."""
-
-    @property
-    def acceleration(self) -> Samples: ...
-    @property
-    def transverse(self) -> Samples | None: ...
-    @property
-    def dt(self) -> float: ...
-    @property
-    def id(self) -> str: ...
-    @property
-    def metadata(self) -> Mapping[str, Any]: ...
 
 
 class Measure(NamedTuple):
@@ -82,10 +68,7 @@ def integral(samples: Samples, dt: float) -> Samples:
 def arias_times(
     acceleration: Samples, transverse: Samples | None, dt: float, fractions: Sequence[float]
 ) -> list[float]:
-    """Return the times [s] at which the Arias intensity reaches fractions of its final value.
-
-    It is that of both horizontal components if there are two.
-    """
+    """Return the times [s] at which the Arias intensity of both horizontals reaches fractions."""
     squares = acceleration**2 + (0.0 if transverse is None else transverse**2)
     husid = _HUSID * integral(squares, dt)
     time = np.arange(husid.size, dtype=np.float64) * np.float64(dt)
@@ -95,7 +78,7 @@ def arias_times(
 
 
 def _peak(values: Samples) -> float:
-    return float(max(values.max(), -values.min()))
+    return float(np.abs(values).max())
 
 
 def _cav(motion: Shaking, count: int = 2**16, least: float = 0.0) -> float:
@@ -182,10 +165,7 @@ def scaling_exponent(name: str) -> int:
 
 
 def measure(motion: Shaking, name: str) -> float:
-    """Return the value of an intensity measure in its SI unit.
-
-    InputError if the name is unknown, or needs a second component that the motion has not.
-    """
+    """Return an intensity measure in its SI unit; InputError for an unknown name or component."""
     asked, one, other = parse_measure(name), motion.acceleration, motion.transverse
     if not asked.rotated:
         return _KINDS[asked.kind][3](motion, *asked.periods)

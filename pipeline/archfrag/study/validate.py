@@ -20,14 +20,9 @@ from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import cannot_write, counted, make_folder, read_bytes
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import (
-    VERTICAL_LEFT,
-    PreparedRecord,
-    described,
-    find_sources,
-    read_sources,
-)
+from archfrag.study.file.records import PreparedRecord, described
 from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, read_sources
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
 
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
