@@ -46,6 +46,12 @@ _HUSID = np.pi / (2.0 * STANDARD_GRAVITY)
 _HOUSNER = np.linspace(0.1, 2.5, 121)  # [s]
 _SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
 _ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
+# From which on there is a caution. Of 106 components of nine agencies (raw: mean removed) the
+# largest offset is 0.0001, drift 0.09, end 0.15, but for one analogue record that drifts (0.25).
+OFFSET = 0.01  # of the mean to the peak
+DRIFT = 0.2  # of the velocity at the end, or of its mean over a record, to its peak
+SHORT = 10.0  # [s]
+SHAKING = 0.25  # of the peak in the last second to that of the record
 
 
 class Measure(NamedTuple):
@@ -211,6 +217,33 @@ def scale_factor(
     if value == 0.0:
         raise RecordError(f"{motion.id or 'motion'}: {measure_name} of the record is 0")
     return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
+
+
+def sample_cautions(samples: Samples, dt: float) -> list[str]:
+    """List what is suspicious about accelerations [m/s2]: an offset, a drift, an early end."""
+    peak, cautions = _peak(samples), list[str]()
+    if not peak > 0.0:
+        return cautions
+    velocity = integral(samples, dt)
+    offset, slow = abs(float(samples.mean())) / peak, abs(float(velocity[-1]))
+    if samples.size * dt > SHORT:  # the mean of a pulse is not that of a drift
+        slow = max(slow, abs(float(velocity.mean())))
+    drift = slow / (_peak(velocity) or 1.0)
+    # The last second of a record, less of a short motion: a cycle of a sine ends at rest.
+    last = max(2, round(min(1.0 / dt, 0.03 * samples.size)))
+    shaking = _peak(samples[-last:]) / peak
+    if offset > OFFSET:
+        why = "an offset counts as motion; `demean`"
+        cautions.append(f"its mean is {offset:.2g} of its peak: {why}")
+    if drift > DRIFT:
+        where = "at the end" if slow == abs(float(velocity[-1])) else "on average"
+        why = "the baseline drifts; correct it by `baseline`, or by `detrend` and `bandpass`"
+        cautions.append(f"its velocity {where} is {drift:.2g} of PGV: {why}")
+    if shaking > SHAKING:
+        why = "the record ends while it shakes; find a longer one"
+        part = f"{shaking:.2g} of its peak within its last {last * dt:.2g} s"
+        cautions.append(f"it has {part}: {why}")
+    return cautions
 
 
 def _spectrum(ground: NDArray[Any], dt: float, periods: ArrayLike, angles: Samples) -> Samples:

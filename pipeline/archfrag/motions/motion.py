@@ -304,38 +304,32 @@ def seconds(time: Any) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes."""
+def store(path: Path, motion: Motion) -> None:
+    """Write a motion to a numpy archive, complete or not at all; equal motions, equal bytes."""
     names = ("id", "dt", "log", "metadata")
     try:
-        table = [json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
-                 for motion in motions]  # fmt: skip
+        facts = json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
     except (TypeError, ValueError) as error:
-        ids = ", ".join(motion.id for motion in motions)
-        raise InputError(f"{ids}: metadata cannot be stored as JSON ({error})") from None
-    arrays: dict[str, NDArray] = {}
-    for number, motion in enumerate(motions):
-        arrays[f"horizontal_{number}"] = motion.acceleration
-        if motion.vertical is not None:
-            arrays[f"vertical_{number}"] = motion.vertical
-    text = json.dumps({"format": _FORMAT, "motions": table})
-    arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
-    with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
+        text = f"{motion.id}: metadata cannot be stored as JSON ({error})"
+        raise InputError(text) from None
+    table = json.dumps({"format": _FORMAT, "motions": [facts]}).encode()
+    arrays = {"horizontal_0": motion.acceleration}
+    if motion.vertical is not None:
+        arrays["vertical_0"] = motion.vertical
+    arrays["table"] = np.frombuffer(table, dtype=np.uint8)
+    with replacing(path, lasting=False) as part, open(part, "wb") as file:
         np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
 
 
-def load_motions(path: str | Path) -> list[Motion]:
-    """Read the motions that `save_motions` wrote; InputError if the file is something else."""
+def load_stored(path: Path) -> Motion:
+    """Read the motion that `store` wrote; InputError if the file is something else."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             header = json.loads(archive["table"].tobytes().decode())
             if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
-            return [
-                Motion(archive[f"horizontal_{number}"], vertical=archive.get(f"vertical_{number}"),
-                       **json.loads(entry))
-                for number, entry in enumerate(header["motions"])
-            ]  # fmt: skip
+            (facts,) = map(json.loads, header["motions"])
+            return Motion(archive["horizontal_0"], vertical=archive.get("vertical_0"), **facts)
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        what = "not a file of motions written by archfrag, or damaged"
+        what = "not a motion stored by archfrag, or damaged"
         raise InputError(f"{path}: {what} ({error})") from None

@@ -12,11 +12,11 @@ from obspy import Inventory, Stream, Trace
 from archfrag.errors import RecordError
 from archfrag.files import opened
 from archfrag.motions import calibrate
-from archfrag.motions.cautions import sample_cautions
 from archfrag.motions.channel import choose_horizontal, filled, split_by_direction
 from archfrag.motions.formats import OWN, TEXT, read_traces, recognise
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
+from archfrag.motions.measures import sample_cautions
 from archfrag.motions.motion import Motion, motion_of_trace, with_component
 
 LARGEST_RECORD = 2**27  # [bytes]

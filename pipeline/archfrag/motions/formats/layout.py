@@ -14,6 +14,7 @@ from obspy import Trace, UTCDateTime
 
 from archfrag.errors import RecordError
 from archfrag.files import opened, wide_encoding
+from archfrag.motions.calibrate import plain_unit
 from archfrag.motions.channel import (
     AZIMUTHS,
     METRES_PER_SECOND_SQUARED,
@@ -22,7 +23,6 @@ from archfrag.motions.channel import (
     quadrant,
     unit_factor,
 )
-from archfrag.motions.headers import plain_unit
 
 Source = str | Path | BinaryIO
 

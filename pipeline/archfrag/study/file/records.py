@@ -11,11 +11,10 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, sha256_of
-from archfrag.motions.cautions import motion_cautions
-from archfrag.motions.earthquakes import earthquakes, recording_of
 from archfrag.motions.index import INDEX_NAME
-from archfrag.motions.measures import measure, scale_factor
-from archfrag.motions.motion import Motion, load_motions, save_motions
+from archfrag.motions.measures import measure, sample_cautions, scale_factor
+from archfrag.motions.motion import Motion, load_stored, store
+from archfrag.motions.partners import earthquakes, recording_of
 from archfrag.motions.process import REVERSED
 from archfrag.study import provenance
 from archfrag.study.file.schema import Study
@@ -93,13 +92,16 @@ def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) 
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    cautions = [*about.get("cautions", ()), *sample_cautions(motion.acceleration, motion.dt)]
+    if motion.vertical is not None:
+        cautions += [f"vertical: {text}" for text in sample_cautions(motion.vertical, motion.dt)]
     return PreparedRecord(
         motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
         about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
         scale_factor(motion, own, 1.0, measures[own]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
-        cautions=motion_cautions(motion), samples=samples.hexdigest(),
+        cautions=cautions, samples=samples.hexdigest(),
     )  # fmt: skip
 
 
@@ -112,7 +114,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     folder = make_folder(study.work / FOLDER)
     for motion in read_sources(study.motions, study.intensity.measure):
         record = described(study, motion)
-        save_motions(folder / "new.npz", [motion])
+        store(folder / "new.npz", motion)
         prepared = sha256_of(folder / "new.npz")
         records.append(replace(record, file=f"{FOLDER}/{prepared[:16]}.npz", prepared=prepared))
         facts.append(recording_of(motion))
@@ -156,7 +158,7 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
 
 def load_record(work: Path, record: PreparedRecord) -> Motion:
     """Load the motion of a record from a study's folder of work."""
-    return load_motions(_check_stored(work, record))[0]
+    return load_stored(_check_stored(work, record))
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
