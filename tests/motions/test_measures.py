@@ -112,7 +112,7 @@ def test_scaled_motion_has_the_level(name):
         (lambda: Motion([0.0, 1.0], "fast"), ["dt and samples", "must be numbers"]),
         (
             lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]),
-            ["vertical must be a row of 2, not (3"],
+            ["vertical must be a row of 2"],
         ),
         (lambda: Motion([0.1, 1j], 0.01), ["acceleration has complex samples; all must be real"]),
         (lambda: Motion([0.1, 1.0], 0.01, MASKED), ["vertical has masked samples"]),

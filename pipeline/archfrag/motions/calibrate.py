@@ -203,7 +203,7 @@ def _add_station(trace: Trace, inventory: Any) -> None:
     product = float(np.prod([gain for gain in gains if gain is not None]))
     if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
         numbers = f"a total sensitivity of {total:.6g} and stages whose product is {product:.6g}"
-        use = "the total is used, by the step `response` the stages; find out which is right"
+        use = "reading uses the total, the step `response` the stages; find out which is right"
         channel.cautions.append(f"channel {channel.code}: its StationXML states {numbers}; {use}")
     units = str(response.instrument_sensitivity.input_units).upper()
     if _is_seismometer(channel.code) and "S**2" in units:

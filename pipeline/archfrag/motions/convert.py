@@ -43,10 +43,10 @@ def convert_record(
         code = _plain(group[0].stats.record.code) or len(written) + 1
         middle, end = "" if len(groups) == 1 else f".{code}", "mseed" if form == "mseed" else "txt"
         target = place / f"{record_name(file)}{middle}.{end}"
-        if os.path.realpath(target) == os.path.realpath(file) or target in written:
-            raise InputError(f"{target}: is the source or written twice; name another folder")
-        if rows.get(target.stem, {}).get("source", file.name) != file.name:
-            raise InputError(f"{target}: the index has it from elsewhere; name another folder")
+        same = os.path.realpath(target) == os.path.realpath(file) or target in written
+        if same or rows.get(target.stem, {}).get("source", file.name) != file.name:
+            what = "would replace the source, another channel or a record of another file"
+            raise InputError(f"{target}: {what}; name another folder")
         with replacing(target) as part:
             if form == "mseed":
                 seed = Stream(_for_seed(group, factor))

@@ -179,7 +179,7 @@ class Motion:
         stats, names = traces[0].stats, [trace.id for trace in traces]
         place = ".".join(filter(None, (stats.network, stats.station))) or "stream"
         if twice := next((name for name in names if names.count(name) > 1), None):
-            raise RecordError(f"{twice}: is there in several pieces; join them: `stream.merge()`")
+            raise RecordError(f"{twice}: has several pieces; join them by `stream.merge()`")
         factor, words = unit_factor(unit, place), calibrate.accepted_words(accept, place)
         for trace in traces:
             count, trace.stats._format = len(trace.data), "obspy"
@@ -269,7 +269,7 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
         first_is, second_is = (str(about.get(key) or "") for about in (one, two))
         if first_is and second_is and first_is.casefold() != second_is.casefold():
             differ = f"{key} is {first_is!r} and {second_is!r}"
-            raise RecordError(f"{name}: do not belong together, {differ}")
+            raise RecordError(f"{name} do not belong together: {differ}")
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
     late = (seconds(two.get("start_time")) - seconds(one.get("start_time"))) / motion.dt
@@ -277,7 +277,7 @@ def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
     first, other_first = max(0, later), max(0, -later)
     count = min(motion.acceleration.size - first, other.acceleration.size - other_first)
     if count < 2:
-        raise RecordError(f"{name}: have no time in common")
+        raise RecordError(f"{name} have no time in common")
     word = "Vertical" if kind == "vertical" else "Other horizontal"
     steps = (step if step in two.get("accepted", ()) else f"{word} {code}: {step}"
              for step in (other.log[1:] if one_file else other.log))  # fmt: skip

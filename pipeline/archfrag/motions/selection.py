@@ -136,12 +136,12 @@ class Selection:
 
     @property
     def sd(self) -> Array:
-        """Standard deviation of ln Sa of the records (n - 1), (n_period,); nan of one record."""
+        """Return the standard deviation of ln Sa (n - 1), (n_period,); nan of one record."""
         return _deviation(self.ln_sa, np.nan * self.ln_sa[0])
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Messages for users of the selection."""
+        """Return what users of the selection should know."""
         count, events = len(self.table), self.table.get("event", pd.Series(dtype=str))
         most = events[events.fillna("").astype(str).str.strip() != ""].value_counts()
         if not most.max() > max(0.25 * count, 1):
@@ -349,7 +349,8 @@ def _candidates(
         most = int(pairs["event"].value_counts().clip(upper=per_event).sum())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
-        raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
+        few = f"{count} records were asked for, only {most} can be selected"
+        raise RecordError(f"the flatfile: {few}; {story}")
     return records, ln_sa, groups
 
 

@@ -55,12 +55,12 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     with opened(path) as file:
         head = file.read(400)
     if wide := "UTF-8" * head.startswith(BOM_UTF8) or wide_encoding(head):
-        mark = f"is text in {wide}, and begins with a byte-order mark or has zeros between letters"
+        mark = f"is text in {wide} (it begins with a byte-order mark, or has zeros in between)"
         raise RecordError(f"{path}: {mark}; save it as UTF-8 without such a mark")
     raise RecordError(
-        f"{path}: the format is not recognised; unpack an archive, which is never unpacked here; "
-        "for columns of text give `columns` (--columns time=1,acceleration=2 on the command "
-        "line); if it is not a record, move it, or name the records by a pattern such as *.AT2"
+        f"{path}: the format is not recognised. Archives are never unpacked: unpack them first. "
+        "For columns of text, give `columns` (--columns time=1,acceleration=2 on the command "
+        "line). If the file is not a record, move it, or use a pattern such as *.AT2"
     )
 
 
@@ -78,7 +78,7 @@ def plug_in(name: str, task: str) -> Callable[[str], Any]:
 def recognise(path: str, formats: Sequence[str]) -> str | None:
     """Return the first of the formats that a file is in, None if it is in none of them."""
     for name in formats:
-        # A test that stumbles over the file has not recognised it.
+        # A test that fails with an error has not recognised the file.
         with contextlib.suppress(Exception):
             if plug_in(name, "is")(path):
                 return name
@@ -100,7 +100,7 @@ def read_as(path: str, name: str) -> list[Trace]:
         except MemoryError:
             raise RecordError(f"{path}: read as {name} it takes too much memory") from None
         except Exception as error:
-            what = "the file is damaged, truncated or not what it seems"
+            what = "the file is damaged, truncated or not of this format"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
     shown: dict[str, None] = {}
     for warning in caught:
@@ -126,7 +126,7 @@ def read_as(path: str, name: str) -> list[Trace]:
 
 
 def read_apart(path: str) -> list[Trace]:
-    """Read a file by a reader in C in a process of its own; none if it is in no such format."""
+    """Read a file by a reader in C in a process of its own; return [] if it has no such format."""
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
     try:
@@ -134,13 +134,13 @@ def read_apart(path: str) -> list[Trace]:
             return _shared[-1].submit(_read_in_c, path).result()
     except BrokenProcessPool:
         ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
-        what = "the file is damaged or not what it seems"
+        what = "the file is damaged or has another format than it seems"
         raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
 
 
 @contextlib.contextmanager
 def one_reader() -> Iterator[None]:
-    """Read the files of a block that readers in C read in one process, up to one that crashes."""
+    """Read all files of a block that need readers in C in one process, unless one crashes it."""
     with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
         _shared.append(process)
         try:

@@ -62,12 +62,12 @@ class Columns:
                 raise InputError(f"columns {str(self)!r} must have {needed}")
 
     def __str__(self) -> str:
-        """As `parse_columns` reads it."""
+        """Return the text that `parse_columns` reads."""
         return " ".join(f"{key}={value:.15g}" for key, value in asdict(self).items() if value)
 
 
 def parse_columns(text: str) -> Columns:
-    """Columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
+    """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
     given: dict[str, Any] = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
@@ -114,7 +114,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
         own = np.ascontiguousarray(samples[:, index])
         if _rises_evenly(own):
-            rises = "what would be accelerations rises evenly, as times do"
+            rises = "the column of accelerations rises evenly, as times do"
             raise RecordError(f"{name}: {rises}; name the columns of both")
         facts = {"announced": own.size, "code": code, "vertical": code == "V",
                  "log": [f"Columns {columns}."]}  # fmt: skip
@@ -128,7 +128,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 def _numbers(
     rows: Sequence[tables.Row], separator: str, chosen: Sequence[int], text: Text
 ) -> list[list[float]]:
-    """Numbers of the chosen columns of each row, or all; InputError names the line of a cell."""
+    """Return the numbers of chosen or all columns by rows; InputError for other cells."""
     whole = separator == "," and not any("." in cell or "E" in cell.upper()
                                          for _, row in rows for cell in row)  # fmt: skip
     table = []
@@ -150,8 +150,8 @@ def _numbers(
             raise InputError(f"line {number}: columns run together")
         table.append(found)
     if whole and rows:
-        what = "has only whole numbers between commas, as the file has: are these decimals?"
-        raise InputError(f"line {rows[0][0]}: {what} Write decimal points")
+        what = "only whole numbers, with commas between them: are the commas decimal?"
+        raise InputError(f"line {rows[0][0]}: has {what} Write decimal points")
     return table
 
 
@@ -181,7 +181,7 @@ def _rises_evenly(values: NDArray[np.float64]) -> bool:
 
 
 def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) -> float:
-    """Time step of times that are evenly spaced but for rounding [s]."""
+    """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))

@@ -194,7 +194,7 @@ def _dmg_channel(text: layout.Text, place: int) -> _Channel:
     window = range(place + count, min(place + count + rows + 12, len(text.lines)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        raise RecordError(f"{text.place(place)}: no line with the points of acceleration follows")
+        raise RecordError(f"{text.place(place)}: no line states the number of acceleration points")
     samples, step, record, data_end = _dmg_samples(text, place, lines, rows, section)
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
     stated = next(filter(None, map(named.search, lines)), None)

@@ -65,13 +65,13 @@ class Text:
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
-        """Lines of a header, cut to 200 characters: patterns take long over much longer ones."""
+        """Return lines of a header, cut to 200 characters: patterns take long over longer ones."""
         return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
         end = index >= len(self.lines)
         shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
-        return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
+        return RecordError(f"{self.place(index)}: {what} is needed here, not {shown}")
 
     def numbers(
         self, first: int, last: int | None = None, expected: int | None = None,

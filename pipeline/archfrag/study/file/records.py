@@ -162,9 +162,10 @@ def load_record(work: Path, record: PreparedRecord) -> Motion:
 
 
 def _check_stored(work: Path, record: PreparedRecord) -> Path:
+    """Return the path of a stored motion; InputError if it is missing or changed."""
     path = work / record.file
     if provenance.sha256_if_there(path) != record.prepared:
-        what = f"the motion prepared of record {record.id!r} is missing, changed or damaged"
+        what = f"the prepared motion of record {record.id!r} is missing, changed or damaged"
         raise InputError(f"{path}: {what}; {_AGAIN}")
     return path
 

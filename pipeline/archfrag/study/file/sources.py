@@ -71,7 +71,7 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
                 # Two patterns may match the same file.
                 if by_path.setdefault(path, file := RecordFile(path, options)) != file:
                     differ = "another unit, inventory, columns or accept"
-                    raise InputError(f"an entry before it matches {path} with {differ}")
+                    raise InputError(f"an earlier entry matches {path} with {differ}")
     sources = [*sources, *by_path.values()]
     for file in sources:
         read.check_file(file.path)
