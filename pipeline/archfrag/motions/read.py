@@ -52,13 +52,12 @@ def read_motion(
     path : path
         A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, ESM's and ITACA's
         DYNA, GeoNet's V1A and V2A, RESORCE, K-NET, KiK-net, SLIST, TSPAIR, miniSEED, SAC, GSE1,
-        GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle. Of counts
-        and uncorrected volumes the mean is removed.
+        GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle. The mean
+        of counts and uncorrected volumes is removed.
     unit : str, optional
         Of the samples (``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``) if the file states none.
     component : str, optional
-        Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal to read, if
-        not the first of the file.
+        Channel code (``HNE``), its last letter (``E``) or trace id; else the first horizontal.
     vertical : path, optional
         File of the vertical component if it is not in the same file.
     inventory : path or obspy.Inventory, optional
