@@ -91,21 +91,21 @@ def inspect(
     Example:
       archfrag records inspect *.V2
     """
-    found = []
+    entries = []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(finite(inspect_record(file, **_reading(file, reading))))
+            entries.append(finite(inspect_record(file, **_reading(file, reading))))
         except RecordError as error:
-            found.append({"file": str(file), "error": str(error)})
-    shown = [_inspection(facts) for facts in found if "error" not in facts]
+            entries.append({"file": str(file), "error": str(error)})
+    shown = [_inspection(facts) for facts in entries if "error" not in facts]
     if shown or as_json:
-        show(found, "\n".join(shown), as_json)
-    for facts in found:
+        show(entries, "\n".join(shown), as_json)
+    for facts in entries:
         if "error" in facts:
             warn(f"error: {facts['error']}")
-    if len(shown) < len(found):
+    if len(shown) < len(entries):
         context.exit(RecordError.exit_code)
 
 
@@ -225,8 +225,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
     """
     table, names = selection.read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
     target = _target(options, sorted(selection.spectrum_columns(table)))
-    given = {name: options[name] for name in names}
-    chosen = selection.select_records(table, target, **given)
+    chosen = selection.select_records(table, target, **{name: options[name] for name in names})
     chosen.write(out, folder=flatfile.parent)
     if figure is not None:
         away = 1.96 * np.array([[-1.0], [0.0], [1.0]])
@@ -246,13 +245,13 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
 def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
     """Return the target that a file has, or that of a scenario at periods that were measured."""
     scenario = ("magnitude", "distance", "vs30", "period")
-    given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
+    named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
-        if given:
-            raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
+        if named:
+            raise InputError(f"--target and --{named[0]}: a target is a file or a scenario")
         return selection.read_target(options["target"])
-    missing = [f"--{name}" for name in scenario if name not in given]
-    if missing or ("sa" in given) == ("epsilon" in given):
+    missing = [f"--{name}" for name in scenario if name not in named]
+    if missing or ("sa" in named) == ("epsilon" in named):
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
         raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
     rupture = options["magnitude"], options["distance"], options["vs30"]
@@ -322,16 +321,16 @@ def fetch(
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
     kinds = tuple(kind.strip() for kind in channels.split(","))
-    found: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
+    fetched: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
     for kind, text in fetch_records(out, events, channels=kinds, **options):
-        if kind in found:
-            found[kind].append(text)
+        if kind in fetched:
+            fetched[kind].append(text)
         else:
-            found["failures"].append({"kind": kind, "message": text})
+            fetched["failures"].append({"kind": kind, "message": text})
             warn(text)
-    new, kept, failures = found.values()
+    new, kept, failures = fetched.values()
     text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
-    show({"folder": str(out), **found}, text, as_json)
+    show({"folder": str(out), **fetched}, text, as_json)
     if passing := sum(failure["kind"] == "service" for failure in failures):
         count = counted(passing, "request")
         raise ServiceError(f"{count} failed; try again later: the same command continues")

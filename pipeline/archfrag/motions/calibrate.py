@@ -48,11 +48,11 @@ _COUNTS = {"count", "counts", "cnt", "cnts", "digital_counts", "digitalcounts", 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
     """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
-    given = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
-    for word in given:
+    chosen = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
+    for word in chosen:
         if word not in ACCEPTABLE:
             raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
-    return tuple(word for word in ACCEPTABLE if word in given)
+    return tuple(word for word in ACCEPTABLE if word in chosen)
 
 
 def impossible(trace: Trace) -> Iterator[Warned]:
@@ -231,10 +231,10 @@ def _compare_with_the_user(trace: Trace, unit: str) -> None:
         channel.warnings.append(("header", text))
 
 
-def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) -> None:
+def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) -> None:
     """Convert a channel to m/s2, a vertical upwards; without a unit, add a warning that says why.
 
-    `asked` is the user's unit, `listed` that of an index, `given` the user's StationXML.
+    `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
     """
     channel, values, inventory = trace.stats.record, trace.data, None
     if any(word is None for word, _ in channel.warnings):
@@ -244,7 +244,7 @@ def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) 
         return
     try:
         if channel.unit in ("", "counts"):
-            inventory = find_inventory(path, trace, given)
+            inventory = find_inventory(path, trace, table)
         if inventory is not None:
             _add_station(trace, inventory)
         _scale(trace, path, asked, listed, inventory)
@@ -349,7 +349,7 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
-    if not (file := given or next((each for each in near if each.is_file()), None)):
+    if not (file := given or next(filter(Path.is_file, near), None)):
         return None
     content = read_bytes(Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file")
     try:

@@ -52,8 +52,8 @@ def convert_record(
                 seed = Stream(_for_seed(group, factor))
                 seed.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
             else:
-                made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
-                part.write_text(_text(group[0], factor, to, made), encoding="ascii")
+                origin = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
+                part.write_text(_text(group[0], factor, to, origin), encoding="ascii")
         written.append(target)
         if all(channel.stats.record.is_vertical for channel in group):
             continue
@@ -80,28 +80,28 @@ def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes)
     if not held or len(set(codes)) < len(codes):
         horizontals = dict.fromkeys(map(instrument, group), 0)
-        for number, (channel, its) in enumerate(zip(group, map(instrument, group))):
+        for number, (channel, sensor) in enumerate(zip(group, map(instrument, group))):
             vertical = channel.stats.record.is_vertical
-            horizontals[its] += not vertical
-            place = f"{list(horizontals).index(its):02d}" if len(horizontals) > 1 else ""
-            kind = "HNZ" if vertical else f"HN{horizontals[its]}"
+            horizontals[sensor] += not vertical
+            place = f"{list(horizontals).index(sensor):02d}" if len(horizontals) > 1 else ""
+            kind = "HNZ" if vertical else f"HN{horizontals[sensor]}"
             codes[number] = (*codes[number][:2], place, kind)
         if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(horizontals) > 99:
             raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
     keys = ("network", "station", "location", "channel")
     return [
         Trace(np.ascontiguousarray(channel.data / factor, dtype=np.float64),
-              {**dict(zip(keys, its)), "delta": channel.stats.delta,
+              {**dict(zip(keys, names)), "delta": channel.stats.delta,
                "starttime": channel.stats.starttime})
-        for its, channel in zip(codes, group, strict=True)
+        for names, channel in zip(codes, group, strict=True)
     ]  # fmt: skip
 
 
-def _text(channel: Trace, factor: float, unit: str, made: str) -> str:
+def _text(channel: Trace, factor: float, unit: str, origin: str) -> str:
     """Return columns of time and acceleration below a header, all in ASCII."""
     record, dt = channel.stats.record, float(channel.stats.delta)
     header = [
-        f"two columns: time [s], acceleration [{unit}]", made,
+        f"two columns: time [s], acceleration [{unit}]", origin,
         *(f"{name}: {record.facts[name]}" for name in ("event", "date", "station")
           if name in record.facts),
         f"component: {record.code}; dt = {dt!r} s; {channel.data.size} samples",

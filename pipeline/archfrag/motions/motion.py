@@ -78,15 +78,15 @@ class Motion:
     transverse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        name, given = self.id or "motion", self.components
+        name, components = self.id or "motion", self.components
         try:
-            for key, samples in given.items():
+            for key, samples in components.items():
                 masked = np.ma.is_masked(samples)
                 if masked or np.asanyarray(samples).dtype.kind == "c":
                     what = f"{key} has {'masked' if masked else 'complex'} samples"
                     raise RecordError(f"{name}: {what}; all must be real numbers")
             arrays = {key: np.array(samples, dtype=np.float64)
-                      for key, samples in given.items() if samples is not None}  # fmt: skip
+                      for key, samples in components.items() if samples is not None}  # fmt: skip
             step = float(self.dt)
         except (TypeError, ValueError):
             raise RecordError(f"{name}: dt and samples of acceleration must be numbers") from None
@@ -235,8 +235,8 @@ def motion_of_trace(
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(stats.starttime)
     metadata |= filled(listed or {})
-    found = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
-    metadata |= {key: list(lines) for key, lines in found.items() if lines}
+    notes = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
+    metadata |= {key: list(lines) for key, lines in notes.items() if lines}
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
     motion = Motion(trace.data, float(stats.delta), None, name, metadata, log)

@@ -44,7 +44,7 @@ def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
             word = ("H" if code["sensor"] else "") + code[0].upper()
             azimuth = float(word) if word.isdecimal() else quadrant(word)
             plain = None if azimuth is None or azimuth > 360.0 else (name, 0, azimuth)
-            kinds = ((name, kind, each[word]) for kind, each in enumerate(_ANGLES) if word in each)
+            kinds = ((name, i, angle[word]) for i, angle in enumerate(_ANGLES) if word in angle)
             if direction := next(kinds, plain):
                 frames.setdefault(_frame(name, code), []).append(direction)
     by_lower_case = {name.lower(): name for name in names}

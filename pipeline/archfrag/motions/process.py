@@ -81,7 +81,7 @@ def bandpass(
     corner, one leaves 0.71 of it; `order` (1 to 10) is that of one pass. InputError unless
     0 < lowest < highest < 1 / (2 dt).
     """
-    nyquist, corners = 0.5 / motion.dt, [each for each in (lowest, highest) if each is not None]
+    nyquist, corners = 0.5 / motion.dt, [f for f in (lowest, highest) if f is not None]
     if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
         needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
         raise InputError(f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}")
@@ -171,19 +171,19 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     if motion.transverse is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
     codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
-    own, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
+    azimuths, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
     for place, code in enumerate(codes if azimuth is not None else ()):
         value = azimuth_of(about, ("", "_transverse")[place])
         if value is None:
             raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
-        own[place] = value
+        azimuths[place] = value
     if azimuth is None:
         check_right_angle(about, f"{name}: rotate by an angle", "; give an azimuth instead")
-    one, other = np.deg2rad(own)
+    one, other = np.deg2rad(azimuths)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
-        near = f"have azimuths {own[0]:g} and {own[1]:g} degrees, too close to each other"
-        raise RecordError(f"{name}: components {' and '.join(codes)} {near} to be rotated")
+        near = f"azimuths {azimuths[0]:g} and {azimuths[1]:g} degrees, too close to each other"
+        raise RecordError(f"{name}: components {' and '.join(codes)} have {near} to be rotated")
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
@@ -191,12 +191,12 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    words = f"to azimuth {turned:g} degrees (from {own[0]:g} and {own[1]:g})"
-    for which, each in (("", turned), ("_transverse", turned + 90.0)):
-        about |= {f"component{which}": f"{each:g}", f"azimuth{which}": each % 360.0}
+    words = f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
+    for which, degrees in (("", turned), ("_transverse", turned + 90.0)):
+        about |= {f"component{which}": f"{degrees:g}", f"azimuth{which}": degrees % 360.0}
         if azimuth is None:  # angles from a component are no azimuths
             words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-            label = f"{codes[0]} turned by {each:g}".strip()
+            label = f"{codes[0]} turned by {degrees:g}".strip()
             about |= {f"component{which}": label, f"azimuth{which}": ""}
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
     return replace(motion, acceleration=first, transverse=second, metadata=about, log=log)
@@ -213,7 +213,7 @@ def remove_response(
     below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
     f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
-    known, changed = None, dict[str, Any]()
+    table, changed = None, dict[str, Any]()
     names = ("trace", "vertical_trace", "trace_transverse")
     for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:
@@ -222,14 +222,14 @@ def remove_response(
         header = dict(zip(("network", "station", "location", "channel"), codes))
         start = UTCDateTime(motion.metadata.get("start_time") or 0)
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
-        known = known or find_inventory(Path(record), trace, inventory)
-        if known is None:
+        table = table or find_inventory(Path(record), trace, inventory)
+        if table is None:
             lacking = "has no StationXML by which to remove its response; give `inventory`"
             raise RecordError(f"{record}: {lacking}")
         try:
-            response = known.get_response(trace.id, trace.stats.starttime)
+            response = table.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(known, output="ACC", water_level=water_level, pre_filt=band,
+            trace.remove_response(table, output="ACC", water_level=water_level, pre_filt=band,
                                   zero_mean=False, taper=False)  # fmt: skip
         except Exception as error:
             failed = f"the response of channel {trace.id} cannot be removed"

@@ -156,7 +156,7 @@ class Selection:
         """
         target, median = self.target, np.exp(self.ln_sa.mean(axis=0))
         ratios = median / target.median, self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
-        mean, sd = ([None if np.isnan(e) else float(e) for e in each - 1.0] for each in ratios)
+        mean, sd = ([None if np.isnan(e) else float(e) for e in ratio - 1.0] for ratio in ratios)
         return {
             "records": self.table["record"].astype(str).tolist(),
             "scale": self.table["scale"].tolist(), "seed": self.seed,
@@ -183,8 +183,8 @@ class Selection:
         rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         kind = "spectrum" if self.target.sd.any() else "mean spectrum"
-        if (given := self.target.given) is not None:
-            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
+        if (star := self.target.given) is not None:
+            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[star]:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
         shown = {"period_s": self.target.periods, "Sa_g": self.target.median, "sd": self.target.sd}
@@ -356,6 +356,6 @@ def _candidates(
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
     """Return a number for each row, equal if all columns agree; unique if any cell is empty."""
-    known = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
-    same, alone = known.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
-    return np.unique(np.where(known.isna().any(axis=1), alone, same), return_inverse=True)[1]
+    facts = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
+    same, alone = facts.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
+    return np.unique(np.where(facts.isna().any(axis=1), alone, same), return_inverse=True)[1]

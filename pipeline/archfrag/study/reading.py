@@ -126,14 +126,14 @@ def read_motions(
     files = [os.path.join(path, "*") if os.path.isdir(path) else path
              for path in named if path not in indices]  # fmt: skip
     options = {"unit": unit, "columns": columns and str(columns), "accept": list(accept)}
-    given: dict[str, Any] = {
+    keys: dict[str, Any] = {
         "vertical": vertical, "processing": list(processing),
         "files": [{"path": path} | options for path in files],
     }  # fmt: skip
-    given |= {"index": indices[0]} if indices else {}
-    given |= {} if select is None else {"select": list(select)}
-    with at("read_motions", given):
-        asked = Motions.model_validate(given, context={"folder": Path.cwd()})
+    keys |= {"index": indices[0]} if indices else {}
+    keys |= {} if select is None else {"select": list(select)}
+    with at("read_motions", keys):
+        asked = Motions.model_validate(keys, context={"folder": Path.cwd()})
     motions = list(read_sources(asked, _MEASURE))
     if ids := asked.select:
         motions.sort(key=lambda motion: ids.index(motion.id))

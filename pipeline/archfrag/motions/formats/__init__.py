@@ -71,8 +71,8 @@ def plug_in(name: str, task: str) -> Callable[[str], Any]:
         module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
         return getattr(module, f"{task}_{name.lower()}")
     group = f"obspy.plugin.waveform.{name}"
-    (found,) = _entry_points(name=f"{task}Format").select(group=group)
-    return found.load()
+    (point,) = _entry_points(name=f"{task}Format").select(group=group)
+    return point.load()
 
 
 def recognise(path: str, formats: Sequence[str]) -> str | None:

@@ -55,12 +55,12 @@ class PreparedRecord:
 
 def input_paths(study: Study) -> dict[str, list[Path]]:
     """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    sources, given = find_sources(study.motions, study.intensity.measure), study.motions.index
+    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
     records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
     folders = list(dict.fromkeys(path.parent for path in records))
     indices = [place / INDEX_NAME for folder in folders for place in (folder, folder.parent)]
-    if given is not None:
-        indices.insert(0, Path(given, INDEX_NAME if os.path.isdir(given) else ""))
+    if table is not None:
+        indices.insert(0, Path(table, INDEX_NAME if os.path.isdir(table) else ""))
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
     for folder in folders:
@@ -87,8 +87,8 @@ def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) 
 
     Its `measures` are that of the study and those that are `compared` with it.
     """
-    own, about = study.intensity.measure, motion.metadata
-    measures = {name: measure(motion, name) for name in dict.fromkeys((own, *compared))}
+    asked, about = study.intensity.measure, motion.metadata
+    measures = {name: measure(motion, name) for name in dict.fromkeys((asked, *compared))}
     samples = hashlib.sha256(float(motion.dt).hex().encode())
     for part in (motion.acceleration, motion.vertical):
         samples.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
@@ -98,7 +98,7 @@ def described(study: Study, motion: Motion, compared: Sequence[str] = COMPARED) 
     return PreparedRecord(
         motion.id, "", about["file"], about["file_sha256"], "", motion.dt, motion.duration,
         about.get("Mw") or about.get("magnitude"), about.get("distance_km"),
-        scale_factor(motion, own, 1.0, measures[own]), measures,
+        scale_factor(motion, asked, 1.0, measures[asked]), measures,
         event=str(about.get("event") or about.get("event_id") or ""),
         accepted=str(about.get("accepted") or ""), vertical=motion.vertical is not None,
         cautions=cautions, samples=samples.hexdigest(),
