@@ -30,6 +30,7 @@ from archfrag.motions.measures import PLAIN, measure, spectral_acceleration
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
 _FORMAT = "archfrag motions 1"
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.motions.channel import AZIMUTHS, quadrant
-from archfrag.motions.motion import Motion, seconds
-from archfrag.motions.process import REVERSED
+from archfrag.motions.motion import REVERSED, Motion, seconds
 
 # Where a direction may stand in a name: it ends a word, and is no small letter within one.
 _CODE = re.compile(

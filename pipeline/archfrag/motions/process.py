@@ -20,9 +20,7 @@ from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.motions.calibrate import find_inventory
 from archfrag.motions.channel import STANDARD_GRAVITY, azimuth_of, check_right_angle
 from archfrag.motions.measures import Samples, arias_times, integral
-from archfrag.motions.motion import Motion
-
-REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
+from archfrag.motions.motion import REVERSED, Motion
 
 
 def demean(motion: Motion) -> Motion:

@@ -131,7 +131,7 @@ def _header_numbers(text: layout.Text, at: int, kind: str) -> tuple[NDArray[np.f
     line = text.lines[at] if at < len(text.lines) else ""
     block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
     if block is None:
-        raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
+        raise text.needs(at, f"a line that states how many {kind}-header values follow")
     count, height = map(int, block.groups())
     height = min(height, 200)  # no file takes long by what its header announces
     values = text.numbers(at + 1, at + 1 + height, count, layout.format_width(line))

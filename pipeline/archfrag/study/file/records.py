@@ -11,14 +11,11 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, sha256_of
-from archfrag.motions.index import INDEX_NAME
 from archfrag.motions.measures import measure, sample_cautions, scale_factor
-from archfrag.motions.motion import Motion, load_stored, store
+from archfrag.motions.motion import REVERSED, Motion, load_stored, store
 from archfrag.motions.partners import earthquakes, recording_of
-from archfrag.motions.process import REVERSED
 from archfrag.study import provenance
 from archfrag.study.file.schema import Study
-from archfrag.study.file.sources import find_sources, read_sources
 from archfrag.study.yaml_text import relative
 
 MANIFEST, FOLDER = "motions.json", "motions"
@@ -53,21 +50,11 @@ class PreparedRecord:
     samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
 
-def input_paths(study: Study) -> dict[str, list[Path]]:
-    """Return the files, by kind, that the motions follow from, or would if they appeared."""
-    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
-    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
-    folders = list(dict.fromkeys(path.parent for path in records))
-    indices = [place / INDEX_NAME for folder in folders for place in (folder, folder.parent)]
-    if table is not None:
-        indices.insert(0, Path(table, INDEX_NAME if os.path.isdir(table) else ""))
-    names = {name for path in records for name in (path.stem, path.name)}
-    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
-    for folder in folders:
-        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
-        tables = sorted(folder.glob("*.xml"))
-        inventories += [p for p in tables if p.stem in names or p.stem.count(".") == 1]
-    return {"record": records, "index": indices, "inventory": inventories}
+def _sources() -> Any:
+    """Return the module that reads records."""
+    from archfrag.study.file import sources  # start-up: workers load no obspy
+
+    return sources
 
 
 def study_inputs(study: Study) -> provenance.Inputs:
@@ -78,7 +65,7 @@ def study_inputs(study: Study) -> provenance.Inputs:
     return {
         kind: {os.path.relpath(path, study.folder): digest for path in paths
                if (digest := provenance.sha256_if_there(path)) is not None}
-        for kind, paths in input_paths(study).items()
+        for kind, paths in _sources().input_paths(study).items()
     }  # fmt: skip
 
 
@@ -112,7 +99,7 @@ def prepare_motions(study: Study) -> list[PreparedRecord]:
     """
     inputs, records, facts = study_inputs(study), list[PreparedRecord](), list[dict[str, Any]]()
     folder = make_folder(study.work / FOLDER)
-    for motion in read_sources(study.motions, study.intensity.measure):
+    for motion in _sources().read_sources(study.motions, study.intensity.measure):
         record = described(study, motion)
         store(folder / "new.npz", motion)
         prepared = sha256_of(folder / "new.npz")

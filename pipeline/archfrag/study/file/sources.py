@@ -21,6 +21,7 @@ from archfrag.motions.partners import folder_names
 from archfrag.motions.process import both_senses
 from archfrag.study.file import at, meant
 from archfrag.study.file.motions import Motions, apply_step
+from archfrag.study.file.schema import Study
 
 VERTICAL_LEFT = "Vertical component left out."
 
@@ -85,6 +86,23 @@ def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
     _distinguish([file for file in sources if file.entry is None])
     _find_components(sources, _needed(asked, measure), listed)
     return sources
+
+
+def input_paths(study: Study) -> dict[str, list[Path]]:
+    """Return the files, by kind, that the motions follow from, or would if they appeared."""
+    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
+    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
+    folders = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
+    if table is not None:
+        indices.insert(0, Path(table, index.INDEX_NAME if os.path.isdir(table) else ""))
+    names = {name for path in records for name in (path.stem, path.name)}
+    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
+    for folder in folders:
+        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
+        tables = sorted(folder.glob("*.xml"))
+        inventories += [p for p in tables if p.stem in names or p.stem.count(".") == 1]
+    return {"record": records, "index": indices, "inventory": inventories}
 
 
 def check_known(selected: Iterable[str], ids: Sequence[str]) -> None:
