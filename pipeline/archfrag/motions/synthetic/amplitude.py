@@ -182,7 +182,7 @@ def _power_fractions(amplitude: Row, period: Row) -> Row:
 
 
 def median_correction(amplitude: Row) -> Row:
-    """Return what keeps the median of Sa under variation, added to ln amplitude (``GRID``), (61,).
+    """Return the correction of ln amplitude, (61,), that keeps the median of Sa under variation.
 
     The mean square of an oscillator is a sum over frequencies of lognormal variables, whose median
     is above the sum of their medians unless all vary as one. The correction at a frequency f is
