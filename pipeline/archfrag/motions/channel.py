@@ -114,9 +114,7 @@ def split_by_direction(
     verticals = [trace for trace in traces if trace.stats.record.is_vertical]
     others = [trace for trace in traces if not trace.stats.record.is_vertical]
     if not others:
-        raise RecordError(
-            f"{place}: holds only a vertical component; a horizontal one is needed"
-        )
+        raise RecordError(f"{place}: holds only the vertical component; a horizontal is needed")
     sure = all(trace.stats.record.is_horizontal for trace in others)
     if surely and len(traces) > 1 and not sure:
         names = ", ".join(repr(trace.stats.record.code) for trace in traces)

@@ -236,8 +236,8 @@ def motion_of_trace(
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(stats.starttime)
     metadata |= filled(listed or {})
-    notes = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
-    metadata |= {key: list(lines) for key, lines in notes.items() if lines}
+    remarks = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
+    metadata |= {key: list(lines) for key, lines in remarks.items() if lines}
     kind = " ".join(filter(None, (stats._format, channel.level)))
     log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
     motion = Motion(trace.data, float(stats.delta), None, name, metadata, log)
