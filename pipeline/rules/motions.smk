@@ -1,5 +1,5 @@
 def record_files(wildcards):
-    from archfrag.study.file.records import find_sources
+    from archfrag.study.file.sources import find_sources
 
     study = study_of(wildcards.study)
     sources = find_sources(study.motions, study.intensity.measure)

@@ -40,6 +40,17 @@ def at2_text(
     return end.join([*header, *rows]) + end
 
 
+def put(folder, content, name="a.txt"):
+    """Write text or bytes into a file, and return its path."""
+    (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return folder / name
+
+
+def swapped(text):
+    """Numbers as they are written where the comma is decimal."""
+    return text.replace(",", "_").replace(".", ",").replace("_", ".")
+
+
 def refused(call, *parts, start=""):
     """A call is refused in one line that begins so and holds these parts."""
     with pytest.raises(InputError) as caught:

@@ -88,7 +88,7 @@ class TestEachFormat:
             assert (trace.stats._format, trace.stats.calib) == (form, 1.0)
             assert np.array_equal(trace.data, other.data)
             assert np.array_equal(trace.data, third.data)
-            assert not trace.stats.record.get("errors")
+            assert not trace.stats.record.errors
 
     @every_text
     def test_what_is_no_finite_number(self, tmp_path, form, text):

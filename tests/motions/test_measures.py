@@ -1,4 +1,4 @@
-"""Intensity measures against closed forms and independent integrators; files of motions."""
+"""Intensity measures against closed forms and other integrators; stored motions; cautions."""
 
 import numpy as np
 import pytest
@@ -6,17 +6,24 @@ from scipy.signal import cont2discrete, lfilter
 
 from archfrag.errors import InputError
 from archfrag.files import write_csv
-from archfrag.motions.measures import measure, parse_measure, scale_factor, spectral_acceleration
-from archfrag.motions.motion import Motion, load_motions, save_motions
+from archfrag.motions.index import load_index
+from archfrag.motions.measures import (
+    measure,
+    parse_measure,
+    sample_cautions,
+    scale_factor,
+    spectral_acceleration,
+)
+from archfrag.motions.motion import Motion, load_stored, store
+from archfrag.motions.read import inspect_record, load_motion, read_horizontals
 from archfrag.motions.selection import measure_records, read_flatfile
 
-from .helpers import refused, wave
+from .helpers import REAL_RECORDS, SHIPPED, at2_text, needs_real_records, refused, wave
 
 G = 9.80665
 WAVE = Motion(wave(), 0.01)
 STILL = Motion(np.zeros(10), 0.01, id="still")
-
-
+MASKED = np.ma.masked_array([0.1, 9.0], [0, 1])
 SINE = Motion(wave(), 0.01, id="sine")
 
 
@@ -105,44 +112,47 @@ def test_scaled_motion_has_the_level(name):
         (lambda: Motion([0.0, 1.0], "fast"), ["dt and samples", "must be numbers"]),
         (
             lambda: Motion([0.0, 1.0], 0.01, [1.0, 2.0, 3.0]),
-            ["vertical must be a row of 2, not (3,)"],
+            ["vertical must be a row of 2"],
         ),
+        (lambda: Motion([0.1, 1j], 0.01), ["acceleration has complex samples; all must be real"]),
+        (lambda: Motion([0.1, 1.0], 0.01, MASKED), ["vertical has masked samples"]),
     ],
 )
 def test_refusals(call, parts):
     refused(call, *parts)
 
 
-MOTIONS = [
-    Motion(wave() * np.pi, 0.01, id="one", metadata={"Mw": 6.5, "event": "é"}, log=("Made.",)),
-    Motion(wave(50), 1.0 / 3.0, vertical=wave(50), id="two"),
-]
-
-
-def test_round_trip_is_exact(tmp_path):
-    save_motions(tmp_path / "motions.npz", MOTIONS)
-    save_motions(tmp_path / "again.npz", MOTIONS)
-    assert (tmp_path / "motions.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
-    for before, after in zip(MOTIONS, load_motions(tmp_path / "motions.npz"), strict=True):
-        assert np.array_equal(before.acceleration, after.acceleration)
-        assert (after.vertical is None) == (before.vertical is None)
-        assert before.vertical is None or np.array_equal(before.vertical, after.vertical)
-        for name in ("dt", "id", "log", "metadata"):
-            assert getattr(after, name) == getattr(before, name)
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Motion(wave() * np.pi, 0.01, id="one", metadata={"Mw": 6.5, "event": "é"}, log=("Made.",)),
+        Motion(wave(50), 1.0 / 3.0, vertical=wave(50), id="two"),
+    ],
+)
+def test_what_is_stored_comes_back_exactly(tmp_path, motion):
+    for name in ("a.npz", "again.npz"):
+        store(tmp_path / name, motion)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
+    stored = load_stored(tmp_path / "a.npz")
+    assert np.array_equal(motion.acceleration, stored.acceleration)
+    assert (stored.vertical is None) == (motion.vertical is None)
+    assert motion.vertical is None or np.array_equal(motion.vertical, stored.vertical)
+    for name in ("dt", "id", "log", "metadata"):
+        assert getattr(stored, name) == getattr(motion, name)
 
 
 @pytest.mark.parametrize(
     ("damage", "reason"),
     [
         (lambda path: None, "No such file"),
-        (lambda path: path.write_text("something else"), "not a file of motions"),
-        (lambda path: np.savez(path, x=np.zeros(3)), "not a file of motions"),
+        (lambda path: path.write_text("something else"), "not a motion stored"),
+        (lambda path: np.savez(path, x=np.zeros(3)), "not a motion stored"),
     ],
 )
-def test_damaged_file(tmp_path, damage, reason):
-    damage(tmp_path / "motions.npz")
+def test_a_damaged_file(tmp_path, damage, reason):
+    damage(tmp_path / "motion.npz")
     with pytest.raises(InputError, match=reason):
-        load_motions(tmp_path / "motions.npz")
+        load_stored(tmp_path / "motion.npz")
 
 
 def test_flatfile_has_its_columns_and_values(tmp_path):
@@ -175,15 +185,51 @@ def test_no_flatfile(tmp_path, text, reason):
         read_flatfile(tmp_path / "flat.csv")
 
 
-@pytest.mark.parametrize("part", ["acceleration", "vertical"])
+LONG = wave(2000)
+PEAK = np.abs(LONG).max()
+BOW = np.sin(np.linspace(0.0, 2.0 * np.pi, 2000))
+
+
 @pytest.mark.parametrize(
-    ("samples", "what"),
+    ("samples", "parts"),
     [
-        (np.array([0.1, 1j, 0.0]), "complex"),
-        (np.ma.masked_array([0.1, 9.0, 0.0], [0, 1, 0]), "masked"),
+        (LONG, []),
+        (LONG + 0.17 * PEAK, ["its mean is 0.1", "its velocity at the end is 1 of PGV"]),
+        (LONG + 0.005 * PEAK, ["its velocity at the end is 0."]),
+        (LONG + 0.05 * BOW, ["its velocity on average is 0."]),
+        (LONG[:1010], ["of its peak within its last 0.3 s: the record ends while it shakes"]),
+        (np.append(LONG, LONG[1000:1100]), ["within its last 0.63 s"]),
+        (np.sin(np.linspace(0.0, 2.0 * np.pi, 101)), []),
+        (np.zeros(100), []),
     ],
 )
-def test_samples_that_are_no_real_numbers_are_refused(part, samples, what):
-    given = {"acceleration": [0.1, 0.2, 0.3], "dt": 0.01, part: samples}
-    with pytest.raises(InputError, match=f"{part} has {what} samples; all must be real numbers"):
-        Motion(**given)
+def test_offset_drift_and_end(samples, parts):
+    found = sample_cautions(samples, 0.01)
+    assert all(any(part in text for text in found) for part in parts), found
+    assert bool(found) == bool(parts), found
+
+
+def test_inspect_shows_them(tmp_path):
+    (tmp_path / "a.AT2").write_text(at2_text(0.1 * (LONG + 0.17)))
+    (errors,) = (channel["errors"] for channel in inspect_record(tmp_path / "a.AT2")["channels"])
+    assert errors[0].startswith("its mean is 0.1")
+
+
+def test_none_for_the_shipped_records():
+    for folder in (SHIPPED, SHIPPED / "near_source"):
+        for entry in load_index(folder):
+            motion = load_motion(entry)
+            assert sample_cautions(motion.acceleration, motion.dt) == [], entry.id
+            assert "cautions" not in motion.metadata
+
+
+@needs_real_records
+def test_of_real_records_only_that_of_a_film_that_drifts():
+    found = set()
+    for folder in ("cosmos_v1", "dmg_v1", "dmg_v2", "geonet_v1a", "knet", "mseed", "smc"):
+        for path in sorted((REAL_RECORDS / folder).iterdir()):
+            for motion in read_horizontals(path) if path.suffix != ".xml" else ():
+                assert "cautions" not in motion.metadata
+                if sample_cautions(motion.acceleration, motion.dt):
+                    found.add(motion.id)
+    assert found == {"LA116TH:360"}

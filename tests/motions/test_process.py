@@ -6,9 +6,9 @@ from scipy.signal import detrend
 
 from archfrag.errors import RecordError
 from archfrag.motions import process
+from archfrag.motions.channel import azimuth_of_code
 from archfrag.motions.measures import integral
 from archfrag.motions.motion import Motion
-from archfrag.motions.partners import azimuth_of_code
 from archfrag.motions.process import remove_response, rotate
 from archfrag.motions.read import read_motion
 

@@ -1,7 +1,5 @@
 """The stochastic model, how its motions vary, the shipped ones, and their index."""
 
-import re
-
 import numpy as np
 import pygmm
 import pytest
@@ -106,24 +104,6 @@ def test_the_shipped_suite_is_the_models_but_for_what_its_seeds_drew():
 
 
 HEADER = "id,file,sha256,Mw,dt_s,unit\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("id,file,unit_of\na,f,g\n", r"column 'unit' is missing from the index$"),
-        (f"{HEADER},f,,6,0.01,g\n", r"line 2: id is empty$"),
-        (f"{HEADER}a,f,,6,0.01,ft\n", r"line 2: unknown unit 'ft' of acceleration"),
-        (f"{HEADER}a,f,,big,0.01,g\n", r"line 2: Mw = 'big' is not a number$"),
-        (f"{HEADER}a,f,,nan,0.01,g\n", r"line 2: Mw = 'nan' is not a number$"),
-        (f"{HEADER}a,f,,6,,g\na,h,,6,,g\n", r"line 3: id 'a' occurs twice$"),
-    ],
-)
-def test_bad_row_of_an_index(tmp_path, text, reason):
-    path = tmp_path / "index.csv"
-    path.write_text(text)
-    with pytest.raises(RecordError, match=f"^{re.escape(str(path))}.*{reason}"):
-        load_index(path)
 
 
 @pytest.mark.parametrize(

@@ -229,7 +229,7 @@ def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
     both = study_with(tmp_path, 'files: ["records/*.AT2", "records/*.at2"]')
     assert ids(both) == ["wave0", "wave1"]
     study = study_with(tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]')
-    with pytest.raises(InputError, match=r"motions\.files\[1\]: an entry before it matches .*1"):
+    with pytest.raises(InputError, match=r"motions\.files\[1\]: an earlier entry matches .*1"):
         prepare_motions(study)
 
 

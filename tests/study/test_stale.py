@@ -116,7 +116,7 @@ def test_two_stored_motions_swapped_by_hand(copied):
     two.write_bytes(first)
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
-    message = f"{one}: the motion prepared of record 'wave0' is missing, changed or damaged"
+    message = f"{one}: the prepared motion of record 'wave0' is missing, changed or damaged"
     assert changed[0].startswith(message)
     with pytest.raises(InputError, match="missing, changed or damaged"):
         load_record(copied.study.work, copied.plan.records[0])

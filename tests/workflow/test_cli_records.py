@@ -171,7 +171,7 @@ class TestConvert:
         assert "factor 9.80665" in entries["record"].metadata["steps"]
         assert load_motion(entries["three.HNE"]).log[0] == "Read from three.HNE.txt (COLUMNS)."
         other = at2.rename(tmp_path / "record.dat")
-        assert "has it from elsewhere" in refused("convert", other, "--out", out)
+        assert "a record of another file" in refused("convert", other, "--out", out)
 
 
 def test_fetch_continues_and_its_exit_code_tells_what_may_pass(monkeypatch, tmp_path):

@@ -1,10 +1,15 @@
 """The commands `archfrag records ...`."""
 
 import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
+import pandas as pd
 
 from archfrag.cli.options import (
     PATH,
@@ -17,32 +22,51 @@ from archfrag.cli.options import (
     warn,
 )
 from archfrag.errors import InputError, RecordError, ServiceError
-from archfrag.files import counted, write_csv
+from archfrag.files import counted, opened, write_csv
+from archfrag.motions import selection, synthetic
+from archfrag.motions.channel import STANDARD_GRAVITY
+from archfrag.motions.convert import convert_record
+from archfrag.motions.fetch import fetch_records
+from archfrag.motions.formats import TEXT, one_reader, recognise
+from archfrag.motions.index import goes_with_records, index_table
+from archfrag.motions.partners import vertical_files
+from archfrag.motions.read import inspect_record, read_horizontals
+from archfrag.motions.target import Target, scenario_target
+from archfrag.study.file.schema import PERIODS
 from archfrag.study.provenance import finite, write_text
 
 _files = click.argument("files", nargs=-1, required=True, type=PATH)
 _out = click.option("--out", type=PATH, required=True, help="Folder to write to.")
 
 
-def _list_or_ends(low: float, high: float) -> Any:
-    """A callback for numbers within limits: the numbers, and whether they are two ends."""
+def _list_or_ends(low: float, high: float) -> Callable[..., Any]:
+    """Return a callback for numbers within limits, which tells whether they are two ends."""
 
     def numbers(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
         if text is None:
             return None
         ends = ":" in text
         try:
-            given = [float(part) for part in text.split(":" if ends else ",")]
+            values = [float(part) for part in text.split(":" if ends else ",")]
         except ValueError:
-            given = []
-        increasing = len(given) == 2 and given[0] < given[-1]
-        if not given or (ends and not increasing) or not low <= min(given) <= max(given) <= high:
+            values = [np.nan]
+        increasing = len(values) == 2 and values[0] < values[-1]
+        if (ends and not increasing) or not low <= min(values) <= max(values) <= high:
             forms = "a list such as 6,6.5,7, or two increasing ends such as 6:7"
             rule = f"must be numbers from {low:g} to {high:g}: {forms}"
             raise InputError(f"{parameter.opts[0]} {text}: {rule}")
-        return given, ends
+        return values, ends
 
     return numbers
+
+
+def _reading(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """Return the options to read a file with: columns are for plain text only."""
+    if reading["columns"] is None or not file.is_file():
+        return reading
+    with opened(file) as content:
+        binary = b"\0" in content.read(512)
+    return {**reading, "columns": None} if binary or recognise(str(file), TEXT) else reading
 
 
 @click.group()
@@ -60,33 +84,46 @@ def inspect(
 ) -> None:
     """List the content of record FILES and their errors.
 
-    Each channel of each file is shown with its faults. If a file cannot be read, the others are
+    Each channel of each file is shown with its errors. If a file cannot be read, the others are
     shown and the exit code is 2.
 
     \b
     Example:
       archfrag records inspect *.V2
     """
-    from archfrag.cli.record_work import inspection_text, reading_of
-    from archfrag.motions.index import goes_with_records
-    from archfrag.motions.read import inspect_record
-
-    found = []
+    entries = []
     for file in files:
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(finite(inspect_record(file, **reading_of(file, reading))))
+            entries.append(finite(inspect_record(file, **_reading(file, reading))))
         except RecordError as error:
-            found.append({"file": str(file), "error": str(error)})
-    shown = [inspection_text(facts) for facts in found if "error" not in facts]
+            entries.append({"file": str(file), "error": str(error)})
+    shown = [_inspection(facts) for facts in entries if "error" not in facts]
     if shown or as_json:
-        show(found, "\n".join(shown), as_json)
-    for facts in found:
+        show(entries, "\n".join(shown), as_json)
+    for facts in entries:
         if "error" in facts:
             warn(f"error: {facts['error']}")
-    if len(shown) < len(found):
+    if len(shown) < len(entries):
         context.exit(RecordError.exit_code)
+
+
+def _inspection(facts: dict[str, Any]) -> str:
+    """Return a line for each channel that `inspect_record` lists, and for each error."""
+    magnitude = None if facts["magnitude"] is None else f"M {facts['magnitude']:g}"
+    stations = dict.fromkeys(channel["station"] for channel in facts["channels"])
+    head = (*(facts[key] for key in ("format", "event", "date")), magnitude, *list(stations)[:3])
+    lines = [f"{facts['file']}: {', '.join(filter(None, head))}"]
+    for channel in facts["channels"]:
+        parts = [f"{channel['count']} samples at {channel['dt']:g} s",
+                 f"{channel['duration']:.2f} s", channel["unit"] or "unit unknown"]  # fmt: skip
+        if channel["PGA"] is not None:
+            parts.append(f"PGA {channel['PGA'] / STANDARD_GRAVITY:.4g} g")
+        parts += [channel["level"], "vertical" if channel["vertical"] else "", channel["start"]]
+        lines.append(f"  {channel['code'] or '(no code)':9s} {', '.join(filter(None, parts))}")
+        lines += [f"    ! {error}" for error in channel["errors"]]
+    return "\n".join([*lines, *(f"  ! {error}" for error in facts["errors"])])
 
 
 @records.command()
@@ -109,14 +146,49 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
-    from archfrag.cli import record_work as work
-
-    table = work.measure_files(files, out, periods, reading)
+    table = _measured(files, out, periods, reading)
     write_csv(out, [table], float_format="%.6g")
     if figure is not None:
-        write_text(figure, work.measured_spectra(table))
+        columns = selection.spectrum_columns(table)
+        spectra = table[[columns[period] for period in sorted(columns)]].to_numpy(float)
+        band = np.nanquantile(spectra, [0.16, 0.5, 0.84], axis=0)
+        _draw(figure, sorted(columns), spectra, {"median, 16 to 84 %": band})
     rows = json.loads(table.to_json(orient="records", double_precision=15))
     show(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
+
+
+def _measured(
+    files: Sequence[Path], out: Path, text: str | None, reading: dict[str, Any]
+) -> pd.DataFrame:
+    """Return the flatfile of record files at our periods and those of a text."""
+    low, high = PERIODS
+    try:
+        more = [float(part) for part in text.split(",")] if text else []
+        if not all(low <= period <= high and round(period, 3) == period for period in more):
+            raise ValueError
+    except ValueError:
+        needed = f"numbers from {low:g} to {high:g} s, of at most three decimals, are needed"
+        raise InputError(f"--periods {text}: {needed}") from None
+    verticals, tables = vertical_files(sorted(files)), []
+    with one_reader():
+        for file in (file for file in dict.fromkeys(files) if file not in verticals):
+            options, name = _reading(file, reading), os.path.relpath(file, out.parent)
+            motions = [replace(motion, metadata={**motion.metadata, "file": name})
+                       for motion in read_horizontals(file, **options)]  # fmt: skip
+            how = {"unit": options["unit"], "accept": " ".join(options["accept"]),
+                   "columns": str(options["columns"] or "")}  # fmt: skip
+            table = selection.measure_records(motions, sorted({*selection.PERIODS, *more}))
+            tables.append(table.assign(**{key: value for key, value in how.items() if value}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _draw(figure: Path, periods: Sequence[float], spectra: Any, bands: dict[str, Any]) -> None:
+    """Write response spectra [g] as SVG; of each band there are rows low, median and high."""
+    from archfrag import plots  # start-up: matplotlib
+
+    colours = (plots.VERMILION, plots.BLUE)[-len(bands) :]
+    drawn = [(rows, colour, label) for (label, rows), colour in zip(bands.items(), colours)]
+    write_text(figure, plots.svg_of(plots.plot_spectra(periods, spectra, drawn).figure))
 
 
 @records.command()
@@ -151,22 +223,40 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
       archfrag records select flatfile.csv --out selected.csv --count 30 \\
         --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
     """
-    from archfrag.cli import record_work as work
-    from archfrag.motions.selection import read_flatfile, select_records, spectrum_columns
-
-    table, own = read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
-    target = work.target_of(options, sorted(spectrum_columns(table)))
-    selection = select_records(table, target, **{name: options[name] for name in own})
-    selection.write(out, folder=flatfile.parent)
+    table, names = selection.read_flatfile(flatfile), ("count", "seed", "max_scale", "per_event")
+    target = _target(options, sorted(selection.spectrum_columns(table)))
+    chosen = selection.select_records(table, target, **{name: options[name] for name in names})
+    chosen.write(out, folder=flatfile.parent)
     if figure is not None:
-        write_text(figure, work.selected_spectra(selection))
-    for caution in selection.cautions:
+        away = 1.96 * np.array([[-1.0], [0.0], [1.0]])
+        bands = {"selected": chosen.ln_sa.mean(axis=0) + away * np.nan_to_num(chosen.sd),
+                 "target": target.ln_mean + away * target.sd}  # fmt: skip
+        bands = {f"{name}, 2.5 to 97.5 %": np.exp(rows) for name, rows in bands.items()}
+        _draw(figure, target.periods.tolist(), np.exp(chosen.ln_sa), bands)
+    for caution in chosen.cautions:
         warn(f"caution: {caution}")
-    facts, count = selection.facts(), counted(len(selection.table), "record")
+    facts, count = chosen.facts(), counted(len(chosen.table), "record")
     median, sd = (max(abs(error or 0.0) for error in facts[key])
                   for key in ("median_error", "sd_error"))  # fmt: skip
     near = f"median within {100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %"
-    show(facts, f"{count} selected of {selection.candidates}: {near}: {out}", as_json)
+    show(facts, f"{count} selected of {chosen.candidates}: {near}: {out}", as_json)
+
+
+def _target(options: dict[str, Any], measured: Sequence[float]) -> Target:
+    """Return the target that a file has, or that of a scenario at periods that were measured."""
+    scenario = ("magnitude", "distance", "vs30", "period")
+    named = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
+    if options["target"] is not None:
+        if named:
+            raise InputError(f"--target and --{named[0]}: a target is a file or a scenario")
+        return selection.read_target(options["target"])
+    missing = [f"--{name}" for name in scenario if name not in named]
+    if missing or ("sa" in named) == ("epsilon" in named):
+        lacking = ", ".join(missing) or "one of --sa and --epsilon"
+        raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
+    rupture = options["magnitude"], options["distance"], options["vs30"]
+    level = options["sa"], options["epsilon"]
+    return scenario_target(rupture, options["period"], level, measured, options["model"])
 
 
 @records.command()
@@ -190,12 +280,9 @@ def convert(
     Example:
       archfrag records convert CE23837.V1C --to text --in g --out converted
     """
-    from archfrag.cli.record_work import reading_of
-    from archfrag.motions.convert import convert_record
-
     written = [
         {"file": str(path), "source": str(file)} for file in files
-        for path in convert_record(file, out, form, requested, **reading_of(file, reading))
+        for path in convert_record(file, out, form, requested, **_reading(file, reading))
     ]  # fmt: skip
     show(written, "\n".join(entry["file"] for entry in written), as_json)
 
@@ -233,19 +320,17 @@ def fetch(
     Example:
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
-    from archfrag.motions.fetch import fetch_records
-
     kinds = tuple(kind.strip() for kind in channels.split(","))
-    found: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
+    fetched: dict[str, list[Any]] = {"new": [], "kept": [], "failures": []}
     for kind, text in fetch_records(out, events, channels=kinds, **options):
-        if kind in found:
-            found[kind].append(text)
+        if kind in fetched:
+            fetched[kind].append(text)
         else:
-            found["failures"].append({"kind": kind, "message": text})
+            fetched["failures"].append({"kind": kind, "message": text})
             warn(text)
-    new, kept, failures = found.values()
+    new, kept, failures = fetched.values()
     text = f"{counted(len(new), 'record')} fetched, {len(kept)} were there: {out}"
-    show({"folder": str(out), **found}, text, as_json)
+    show({"folder": str(out), **fetched}, text, as_json)
     if passing := sum(failure["kind"] == "service" for failure in failures):
         count = counted(passing, "request")
         raise ServiceError(f"{count} failed; try again later: the same command continues")
@@ -282,8 +367,23 @@ def make(out: Path, as_json: bool, **requested: Any) -> None:
       archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
         --distance-km 10:100 --out synthetic
     """
-    from archfrag.cli.record_work import make_chosen
-
-    paths = make_chosen(out, requested)
+    others = [name for name, row in index_table(out).items() if not row.get("model")]
+    if others:
+        listed = f"the index there lists other records ({others[0]})"
+        raise InputError(f"--out {out}: {listed}; name another folder")
+    paths = synthetic.make_suite(out, _recipes(requested))
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     show(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)
+
+
+def _recipes(requested: dict[str, Any]) -> list[synthetic.Recipe] | None:
+    """Return the recipes of the motions that are asked for; None for those that archfrag ships."""
+    given = {key: value for key, value in requested.items() if value is not None}
+    if not given:
+        return None
+    needed = {"--events": "events", "--magnitude": "magnitude", "--distance-km": "distance_km"}
+    if missing := [option for option, key in needed.items() if key not in given]:
+        raise InputError(f"{', '.join(missing)}: needed with the other options")
+    given["magnitude"], given["drawn_magnitude"] = given["magnitude"]
+    given["distance"], given["drawn_distance"] = given.pop("distance_km")
+    return synthetic.plan_motions(**{"records_per_event": 1, **given})

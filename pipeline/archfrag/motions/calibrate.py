@@ -1,115 +1,270 @@
-"""Units and senses of records from file, StationXML and user, and checks of plausibility."""
+"""Units, directions and senses of channels, and what is wrong with them.
 
+Headers of obspy's formats, StationXML and the user state them. Each fact goes to the `Channel`;
+what contradicts its code or the user becomes a warning.
+"""
+
+import contextlib
 import io
-import os
+import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 from archfrag.errors import RecordError, reason_of
-from archfrag.files import opened, read_bytes
-from archfrag.motions import headers
-from archfrag.motions.headers import Acceptable, Warned
-from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
-from archfrag.motions.partners import Trace, channel_code, is_vertical
+from archfrag.files import read_bytes
+from archfrag.motions.channel import (
+    HORIZONTAL,
+    METRES_PER_SECOND_SQUARED,
+    STANDARD_GRAVITY,
+    VERTICAL,
+    Acceptable,
+    Channel,
+    Trace,
+    Warned,
+    azimuth_of_code,
+    turned_by,
+    unit_factor,
+)
 
 Inventory = Any  # obspy's, whose import takes time
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
-LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
+LARGEST_INVENTORY = 50_000_000  # [bytes]
+TOLERANCE = 5.0  # [degrees] by which SEED lets a channel N, E or Z deviate
+UNEQUAL = 0.02  # of the total sensitivity, by which the product of stages may be off
+UNDERGROUND = 5.0  # [m] from which on a sensor counts as one in a borehole
+_SAC_QUANTITIES = {6: "a displacement", 7: "a velocity", 50: "volts"}  # IDEP
+_QUANTITIES = {
+    "a velocity": r"([nuµmck]?m|in|ft)/s|kine", "a displacement": r"([nuµmck]?m|in|ft)",
+    "an acceleration in another unit": r"([nuµk]?m|in|ft)/s2|m?g?gal|mg",
+}  # fmt: skip
+_UNSTATED = {"", "unknown", "none", "na", "n/a", "-", "1", "integer", "float", "ascii"}
+_COUNTS = {"count", "counts", "cnt", "cnts", "digital_counts", "digitalcounts", "du", "digits"}
 
 
-def check_file(path: Path) -> None:
-    """Raise RecordError for what cannot be read as a record: a folder, a pipe, an empty file."""
-    try:
-        str(path).encode()
-        with opened(path) as file:
-            size = os.fstat(file.fileno()).st_size
-    except UnicodeEncodeError:
-        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        raise RecordError(f"{shown}: the name of the file is not in UTF-8; rename it") from None
-    except FileNotFoundError:
-        raise RecordError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise RecordError(f"{path}: the file cannot be read: {error.strerror}") from None
-    if not 0 < size <= LARGEST_RECORD:
-        many = f"has {size} bytes; a record may have at most {LARGEST_RECORD}"
-        raise RecordError(f"{path}: the file {many if size else 'is empty'}")
-
-
-def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
-    """The words of an `accept`, commas or blanks between, in the order of ``ACCEPTABLE``."""
-    given = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
-    for word in given:
+def accepted_words(words: Iterable[str], place: str) -> tuple[Acceptable, ...]:
+    """Return the words of an `accept`, separated by commas or blanks; RecordError for others."""
+    chosen = (words if isinstance(words, str) else " ".join(words)).replace(",", " ").split()
+    for word in chosen:
         if word not in ACCEPTABLE:
             raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
-    return tuple(word for word in ACCEPTABLE if word in given)
+    return tuple(word for word in ACCEPTABLE if word in chosen)
 
 
-def implausible(channel: Trace) -> Iterator[Warned]:
+def impossible(trace: Trace) -> Iterator[Warned]:
+    """List what is impossible in a channel, or contradicts its header."""
+    channel, delta, data = trace.stats.record, trace.stats.delta, trace.data
+    code, announced, held = channel.code or trace.id, channel.announced, channel.held
+    if not 0.0 < delta < np.inf:
+        yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
+    if announced != held:
+        stated = f"the header announces {announced} samples of channel {code}"
+        yield "samples", f"{stated}, the file holds {'only ' if held < announced else ''}{held}"
+    elif channel.wrong_peak:
+        yield "header", f"channel {code}: {channel.wrong_peak}"
+    if min(held, len(data)) < 2:
+        yield None, f"channel {trace.id} holds less than 2 samples"
+    if np.iscomplexobj(data):
+        yield None, f"channel {trace.id} has complex samples; accelerations are real numbers"
+    if np.ma.isMaskedArray(data):
+        yield None, f"channel {trace.id} has gaps; a record must be without gaps"
+    if (bad := np.flatnonzero(~np.isfinite(data))).size:
+        yield None, f"channel {trace.id} is not finite, the first time at index {bad[0]}"
+
+
+def implausible(trace: Trace) -> Iterator[Warned]:
     """List what is implausible about a channel in m/s2."""
-    code, dt = channel_code(channel), float(channel.stats.delta)
+    channel, dt = trace.stats.record, float(trace.stats.delta)
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not 1e-4 * (1.0 - 1e-9) <= dt <= 0.1 * (1.0 + 1e-9):
-        yield "time_step", f"time step of channel {code} is {dt:g} s, outside 0.0001 to 0.1 s"
-    peak = float(np.abs(channel.data).max()) / STANDARD_GRAVITY
+        text = f"time step of channel {channel.code} is {dt:g} s, outside 0.0001 to 0.1 s"
+        yield "time_step", text
+    peak = float(np.abs(trace.data).max()) / STANDARD_GRAVITY
     if not 1e-5 <= peak <= 5.0:
-        text = f"{peak:.4g} g by its unit {channel.stats.record.unit_in_file}"
-        yield "pga", f"peak of channel {code} is {text}, outside 1e-05 to 5 g"
+        text = f"{peak:.4g} g by its unit {channel.unit_in_file}"
+        yield "pga", f"peak of channel {channel.code} is {text}, outside 1e-05 to 5 g"
 
 
 def accept_or_refuse(
-    path: object, accept: tuple[str, ...], warnings: Iterable[Warned]
+    place: object, accept: Sequence[Acceptable], warnings: Iterable[Warned]
 ) -> tuple[str, ...]:
-    """Log accepted warnings; RecordError for a warning that is not in `accept`."""
+    """Return a line for each warning; RecordError for the first that is not in `accept`."""
     lines: tuple[str, ...] = ()
     for word, fact in warnings:
         if word not in accept:
-            given = f"give `accept` with {word} (--accept {word} on the command line)"
-            remedy = f"; to use it as it is {given}" if word else ""
-            raise RecordError(f"{path}: {fact}{remedy}")
+            how = f"give `accept` with {word} (--accept {word} on the command line)"
+            raise RecordError(f"{place}: {fact}{f'; to use it as it is {how}' if word else ''}")
         lines += (f"Accepted: {fact}.",)
     return lines
 
 
-def to_si(trace: Trace, path: Path, asked: str | None, listed: str, given: Any) -> None:
-    """Bring the samples of a channel to m/s2, upwards, if its unit is known; else add why not.
+def plain_unit(text: str) -> str:
+    """Return a unit in lower case, ``CM/S**2`` and ``cm/sec/sec`` as ``cm/s2``."""
+    plain = re.sub(r"[\s^*()]", "", text.lower())
+    return re.sub(r"/s(ec)?/s(ec)?|/sec2", "/s2", plain).replace("/sec", "/s")
 
-    `asked` is the user's unit, `listed` that of an index, `given` the user's StationXML.
-    """
-    record, values, inventory = trace.stats.record, trace.data, None
-    record.unit_in_file = ""
-    for more in ((), headers.add_stated(trace)):
-        record.warnings += tuple(more)
-        if any(word is None for word, _ in record.warnings):
-            return
+
+def _add_stated(trace: Trace) -> None:
+    """Add what a header of one of obspy's formats states; warn if it is no acceleration."""
+    stats, channel = trace.stats, trace.stats.record
+    sac, gse, text = (stats.get(key, {}) for key in ("sac", "gse2", "ascii"))
+    unit = plain_unit(str(text.get("unit") or "").rstrip(", "))
+    quantity = _SAC_QUANTITIES.get(_number(sac.get("idep"), -1))
+    if unit in METRES_PER_SECOND_SQUARED:
+        channel.unit = unit
+    elif unit in _COUNTS:
+        channel.unit = "counts"
+    elif unit not in _UNSTATED:
+        kinds = (kind for kind, form in _QUANTITIES.items() if re.fullmatch(form, unit))
+        quantity = f"{next(kinds, 'no acceleration')} (its unit is {text['unit']!r})"
+    if quantity:
+        units = ", ".join(METRES_PER_SECOND_SQUARED)
+        needed = f"samples of acceleration are needed, in one of {units}"
+        stated = f"the header of {_named(channel)} states {quantity}"
+        channel.warnings.append((None, f"{stated}; {needed}"))
+    if stats._format == "KINEMETRICS_EVT" and 0.0 < stats.calib < math.inf:
+        channel.g_per_count = stats.calib / 9.81  # obspy's own value of g
+    azimuth = _number(sac.get("cmpaz", gse.get("hang")), -1.0)
+    tilt = _number(sac.get("cmpinc", gse.get("vang")), -1.0)
+    # Zeros and -1 are what writers put where they know nothing.
+    if 0.0 <= tilt <= 180.0 and (azimuth or tilt or VERTICAL.fullmatch(channel.code)):
+        _add_direction(channel, azimuth, tilt - 90.0, f"{stats._format} header")
+    _add_depth(channel, _number(sac.get("stdp"), 0.0), "SAC header")
+    origin = _number(sac.get("o"), math.nan)
+    if math.isfinite(origin):
+        channel.origin_time = str(stats.starttime - _number(sac.get("b"), 0.0) + origin)
+
+
+def _named(channel: Channel) -> str:
+    return f"channel {channel.code}" if channel.code else "the file"
+
+
+def _number(value: Any, default: Any) -> Any:
+    """Return a number of a header; `default` if it is missing, or -12345, as SAC writes then."""
+    return default if value in (None, "") or float(value) == -12345.0 else float(value)
+
+
+def _add_direction(channel: Channel, azimuth: float, dip: float, source: str) -> None:
+    """Add azimuth and dip [degrees] of a channel; warn if they contradict its code."""
+    code = channel.code
+    if not (math.isfinite(azimuth) and math.isfinite(dip)):
+        return
+    stated, vertical = f"the {source} states a dip of {dip:g} degrees", abs(dip) > 90.0 - TOLERANCE
+    if not vertical and abs(dip) > TOLERANCE:
+        text = f"channel {code} is neither vertical nor horizontal: {stated}"
+        channel.warnings.append(("header", text))
+        return
+    if (HORIZONTAL if vertical else VERTICAL).fullmatch(code) and not code.isdigit():
+        kind = "horizontal" if vertical else "vertical"
+        text = f"channel {code} is {kind} by its code, but {stated}"
+        channel.warnings.append(("header", text))
+        return
+    before, channel.vertical = channel.azimuth, vertical
+    if vertical:
+        channel.downwards = dip > 0.0
+    if vertical or azimuth < 0.0:
+        return
+    if before is not None and turned_by(before, azimuth) > TOLERANCE:
+        text = f"its own header states azimuth {before:g}, the {source} {azimuth:g} degrees"
+        channel.warnings.append(("header", f"channel {code}: {text}"))
+    channel.azimuth = azimuth % 360.0
+    by_code = azimuth_of_code(code)
+    if by_code is not None and (off := turned_by(by_code, azimuth)) > TOLERANCE:
+        sense = "its polarity is reversed" if off > 180.0 - TOLERANCE else "this azimuth counts"
+        differ = f"azimuth {by_code:g} by its code, {azimuth:g} by the {source}"
+        channel.cautions.append(f"channel {code} has {differ}; {sense}")
+
+
+def _add_depth(channel: Channel, depth: float, source: str) -> None:
+    """Note a sensor that is below the ground."""
+    if UNDERGROUND <= depth < 20_000.0:
+        channel.sensor = f"is {depth:g} m below the surface by its {source}"
+
+
+def _add_station(trace: Trace, inventory: Any) -> None:
+    """Add direction and depth of a channel by StationXML; compare its sensitivity and stages."""
+    channel, time, facts = trace.stats.record, trace.stats.starttime, dict[str, Any]()
+    with contextlib.suppress(Exception):  # obspy's, of a channel that is not in it
+        facts = inventory.get_channel_metadata(trace.id, time)
+    azimuth, dip = (facts.get(key) for key in ("azimuth", "dip"))
+    if dip is not None:
+        _add_direction(channel, -1.0 if azimuth is None else azimuth, dip, "StationXML")
+    _add_depth(channel, float(facts.get("local_depth") or 0.0), "StationXML")
     try:
-        if record.get("unit") in (None, "", "counts"):
-            inventory = find_inventory(path, trace, given)
+        response = inventory.get_response(trace.id, time)
+        total = float(response.instrument_sensitivity.value)
+    except Exception:  # which stops the reading where the sensitivity is needed
+        return
+    gains = [stage.stage_gain for stage in response.response_stages or ()]
+    product = float(np.prod([gain for gain in gains if gain is not None]))
+    if any(gains) and not abs(product / total - 1.0) <= UNEQUAL:
+        numbers = f"a total sensitivity of {total:.6g} and stages whose product is {product:.6g}"
+        use = "reading uses the total, the step `response` the stages; find out which is right"
+        channel.cautions.append(f"channel {channel.code}: its StationXML states {numbers}; {use}")
+    units = str(response.instrument_sensitivity.input_units).upper()
+    if _is_seismometer(channel.code) and "S**2" in units:
+        both = "is of a seismometer by its code, of an accelerometer by its StationXML"
+        channel.cautions.append(f"channel {channel.code} {both}; the StationXML counts")
+
+
+def _is_seismometer(code: str) -> bool:
+    """Tell whether a code of SEED names a seismometer, which measures velocity."""
+    return bool(re.fullmatch(r"[FGDCESHBMLVU][HLP][A-Z1-3]", code.upper()))
+
+
+def _compare_with_the_user(trace: Trace, unit: str) -> None:
+    """Warn if the header contradicts that the samples are in a unit of acceleration."""
+    stats, channel, user = trace.stats, trace.stats.record, f"and the unit {unit} was given"
+    text = ""
+    if channel.unit == "counts":
+        text = f"the header of {_named(channel)} states counts, {user}"
+    elif stats.calib not in (0.0, 1.0):
+        what = f"the header of {_named(channel)} states a calibration factor of {stats.calib:g}"
+        text = f"{what}, so that its samples are counts, {user}"
+    elif _is_seismometer(channel.code):
+        text = f"{_named(channel)} is of a seismometer (velocity) by its code, {user}"
+    if text:
+        channel.warnings.append(("header", text))
+
+
+def to_si(trace: Trace, path: Path, asked: str | None, listed: str, table: Any) -> None:
+    """Convert a channel to m/s2, a vertical upwards; without a unit, add a warning that says why.
+
+    `asked` is the user's unit, `listed` that of an index, `table` the user's StationXML.
+    """
+    channel, values, inventory = trace.stats.record, trace.data, None
+    if any(word is None for word, _ in channel.warnings):
+        return
+    _add_stated(trace)
+    if any(word is None for word, _ in channel.warnings):
+        return
+    try:
+        if channel.unit in ("", "counts"):
+            inventory = find_inventory(path, trace, table)
         if inventory is not None:
-            record.warnings += tuple(headers.add_station(trace, inventory))
+            _add_station(trace, inventory)
         _scale(trace, path, asked, listed, inventory)
     except RecordError as error:
-        record.warnings += ((None, str(error).removeprefix(f"{path}: ")),)
+        channel.warnings.append((None, str(error).removeprefix(f"{path}: ")))
     mean = float(values.mean())
     motion = float(np.abs(values - mean).max())
     if abs(mean) > motion > 0.0:
         offset = f"the offset of the samples, {mean:.4g}, is larger than their motion about it"
-        unit = record.unit_in_file or "unit unknown"
-        record.errors += (f"{offset}, {motion:.4g} [{unit} in the file]",)
-    if not record.unit_in_file:
+        unit = channel.unit_in_file or "unit unknown"
+        channel.errors.append(f"{offset}, {motion:.4g} [{unit} in the file]")
+    if not channel.unit_in_file:
         return
-    code = channel_code(trace)
-    if (sensor := record.get("sensor", "surface")) != "surface":
-        where = "is in the borehole, not at the surface" if sensor == "borehole" else sensor
-        record.cautions += (f"channel {code} {where}",)
+    code = channel.code
+    if channel.sensor:
+        channel.cautions.append(f"channel {code} {channel.sensor}")
     down = code.upper().lstrip("+").startswith(("DWN", "DOWN", "-UP")) and inventory is None
-    if is_vertical(trace) and record.get("downwards", down):
+    if channel.is_vertical and (down if channel.downwards is None else channel.downwards):
         trace.data = -trace.data
-        record.log += (f"Sign of {code} changed: it counts downwards.",)
+        channel.log.append(f"Sign of {code} changed: it counts downwards.")
 
 
 def _scale(
@@ -119,22 +274,21 @@ def _scale(
 
     The first source that states a unit counts: the file's header; the index that lists the file;
     the K-NET scale factor (which obspy leaves in ``stats.calib``, not applied); StationXML; the
-    sensitivities in a COSMOS header; the user. Records of counts and uncorrected volumes are
-    demeaned: their offset is the instrument's and can exceed the motion.
+    sensitivities in a COSMOS header; the user. The mean of counts and uncorrected volumes is
+    removed: it is the instrument's offset, which can exceed the motion.
     """
-    record, form = trace.stats.record, trace.stats._format
+    channel, form = trace.stats.record, trace.stats._format
     if asked is not None:
         unit_factor(asked, str(path))
-    unit, source = record.get("unit"), f"{form} header"
-    if unit in (None, "", "counts"):
-        unit, source = listed, "index"
-    raw = "Uncorrected: mean removed" if record.get("level") == "raw" else ""
+    by_header = channel.unit not in ("", "counts")
+    unit, source = (channel.unit, f"{form} header") if by_header else (listed, "index")
+    raw = "Uncorrected: mean removed" if channel.level == "raw" else ""
     if unit:
         factor = unit_factor(unit, source)
         same, stated = METRES_PER_SECOND_SQUARED.get(asked or unit) == factor, f"states {unit!r}"
         done = f"Converted to m/s2: unit {unit} from the {source}, factor {factor:g}."
-    elif found := _of_counts(trace, path, inventory):
-        (factor, source), unit, raw = found, "counts", "Mean removed"
+    elif sensitivity := _of_counts(trace, path, inventory):
+        (factor, source), unit, raw = sensitivity, "counts", "Mean removed"
         same, stated = not asked or (asked == "m/s2" and form == "KNET"), "converts its counts"
         done = f"Converted from counts to m/s2 by the {source}, factor {factor:.9g}."
     elif asked:
@@ -143,24 +297,25 @@ def _scale(
     else:
         units = f"one of {', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line)"
         need = f"does not state the unit of its samples; give `unit`, {units}, or for counts its"
-        if record.get("unit") == "counts":
+        if channel.unit == "counts":
             need = "states counts and does not state the unit of one; give its"
         place = f"as {path.stem}.xml beside it or by `inventory` (--inventory on the command line)"
         raise RecordError(f"{path}: the file {need} StationXML {place}")
-    if record.get("unit") in (None, "", "counts") and unit != "counts":
-        record.warnings += tuple(headers.against_the_user(trace, unit))
+    if not by_header and unit != "counts":
+        _compare_with_the_user(trace, unit)
     if not same:
         conflict = f"unit {asked!r} asked for but the {source} {stated}"
         raise RecordError(f"{path}: {conflict}; leave `unit` out")
     trace.data = trace.data * factor
-    record.unit_in_file, record.log = unit, (*record.log, done)
+    channel.unit_in_file = unit
+    channel.log.append(done)
     if raw:
-        record.log += (f"{raw} ({trace.data.mean():.6g} m/s2).",)
+        channel.log.append(f"{raw} ({trace.data.mean():.6g} m/s2).")
         trace.data = trace.data - trace.data.mean()
 
 
 def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[float, str] | None:
-    """The factor from counts to m/s2 and its source, None if nothing states one."""
+    """Return the factor from counts to m/s2 and its source; None if nothing states one."""
     if trace.stats._format == "KNET":
         return float(trace.stats.calib), "file's scale factor"
     if inventory is not None:
@@ -170,28 +325,31 @@ def _of_counts(trace: Trace, path: Path, inventory: Inventory | None) -> tuple[f
             unit, value = (overall.input_units or "").upper(), float(overall.value)
             out = (overall.output_units or "COUNTS").upper()
         except Exception:
-            none = f"the StationXML has no response for channel {trace.id}"
-            raise RecordError(f"{path}: {none} at {trace.stats.starttime}") from None
+            lacking = f"the StationXML has no response for channel {trace.id}"
+            raise RecordError(f"{path}: {lacking} at {trace.stats.starttime}") from None
         counts = re.search("COUNT|CNT|DIGIT", out) is not None
         if unit not in _ACCELERATION_UNITS or not (counts and value and np.isfinite(value)):
             what = f"channel {trace.id} has {value:g} {out.lower()}/({unit}) in StationXML"
             raise RecordError(f"{path}: {what}; counts/(M/S**2) are needed")
         return 1.0 / value, f"sensitivity {value:.6g} counts/(m/s2) of its StationXML"
-    if per_count := trace.stats.record.get("g_per_count"):
+    if per_count := trace.stats.record.g_per_count:
         text = f"sensitivity {1.0 / per_count:.6g} counts/g of its header"
         return per_count * STANDARD_GRAVITY, text
     return None
 
 
 def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
-    """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
-    from obspy import read_inventory
+    """Return StationXML for a trace: the given one, or NAME.xml or NET.STA.xml beside the record.
+
+    None if there is no such file.
+    """
+    from obspy import read_inventory  # start-up: a Motion needs no obspy
 
     if not (given is None or isinstance(given, (str, Path))):
         return given
     names = (path.stem, f"{trace.stats.network}.{trace.stats.station}")
     near = (path.with_name(f"{name}.xml") for name in names)
-    if not (file := given or next((each for each in near if each.is_file()), None)):
+    if not (file := given or next(filter(Path.is_file, near), None)):
         return None
     content = read_bytes(Path(file), LARGEST_INVENTORY, RecordError, "the StationXML file")
     try:

@@ -16,9 +16,8 @@ from obspy import Stream, Trace
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.calibrate import accept_or_refuse, implausible
+from archfrag.motions.channel import instrument, unit_factor
 from archfrag.motions.index import index_table, write_index
-from archfrag.motions.motion import unit_factor
-from archfrag.motions.partners import channel_code, instrument, is_vertical
 from archfrag.motions.read import read_channels, record_name
 
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
@@ -27,7 +26,7 @@ _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth
 def convert_record(
     path: str | Path, folder: str | Path, form: str, to: str, **options: Any
 ) -> list[Path]:
-    """Write the channels of a record file in another format, and return the files written.
+    """Write the channels of a record file in another format; return the files written.
 
     `form` is ``mseed`` (all channels in a file) or ``text`` (a file each: time [s] and
     acceleration), in the unit `to`; `options` are those of `read_motion`. Files of the same name
@@ -41,31 +40,31 @@ def convert_record(
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
     for group in groups:
-        code = _plain(channel_code(group[0])) or len(written) + 1
+        code = _plain(group[0].stats.record.code) or len(written) + 1
         middle, end = "" if len(groups) == 1 else f".{code}", "mseed" if form == "mseed" else "txt"
         target = place / f"{record_name(file)}{middle}.{end}"
-        if os.path.realpath(target) == os.path.realpath(file) or target in written:
-            raise InputError(f"{target}: is the source or written twice; name another folder")
-        if rows.get(target.stem, {}).get("source", file.name) != file.name:
-            raise InputError(f"{target}: the index has it from elsewhere; name another folder")
+        same = os.path.realpath(target) == os.path.realpath(file) or target in written
+        if same or rows.get(target.stem, {}).get("source", file.name) != file.name:
+            what = "would replace the source, another channel or a record of another file"
+            raise InputError(f"{target}: {what}; name another folder")
         with replacing(target) as part:
             if form == "mseed":
                 seed = Stream(_for_seed(group, factor))
                 seed.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
             else:
-                made = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
-                part.write_text(_text(group[0], factor, to, made), encoding="ascii")
+                origin = f"archfrag {version('archfrag')} from {file.name}, sha256 {digest[:16]}"
+                part.write_text(_text(group[0], factor, to, origin), encoding="ascii")
         written.append(target)
-        if all(map(is_vertical, group)):
+        if all(channel.stats.record.is_vertical for channel in group):
             continue
-        first = group[0].stats
+        first, facts = group[0].stats, group[0].stats.record.facts
         rows[target.stem] = {
             "id": target.stem, "file": target.name, "sha256": sha256_of(target),
-            "event": str(first.record.get("event", "")),
-            **{key: first.record[key] for key in _HEADER if key in first.record},
+            "event": first.record.event,
+            **{key: facts[key] for key in _HEADER if key in facts},
             "dt_s": float(first.delta), "unit": to,
             "columns": "" if form == "mseed" else "time=1 acceleration=2",
-            "channels": " ".join(map(channel_code, group)),
+            "channels": " ".join(channel.stats.record.code for channel in group),
             "source": file.name, "source_sha256": digest,
             "steps": " ".join(first.record.log), "accept": " ".join(first.record.accept),
         }  # fmt: skip
@@ -74,42 +73,40 @@ def convert_record(
 
 
 def _for_seed(group: Sequence[Trace], factor: float) -> list[Trace]:
-    """Channels with codes of their own if SEED can hold them, or else new ones."""
+    """Return channels with their own codes if SEED can hold them, or else new ones."""
     codes = [(_plain(channel.stats.network)[:2] or "XX", _plain(channel.stats.station)[:5],
-              str(channel.stats.location).strip(), channel_code(channel))
+              str(channel.stats.location).strip(), channel.stats.record.code)
              for channel in group]  # fmt: skip
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{c[2]}:{c[3]}") for c in codes)
     if not held or len(set(codes)) < len(codes):
         horizontals = dict.fromkeys(map(instrument, group), 0)
-        for number, (channel, its) in enumerate(zip(group, map(instrument, group))):
-            horizontals[its] += not is_vertical(channel)
-            place = f"{list(horizontals).index(its):02d}" if len(horizontals) > 1 else ""
-            kind = "HNZ" if is_vertical(channel) else f"HN{horizontals[its]}"
+        for number, (channel, sensor) in enumerate(zip(group, map(instrument, group))):
+            vertical = channel.stats.record.is_vertical
+            horizontals[sensor] += not vertical
+            place = f"{list(horizontals).index(sensor):02d}" if len(horizontals) > 1 else ""
+            kind = "HNZ" if vertical else f"HN{horizontals[sensor]}"
             codes[number] = (*codes[number][:2], place, kind)
         if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(horizontals) > 99:
             raise InputError(f"miniSEED has no codes for {len(group)} channels; write text")
     keys = ("network", "station", "location", "channel")
     return [
         Trace(np.ascontiguousarray(channel.data / factor, dtype=np.float64),
-              {**dict(zip(keys, its)), "delta": channel.stats.delta,
+              {**dict(zip(keys, names)), "delta": channel.stats.delta,
                "starttime": channel.stats.starttime})
-        for its, channel in zip(codes, group, strict=True)
+        for names, channel in zip(codes, group, strict=True)
     ]  # fmt: skip
 
 
-def _text(channel: Trace, factor: float, unit: str, made: str) -> str:
-    """Columns of time and acceleration below a header, all in ASCII."""
-    stats, record, dt = channel.stats, channel.stats.record, float(channel.stats.delta)
-    date = record.get("date") or (stats.starttime.date if stats.starttime.timestamp else "")
-    facts = {"event": record.get("event"), "date": date,
-             "station": record.get("station") or stats.station}  # fmt: skip
+def _text(channel: Trace, factor: float, unit: str, origin: str) -> str:
+    """Return columns of time and acceleration below a header, all in ASCII."""
+    record, dt = channel.stats.record, float(channel.stats.delta)
     header = [
-        f"two columns: time [s], acceleration [{unit}]",
-        made,
-        *(f"{name}: {fact}" for name, fact in facts.items() if fact),
-        f"component: {channel_code(channel)}; dt = {dt!r} s; {channel.data.size} samples",
+        f"two columns: time [s], acceleration [{unit}]", origin,
+        *(f"{name}: {record.facts[name]}" for name in ("event", "date", "station")
+          if name in record.facts),
+        f"component: {record.code}; dt = {dt!r} s; {channel.data.size} samples",
         *(f"step: {step}" for step in record.log),
-    ]
+    ]  # fmt: skip
     times = (np.arange(channel.data.size) * dt).tolist()
     rows = [f"{t:.10g} {v!r}" for t, v in zip(times, (channel.data / factor).tolist())]
     plain = (" ".join(f"# {line}".split())[:1000] for line in header)

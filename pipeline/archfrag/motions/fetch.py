@@ -55,7 +55,7 @@ def fetch_records(
             continue
         for site in sites:
             same = {key: site[key] for key in ("event", "station", "window_s")}
-            row = next((each for each in rows.values() if same.items() <= each.items()), {})
+            row = next((row for row in rows.values() if same.items() <= row.items()), {})
             file = root / row.get("file", "")
             there = file.is_file() and file.with_name(f"{site['station']}.xml").is_file()
             if there and sha256_of(file) == row["sha256"]:
@@ -88,7 +88,7 @@ def _sites(
     quakes: Client, archive: Client, id: str, place: Path, *, radius: float,
     channels: Sequence[str], before: float, after: float,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Stations up to a `radius` [km], the nearest first: columns of the index, and what to ask."""
+    """Return the stations within a `radius` [km], nearest first: index columns and queries."""
     quake = _ask(quakes, "get_events", eventid=id)[0]
     quake.write(str(place / "event.xml"), "QUAKEML")
     origin = quake.preferred_origin() or next(iter(quake.origins), None)
@@ -104,13 +104,13 @@ def _sites(
         channel=",".join(f"{kind[:2]}?" for kind in channels),
     )  # fmt: skip
     sites: dict[str, dict[str, Any]] = {}
-    for network, station in [(each, station) for each in inventory for station in each]:
+    for network, station in [(net, station) for net in inventory for station in net]:
         km = gps2dist_azimuth(*epicentre, station.latitude, station.longitude)[0] / 1000.0
-        own = [(number, channel.location_code) for number, kind in enumerate(channels)
-               for channel in station if channel.code[:2] == kind[:2]]  # fmt: skip
-        if km > radius or not own:
+        kinds = [(number, channel.location_code) for number, kind in enumerate(channels)
+                 for channel in station if channel.code[:2] == kind[:2]]  # fmt: skip
+        if km > radius or not kinds:
             continue
-        number, location = min(own)
+        number, location = min(kinds)
         deep = np.nan if origin.depth is None else origin.depth / 1000.0
         name = f"{network.code}.{station.code}"
         sites.setdefault(name, {

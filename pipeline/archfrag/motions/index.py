@@ -7,18 +7,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import opened, read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.calibrate import accepted_words
-from archfrag.motions.motion import unit_factor
+from archfrag.motions.channel import unit_factor
+from archfrag.motions.formats.columns import Columns, parse_columns
 from archfrag.tables import check_decimals, parse_table
-
-if TYPE_CHECKING:
-    from archfrag.motions.formats.columns import Columns
 
 INDEX_NAME = "index.csv"
 COLUMNS = (
@@ -27,15 +25,13 @@ COLUMNS = (
 )  # fmt: skip
 LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
 _NEEDED = ("id", "file", "unit")
-_NUMBERS = {
-    **dict.fromkeys(("Mw", "distance_km", "Vs30_mps", "dt_s"), float),
-    **dict.fromkeys(("seed", "event_seed", "site_seed"), int),
-}
+_NUMBERS = {"Mw": float, "distance_km": float, "Vs30_mps": float, "dt_s": float,
+            "seed": int, "event_seed": int, "site_seed": int}  # fmt: skip
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
 def goes_with_records(path: Path) -> bool:
-    """Whether a file of this name belongs to records and is not one: StationXML, an index."""
+    """Tell whether a file belongs to records and is not one: StationXML, an index."""
     return path.suffix.lower() == ".xml" or path.name == INDEX_NAME
 
 
@@ -49,7 +45,7 @@ class IndexEntry:
     sha256: str  # of the file, or its first digits
     metadata: dict[str, Any]  # other columns: numbers as such or None, others as text
     accept: tuple[str, ...] = ()
-    columns: "Columns | None" = None
+    columns: Columns | None = None
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -77,7 +73,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
         if values["unit"]:
             unit_factor(values["unit"], place)
         metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
-        for column in (name for name in _NUMBERS if name in metadata):
+        for column in filter(metadata.__contains__, _NUMBERS):
             text = metadata[column]
             try:
                 metadata[column] = _NUMBERS[column](text) if text else None
@@ -85,14 +81,10 @@ def load_index(path: str | Path) -> list[IndexEntry]:
                 metadata[column] = np.nan
             if not np.isfinite(metadata[column] or 0.0):
                 raise RecordError(f"{place}: {column} = {text!r} is not a number")
-        columns = None
-        if values.get("columns"):
-            from archfrag.motions.formats.columns import parse_columns  # imports obspy
-
-            try:
-                columns = parse_columns(values["columns"])
-            except InputError as error:
-                raise RecordError(f"{place}: {error}") from None
+        try:
+            columns = parse_columns(values["columns"]) if values.get("columns") else None
+        except InputError as error:
+            raise RecordError(f"{place}: {error}") from None
         accept = accepted_words(values.get("accept", ""), place)
         path, digest = source.parent / values["file"], values.get("sha256", "")
         entries[name] = IndexEntry(name, path, values["unit"], digest, metadata, accept, columns)
@@ -100,7 +92,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
 
 def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Names of the columns of an index, and its rows with the numbers of their lines."""
+    """Return the columns of an index, and its rows with the numbers of their lines."""
     text = read_text(source, LARGEST_INDEX, RecordError, "the index")
     try:
         _, names, rows = parse_table(text, comments=False)
@@ -111,7 +103,7 @@ def _table(source: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
-    """Row that describes a file, in an index in its folder or the one above; None if none does."""
+    """Return the row of a file in the index of its folder or the one above, or None."""
     record = Path(os.path.realpath(path))  # which takes links that form a circle
     for index in (folder / INDEX_NAME for folder in (record.parent, record.parent.parent)):
         state = index.stat() if index.is_file() else None
@@ -122,7 +114,7 @@ def find_entry(path: str | Path) -> IndexEntry | None:
 
 @lru_cache(maxsize=4)
 def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
-    """Rows by their files: asked for each file of a folder, and thousands lie in one."""
+    """Return the rows by their files, kept since thousands of files may lie in a folder."""
     with contextlib.suppress(OSError):
         with opened(index) as file:
             head = file.readline(10_000).decode("latin-1")
@@ -134,7 +126,7 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
-    """Rows of the index of a folder by their id, as text; none if there is no index."""
+    """Return the rows of the index of a folder by id, as text; none if there is no index."""
     path = Path(folder) / INDEX_NAME
     if not path.exists():
         return {}
@@ -143,8 +135,8 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
 
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
-    """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
-    import pandas as pd
+    """Write the index of a folder; columns beyond ``COLUMNS`` come last."""
+    import pandas as pd  # start-up: studies read indices without it
 
     table, path = list(rows), Path(folder) / INDEX_NAME
     columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
@@ -154,10 +146,8 @@ def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
 
 def check_sha256(entry: IndexEntry) -> None:
     """Raise RecordError unless the file of a row has the sha256 that the row lists (if any)."""
-    if not entry.sha256:
-        return
     try:
-        digest = sha256_of(entry.path)
+        digest = sha256_of(entry.path) if entry.sha256 else ""
     except OSError as error:
         raise RecordError(f"{entry.path}: listed, but cannot be read ({error.strerror})") from None
     if not digest.startswith(entry.sha256.lower()):

@@ -1,11 +1,12 @@
-"""One ground motion, the units it may be given in, and motions in a file."""
+"""One ground motion: made of arrays or of channels, stored in a file, read back."""
 
 from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,23 +15,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
+from archfrag.motions import calibrate
+from archfrag.motions.channel import (
+    STANDARD_GRAVITY,
+    Channel,
+    Trace,
+    choose_horizontal,
+    filled,
+    instrument,
+    unit_factor,
+)
+from archfrag.motions.measures import PLAIN, measure, spectral_acceleration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
 _FORMAT = "archfrag motions 1"
-STANDARD_GRAVITY = 9.80665  # [m/s2]
-METRES_PER_SECOND_SQUARED = {
-    "m/s2": 1.0, "cm/s2": 1e-2, "gal": 1e-2, "mm/s2": 1e-3, "g": STANDARD_GRAVITY,
-}  # fmt: skip
-
-
-def unit_factor(unit: str, place: str) -> float:
-    """Return the factor from a unit of acceleration to m/s2."""
-    if unit not in METRES_PER_SECOND_SQUARED:
-        allowed = f"allowed are {', '.join(METRES_PER_SECOND_SQUARED)}"
-        raise RecordError(f"{place}: unknown unit {unit!r} of acceleration; {allowed}")
-    return METRES_PER_SECOND_SQUARED[unit]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,15 +79,15 @@ class Motion:
     transverse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        name, given = self.id or "motion", self.components
+        name, components = self.id or "motion", self.components
         try:
-            for key, samples in given.items():
+            for key, samples in components.items():
                 masked = np.ma.is_masked(samples)
                 if masked or np.asanyarray(samples).dtype.kind == "c":
                     what = f"{key} has {'masked' if masked else 'complex'} samples"
                     raise RecordError(f"{name}: {what}; all must be real numbers")
             arrays = {key: np.array(samples, dtype=np.float64)
-                      for key, samples in given.items() if samples is not None}  # fmt: skip
+                      for key, samples in components.items() if samples is not None}  # fmt: skip
             step = float(self.dt)
         except (TypeError, ValueError):
             raise RecordError(f"{name}: dt and samples of acceleration must be numbers") from None
@@ -102,21 +103,18 @@ class Motion:
         for key, value in (arrays | about).items():
             object.__setattr__(self, key, value)
 
-    def _replaced(self, **changes: Any) -> Motion:
-        """Return this motion with other fields."""
-        return replace(self, **changes)
-
-    def _changed(
-        self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
-    ) -> Motion:
-        """Do the same to each component, and add a line about it to the log."""
-        changed = {key: None if samples is None else change(samples)
-                   for key, samples in self.components.items()}  # fmt: skip
-        return self._replaced(**changed, log=(*self.log, done))
+    def changed(
+        self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str,
+        **fields: Any,
+    ) -> Motion:  # fmt: skip
+        """Return the motion with each component changed, and a line about it in the log."""
+        changed: dict[str, Any] = {key: None if samples is None else change(samples)
+                                   for key, samples in self.components.items()}  # fmt: skip
+        return replace(self, **changed, log=(*self.log, done), **fields)
 
     @property
     def components(self) -> dict[str, NDArray[np.float64] | None]:
-        """Acceleration, vertical and transverse by name; None for one that is missing."""
+        """Acceleration, vertical and transverse by name; None if a component is missing."""
         return {key: getattr(self, key) for key in ("acceleration", "vertical", "transverse")}
 
     @property
@@ -134,7 +132,7 @@ class Motion:
         if not np.isfinite(factor):
             name = self.id or "motion"
             raise InputError(f"{name}: scale factor {factor} must be a finite number")
-        return self._changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
+        return self.changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
     def __mul__(self, factor: float) -> Motion:
         if not isinstance(factor, float | int | np.number):
@@ -149,19 +147,15 @@ class Motion:
         return float(np.abs(self.acceleration).max())
 
     def spectrum(self, periods: ArrayLike) -> NDArray[np.float64]:
-        """Pseudo-spectral acceleration at some periods [s], 5 % damping, (n_period,) [m/s2]."""
-        from archfrag.motions.measures import spectral_acceleration
-
+        """Return Sa at `periods` [s], 5 % damping, shape (n_period,) [m/s2]."""
         return spectral_acceleration(self, periods)
 
     def measures(self, *names: str) -> dict[str, float]:
-        """Intensity measures by name, in SI units.
+        """Return intensity measures by name, in SI units, such as "PGV" and "Sa(0.5)".
 
-        Those asked for, such as "PGV", "Sa(0.5)" and "AvgSA(0.2,1)"; without names all that need
-        no period: PGA [m/s2], PGV, Arias, CAV and CAVstd [m/s], PGD and HI [m], D5_95 [s].
+        Without names, all that need no period: PGA [m/s2], PGV, Arias, CAV and CAVstd [m/s], PGD
+        and HI [m], D5_95 [s].
         """
-        from archfrag.motions.measures import PLAIN, measure
-
         return {name: measure(self, name) for name in names or PLAIN}
 
     @classmethod
@@ -180,13 +174,30 @@ class Motion:
         component, accept
             As of `archfrag.read_motion`.
         """
-        from archfrag.motions.read import motion_of_stream
-
-        return motion_of_stream(stream, unit, component, accept)
+        traces = [trace.copy() for trace in ([stream] if hasattr(stream, "stats") else stream)]
+        if not traces:
+            raise RecordError("the stream has no trace")
+        stats, names = traces[0].stats, [trace.id for trace in traces]
+        place = ".".join(filter(None, (stats.network, stats.station))) or "stream"
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise RecordError(f"{twice}: has several pieces; join them by `stream.merge()`")
+        factor, words = unit_factor(unit, place), calibrate.accepted_words(accept, place)
+        for trace in traces:
+            count, trace.stats._format = len(trace.data), "obspy"
+            trace.stats.record = channel = Channel(
+                str(trace.stats.channel).strip(), announced=count, held=count, unit_in_file=unit,
+                accept=words,
+                log=[f"Converted to m/s2: unit {unit} as stated, factor {factor:g}."],
+            )  # fmt: skip
+            warnings = calibrate.impossible(trace)
+            channel.accepted = calibrate.accept_or_refuse(place, words, warnings)
+            trace.data = np.asarray(trace.data, dtype=np.float64) * factor
+        chosen, verticals = choose_horizontal(traces, place, component)
+        return motion_of_trace(chosen, Path(place), chosen.id, verticals)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the acceleration over time [g], in `ax` or in new axes."""
-        from archfrag.plots import plot_motion
+        from archfrag.plots import plot_motion  # start-up: matplotlib
 
         return plot_motion(self, ax)
 
@@ -203,38 +214,123 @@ class Motion:
         return html_of(self, (6.4, 2.2))
 
 
-def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one numpy archive, complete or not at all; equal motions, equal bytes."""
+def motion_of_trace(
+    trace: Trace, path: Path, name: str, verticals: Iterable[Trace] = (),
+    listed: Mapping[str, Any] | None = None,
+) -> Motion:  # fmt: skip
+    """Return the motion of a trace in m/s2, with the vertical of its instrument if that is there.
+
+    `listed` are the facts of an index, which come before those of the header. RecordError if the
+    samples are implausible, or the vertical does not fit.
+    """
+    stats, channel = trace.stats, trace.stats.record
+    implausible = calibrate.implausible(trace)
+    accepted = channel.accepted + calibrate.accept_or_refuse(path, channel.accept, implausible)
+    metadata: dict[str, Any] = {
+        "file": path.name, "format": stats._format, "unit_in_file": channel.unit_in_file,
+        "event": "", "date": "", "station": stats.station, **channel.facts,
+        "component": channel.code, "vertical_component": "",
+    }  # fmt: skip
+    if stats.network or stats.station:
+        metadata |= {"trace": trace.id, "vertical_trace": ""}
+    if stats.starttime.timestamp != 0.0:
+        metadata["start_time"] = str(stats.starttime)
+    metadata |= filled(listed or {})
+    remarks = {"errors": channel.errors, "cautions": channel.cautions, "accepted": accepted}
+    metadata |= {key: list(lines) for key, lines in remarks.items() if lines}
+    kind = " ".join(filter(None, (stats._format, channel.level)))
+    log = (f"Read from {path.name} ({kind}).", *channel.log, *accepted)
+    motion = Motion(trace.data, float(stats.delta), None, name, metadata, log)
+    for vertical in verticals:
+        if instrument(vertical) == instrument(trace):
+            other = motion_of_trace(vertical, path, name, listed=listed)
+            try:
+                return with_component(motion, other, "vertical")
+            except RecordError as error:
+                raise RecordError(f"{path}: {error}") from None
+    return motion
+
+
+def with_component(motion: Motion, other: Motion, kind: str) -> Motion:
+    """Return a motion with its "vertical" or "transverse", cut to the time that both have.
+
+    RecordError if they do not belong together or have no time in common.
+    """
+    one, two, code = motion.metadata, other.metadata, other.metadata.get("component", "")
+    file, one_file = two.get("file") or other.id, one.get("file") == two.get("file")
+    if kind == "vertical":
+        keys = ("component", "trace") if one_file else ("component", "trace", "file")
+        labels = {f"vertical_{key}": two.get(key, "") for key in keys}
+    else:
+        facts = filled({key: two.get(key) for key in ("component", "azimuth", "trace", "file")})
+        labels = {f"{key}_transverse": fact for key, fact in facts.items()}
+        labels["id_transverse"] = other.id
+    name = f"{motion.id} and {file} ({code})"
+    for key in () if one_file else ("event", "date", "station"):
+        first_is, second_is = (str(about.get(key) or "") for about in (one, two))
+        if first_is and second_is and first_is.casefold() != second_is.casefold():
+            differ = f"{key} is {first_is!r} and {second_is!r}"
+            raise RecordError(f"{name} do not belong together: {differ}")
+    if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
+        raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
+    late = (seconds(two.get("start_time")) - seconds(one.get("start_time"))) / motion.dt
+    later = 0 if np.isnan(late) else round(late)
+    first, other_first = max(0, later), max(0, -later)
+    count = min(motion.acceleration.size - first, other.acceleration.size - other_first)
+    if count < 2:
+        raise RecordError(f"{name} have no time in common")
+    word = "Vertical" if kind == "vertical" else "Other horizontal"
+    steps = (step if step in two.get("accepted", ()) else f"{word} {code}: {step}"
+             for step in (other.log[1:] if one_file else other.log))  # fmt: skip
+    log = (*motion.log, *steps)
+    if count < max(motion.acceleration.size, other.acceleration.size):
+        log = (*log, f"Cut to the {count} samples in common with {file} ({code}).")
+    arrays: dict[str, Any] = {
+        part: None if samples is None else samples[first : first + count]
+        for part, samples in motion.components.items()
+    }
+    arrays[kind] = other.acceleration[other_first : other_first + count]
+    for key in ("errors", "cautions", "accepted"):
+        if both := [*one.get(key, ()), *two.get(key, ())]:
+            labels[key] = list(dict.fromkeys(both))
+    return replace(motion, **arrays, metadata={**one, **labels}, log=log)
+
+
+def seconds(time: Any) -> float:
+    """Return the seconds of a time of UTC in ISO's form; nan if it is not known."""
+    try:
+        moment = datetime.fromisoformat(str(time))
+    except ValueError:
+        return float("nan")
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def store(path: Path, motion: Motion) -> None:
+    """Write a motion to a numpy archive, complete or not at all; equal motions, equal bytes."""
     names = ("id", "dt", "log", "metadata")
     try:
-        table = [json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
-                 for motion in motions]  # fmt: skip
+        facts = json.dumps({name: getattr(motion, name) for name in names}, sort_keys=True)
     except (TypeError, ValueError) as error:
-        ids = ", ".join(motion.id for motion in motions)
-        raise InputError(f"{ids}: metadata cannot be stored as JSON ({error})") from None
-    arrays: dict[str, NDArray] = {}
-    for number, motion in enumerate(motions):
-        arrays[f"horizontal_{number}"] = motion.acceleration
-        if motion.vertical is not None:
-            arrays[f"vertical_{number}"] = motion.vertical
-    text = json.dumps({"format": _FORMAT, "motions": table})
-    arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
-    with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
+        text = f"{motion.id}: metadata cannot be stored as JSON ({error})"
+        raise InputError(text) from None
+    table = json.dumps({"format": _FORMAT, "motions": [facts]}).encode()
+    arrays = {"horizontal_0": motion.acceleration}
+    if motion.vertical is not None:
+        arrays["vertical_0"] = motion.vertical
+    arrays["table"] = np.frombuffer(table, dtype=np.uint8)
+    with replacing(path, lasting=False) as part, open(part, "wb") as file:
         np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
 
 
-def load_motions(path: str | Path) -> list[Motion]:
-    """Read the motions that `save_motions` wrote; InputError if the file is something else."""
+def load_stored(path: Path) -> Motion:
+    """Read the motion that `store` wrote; InputError if the file is something else."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             header = json.loads(archive["table"].tobytes().decode())
             if header["format"] != _FORMAT:
                 raise ValueError(f"format {header['format']!r}")
-            return [
-                Motion(archive[f"horizontal_{number}"], vertical=archive.get(f"vertical_{number}"),
-                       **json.loads(entry))
-                for number, entry in enumerate(header["motions"])
-            ]  # fmt: skip
+            (facts,) = map(json.loads, header["motions"])
+            return Motion(archive["horizontal_0"], vertical=archive.get("vertical_0"), **facts)
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        what = "not a file of motions written by archfrag, or damaged"
+        what = "not a motion stored by archfrag, or damaged"
         raise InputError(f"{path}: {what} ({error})") from None

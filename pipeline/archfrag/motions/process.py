@@ -4,35 +4,35 @@ A step does the same to all components. What its settings may be is checked in
 `archfrag.study.file.motions`; what depends on the motion, too, is checked here.
 """
 
+import functools
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used: scipy.signal takes a second
 from numpy.polynomial import Polynomial
+from obspy import Inventory, Trace, UTCDateTime
 
 from archfrag.errors import InputError, RecordError, reason_of
-from archfrag.motions import partners
+from archfrag.motions.calibrate import find_inventory
+from archfrag.motions.channel import STANDARD_GRAVITY, azimuth_of, check_right_angle
 from archfrag.motions.measures import Samples, arias_times, integral
-from archfrag.motions.motion import STANDARD_GRAVITY, Motion
-
-if TYPE_CHECKING:
-    from obspy import Inventory
-
-REVERSED = "-rev"  # ends the id of a motion whose horizontal components are reversed
+from archfrag.motions.motion import REVERSED, Motion
 
 
 def demean(motion: Motion) -> Motion:
     """Subtract from each component its mean: the offset of a raw record can exceed the motion."""
     rows = [samples for samples in motion.components.values() if samples is not None]
     offsets = " and ".join(f"{samples.mean():.6g}" for samples in rows)
-    return motion._changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
+    return motion.changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
-    return motion._changed(lambda a: a - _fitted(a, (0, 1)), "Linear trend removed.")
+    return motion.changed(lambda a: a - _fitted(a, (0, 1)), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -42,17 +42,17 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
     rest. Order 2 is that of Graizer (1979); see Boore (2001), BSSA 91(5).
     """
     done, powers = f"Baseline removed, velocity polynomial of order {order}.", range(1, order + 1)
-    return motion._changed(lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done)
+    return motion.changed(lambda a: a - _fitted(integral(a, 1.0), powers, slope=True), done)
 
 
 def _fitted(values: Samples, powers: Sequence[int], slope: bool = False) -> Samples:
-    """Least-squares polynomial with the given powers, or its slope by samples."""
+    """Return the least-squares polynomial with these powers at the samples, or its slope."""
     unit, exponents = np.arange(values.size) / (values.size - 1), np.array(powers)
     rows = unit ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
     coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
-    found = Polynomial(coefficients)
-    return (found.deriv() / (values.size - 1) if slope else found)(unit)
+    fit = Polynomial(coefficients)
+    return (fit.deriv() / (values.size - 1) if slope else fit)(unit)
 
 
 def taper(
@@ -66,7 +66,7 @@ def taper(
     if side != "left":
         factor[-count:] *= rise[::-1]
     done = f"Tapered by a cosine over {fraction:g} of it, {side} ends."
-    return motion._changed(lambda a: a * factor, done)
+    return motion.changed(lambda a: a * factor, done)
 
 
 def bandpass(
@@ -79,13 +79,12 @@ def bandpass(
     corner, one leaves 0.71 of it; `order` (1 to 10) is that of one pass. InputError unless
     0 < lowest < highest < 1 / (2 dt).
     """
-    from scipy.signal import butter, sosfilt, sosfiltfilt
-
-    nyquist, corners = 0.5 / motion.dt, [each for each in (lowest, highest) if each is not None]
+    nyquist, corners = 0.5 / motion.dt, [f for f in (lowest, highest) if f is not None]
     if not corners or not (np.diff([0.0, *corners, nyquist]) > 0.0).all():
         needed = f"must satisfy 0 < lowest < highest < {nyquist:g} Hz"
         raise InputError(f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz {needed}")
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
+    butter, sosfilt = scipy.signal.butter, scipy.signal.sosfilt
     sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
     band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
     passes = "forwards only (causal)" if causal else "forwards and backwards"
@@ -93,8 +92,9 @@ def bandpass(
     taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
     edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
     if causal:
-        return motion._changed(lambda a: sosfilt(sections, a), done)
-    return motion._changed(lambda a: sosfiltfilt(sections, a, padlen=edge), done)
+        return motion.changed(lambda a: sosfilt(sections, a), done)
+    filtered = functools.partial(scipy.signal.sosfiltfilt, sections, padlen=edge)
+    return motion.changed(filtered, done)
 
 
 def trim(
@@ -130,7 +130,7 @@ def trim(
         left = f"the record lasts {length:g} s and at least two samples must remain"
         raise InputError(f"{name}: cannot cut from {start} s to {end} s; {left}")
     done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
-    return motion._changed(lambda a: a[first : last + 1].copy(), done)
+    return motion.changed(lambda a: a[first : last + 1].copy(), done)
 
 
 def resample(motion: Motion, dt: float) -> Motion:
@@ -140,8 +140,6 @@ def resample(motion: Motion, dt: float) -> Motion:
     Nyquist frequency nothing changes by more than 0.01 %. InputError if the ratio of the steps is
     not one of integers up to 1000.
     """
-    from scipy.signal import firwin, resample_poly
-
     ratio = motion.dt / dt if dt > 0.0 else 0.0
     up, down = Fraction(ratio).limit_denominator(1000).as_integer_ratio()
     if not 0 < up <= 1000 or abs(up / down - ratio) > 1e-9 * ratio:
@@ -149,10 +147,12 @@ def resample(motion: Motion, dt: float) -> Motion:
     if up == down:
         return motion
     widest = max(up, down)
-    window = firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
+    window = scipy.signal.firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
     done = f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down})."
-    changed = motion._changed(lambda a: resample_poly(a, up, down, window=window), done)
-    return changed._replaced(dt=motion.dt * down / up)
+    return motion.changed(
+        lambda a: scipy.signal.resample_poly(a, up, down, window=window), done,
+        dt=motion.dt * down / up,
+    )  # fmt: skip
 
 
 def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
@@ -169,19 +169,19 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     if motion.transverse is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
     codes = [str(about.get(key, "")) for key in ("component", "component_transverse")]
-    own, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
+    azimuths, turned = [0.0, 90.0], float(angle or 0.0) if azimuth is None else azimuth
     for place, code in enumerate(codes if azimuth is not None else ()):
-        value = partners.azimuth_of(motion, ("", "_transverse")[place])
+        value = azimuth_of(about, ("", "_transverse")[place])
         if value is None:
             raise RecordError(f"{name}: the azimuth of {code!r} is not known; give an angle")
-        own[place] = value
+        azimuths[place] = value
     if azimuth is None:
-        partners.check_right_angle(motion, "rotate by an angle", "; give an azimuth instead")
-    one, other = np.deg2rad(own)
+        check_right_angle(about, f"{name}: rotate by an angle", "; give an azimuth instead")
+    one, other = np.deg2rad(azimuths)
     sine = np.sin(other - one)
     if abs(sine) < 0.5:
-        near = f"have azimuths {own[0]:g} and {own[1]:g} degrees, too close to each other"
-        raise RecordError(f"{name}: components {' and '.join(codes)} {near} to be rotated")
+        near = f"azimuths {azimuths[0]:g} and {azimuths[1]:g} degrees, too close to each other"
+        raise RecordError(f"{name}: components {' and '.join(codes)} have {near} to be rotated")
     along = np.deg2rad(turned)
     # a(azimuth) = N cos + E sin holds for both components; solved for the direction.
     first, second = (
@@ -189,19 +189,19 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         + np.float64(np.sin(direction - one) / sine) * motion.transverse
         for direction in (along, along + 0.5 * np.pi)
     )
-    words = f"to azimuth {turned:g} degrees (from {own[0]:g} and {own[1]:g})"
-    for which, each in (("", turned), ("_transverse", turned + 90.0)):
-        about |= {f"component{which}": f"{each:g}", f"azimuth{which}": each % 360.0}
+    words = f"to azimuth {turned:g} degrees (from {azimuths[0]:g} and {azimuths[1]:g})"
+    for which, degrees in (("", turned), ("_transverse", turned + 90.0)):
+        about |= {f"component{which}": f"{degrees:g}", f"azimuth{which}": degrees % 360.0}
         if azimuth is None:  # angles from a component are no azimuths
             words = f"by {turned:g} degrees from {codes[0]} towards {codes[1]}"
-            label = f"{codes[0]} turned by {each:g}".strip()
+            label = f"{codes[0]} turned by {degrees:g}".strip()
             about |= {f"component{which}": label, f"azimuth{which}": ""}
     log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
-    return motion._replaced(acceleration=first, transverse=second, metadata=about, log=log)
+    return replace(motion, acceleration=first, transverse=second, metadata=about, log=log)
 
 
 def remove_response(
-    motion: Motion, record: str | Path, inventory: "str | Path | Inventory | None" = None,
+    motion: Motion, record: str | Path, inventory: str | Path | Inventory | None = None,
     water_level: float = 60.0, band: tuple[float, float, float, float] | None = None,
 ) -> Motion:  # fmt: skip
     """Divide the spectrum of each component by its instrument's response (obspy).
@@ -211,11 +211,7 @@ def remove_response(
     below its largest value. `band` (f1, f2, f3, f4) [Hz] is what to keep: cosine tapers from f1 to
     f2 and from f3 to f4. RecordError if a StationXML is missing.
     """
-    from obspy import Trace, UTCDateTime
-
-    from archfrag.motions.calibrate import find_inventory
-
-    known, changed = None, dict[str, Samples]()
+    table, changed = None, dict[str, Any]()
     names = ("trace", "vertical_trace", "trace_transverse")
     for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:
@@ -224,14 +220,14 @@ def remove_response(
         header = dict(zip(("network", "station", "location", "channel"), codes))
         start = UTCDateTime(motion.metadata.get("start_time") or 0)
         trace = Trace(samples.copy(), {**header, "delta": motion.dt, "starttime": start})
-        known = known or find_inventory(Path(record), trace, inventory)
-        if known is None:
+        table = table or find_inventory(Path(record), trace, inventory)
+        if table is None:
             lacking = "has no StationXML by which to remove its response; give `inventory`"
             raise RecordError(f"{record}: {lacking}")
         try:
-            response = known.get_response(trace.id, trace.stats.starttime)
+            response = table.get_response(trace.id, trace.stats.starttime)
             trace.data *= response.instrument_sensitivity.value
-            trace.remove_response(known, output="ACC", water_level=water_level, pre_filt=band,
+            trace.remove_response(table, output="ACC", water_level=water_level, pre_filt=band,
                                   zero_mean=False, taper=False)  # fmt: skip
         except Exception as error:
             failed = f"the response of channel {trace.id} cannot be removed"
@@ -239,12 +235,12 @@ def remove_response(
         changed[key] = np.asarray(trace.data, dtype=np.float64)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
-    return motion._replaced(**changed, log=(*motion.log, done))
+    return replace(motion, **changed, log=(*motion.log, done))
 
 
 def both_senses(motion: Motion) -> list[Motion]:
-    """A motion, and the same with its horizontal components reversed: records of one event."""
-    flipped = {key: -samples for key, samples in motion.components.items()
-               if samples is not None and key != "vertical"}  # fmt: skip
+    """Return a motion, and the same with its horizontal components reversed."""
+    flipped: dict[str, Any] = {key: -samples for key, samples in motion.components.items()
+                               if samples is not None and key != "vertical"}  # fmt: skip
     log = (*motion.log, "Horizontal components reversed.")
-    return [motion, motion._replaced(id=motion.id + REVERSED, log=log, **flipped)]
+    return [motion, replace(motion, id=motion.id + REVERSED, log=log, **flipped)]

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError, reason_of
 from archfrag.files import read_text, unquoted, write_csv
+from archfrag.motions.channel import STANDARD_GRAVITY
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import measure
-from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.motion import Motion
 from archfrag.motions.target import Array, Target, spectrum_target
 from archfrag.tables import check_decimals, parse_table
 
@@ -31,10 +32,8 @@ PERIODS = (
 )  # fmt: skip
 # Column, measure, and what a value in its unit is in SI.
 _PEAKS = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01))
-_INTEGRALS = (
-    ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
-    ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
-)  # fmt: skip
+_INTEGRALS = (("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
+              ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01))  # fmt: skip
 # Column, its type, and the keys of a motion's metadata; the first one that is there counts.
 _FACTS: dict[str, tuple[Any, ...]] = {
     "file": ("string", "file"), "event": ("string", "event"), "station": ("string", "station"),
@@ -97,7 +96,7 @@ def read_table(path: str | Path, what: str, **form: Any) -> pd.DataFrame:
 
 
 def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64]:
-    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
+    """Return a column as numbers, nan if empty; RecordError if it is missing or holds text."""
     try:
         return pd.to_numeric(table[column]).to_numpy(dtype=np.float64)
     except KeyError:
@@ -107,17 +106,22 @@ def numbers(table: pd.DataFrame, column: str, source: str) -> NDArray[np.float64
 
 
 def spectrum_columns(table: pd.DataFrame) -> dict[float, str]:
-    """Columns of Sa in a flatfile by their periods [s]."""
+    """Return the columns of Sa in a flatfile by their periods [s]."""
     matches = (re.fullmatch(r"T(\d+(?:\.\d+)?)S", str(column)) for column in table.columns)
     return {float(match[1]): match[0] for match in matches if match}
 
 
 def read_target(path: str | Path) -> Target:
     """Read a target from columns ``period_s``, ``Sa_g`` and maybe ``sd``: `spectrum_target`."""
+    return spectrum_target(*_spectrum(path), str(path))
+
+
+def _spectrum(path: str | Path) -> tuple[Array, Array, Array]:
+    """Read periods [s], median [g] and standard deviation of ln Sa (0 without such a column)."""
     rows, source = read_table(path, "the target"), str(path)
     rows["sd"] = rows.get("sd", 0.0)
     periods, median, sd = (numbers(rows, name, source) for name in ("period_s", "Sa_g", "sd"))
-    return spectrum_target(periods, median, sd, source)
+    return periods, median, sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,16 +136,14 @@ class Selection:
 
     @property
     def sd(self) -> Array:
-        """Standard deviation of ln Sa of the records (n - 1), (n_period,); nan of one record."""
-        several = len(self.ln_sa) > 1
-        return self.ln_sa.std(axis=0, ddof=1) if several else np.nan * self.ln_sa[0]
+        """Return the standard deviation of ln Sa (n - 1), (n_period,); nan of one record."""
+        return _deviation(self.ln_sa, np.nan * self.ln_sa[0])
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Messages for users of the selection."""
-        count = len(self.table)
-        events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
-        most = events[events.str.strip() != ""].value_counts()
+        """Return what users of the selection should know."""
+        count, events = len(self.table), self.table.get("event", pd.Series(dtype=str))
+        most = events[events.fillna("").astype(str).str.strip() != ""].value_counts()
         if not most.max() > max(0.25 * count, 1):
             return self.target.messages
         of_one = f"{most.max()} of {count} records are of one event ({most.idxmax()})"
@@ -154,7 +156,7 @@ class Selection:
         """
         target, median = self.target, np.exp(self.ln_sa.mean(axis=0))
         ratios = median / target.median, self.sd / np.where(target.sd > 0.0, target.sd, np.nan)
-        mean, sd = ([None if np.isnan(e) else float(e) for e in each - 1.0] for each in ratios)
+        mean, sd = ([None if np.isnan(e) else float(e) for e in ratio - 1.0] for ratio in ratios)
         return {
             "records": self.table["record"].astype(str).tolist(),
             "scale": self.table["scale"].tolist(), "seed": self.seed,
@@ -181,8 +183,8 @@ class Selection:
         rows["unit"] = rows.get("unit", "")
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         kind = "spectrum" if self.target.sd.any() else "mean spectrum"
-        if (given := self.target.given) is not None:
-            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
+        if (star := self.target.given) is not None:
+            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[star]:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
         write_csv(place, [rows])
         shown = {"period_s": self.target.periods, "Sa_g": self.target.median, "sd": self.target.sd}
@@ -190,22 +192,20 @@ class Selection:
 
 
 def target_file(index: str | Path) -> Path:
-    """Where the target of an index of selected records stands: NAME.target.csv."""
+    """Return where the target of an index of selected records stands: NAME.target.csv."""
     return Path(index).with_suffix(".target.csv")
 
 
 def target_of_index(index: str | Path | None) -> tuple[Array, dict[str, float]] | None:
-    """Target that the records of an index were selected for; None if none stands beside it.
+    """Return the target that the records of an index were selected for; None if there is none.
 
-    Returned are periods [s], median [g] and standard deviation of ln Sa, (3, n_period), and the
-    factor to the target by record.
+    It is periods [s], median [g] and standard deviation of ln Sa, (3, n_period), and the factor
+    to the target by record.
     """
     if index is None or not (path := target_file(index)).is_file():
         return None
-    rows = read_table(path, "the target")
-    target = [numbers(rows, name, str(path)) for name in ("period_s", "Sa_g", "sd")]
     factors = {row.id: float(row.metadata.get("scale") or np.nan) for row in load_index(index)}
-    return np.array(target), factors
+    return np.array(_spectrum(path)), factors
 
 
 def select_records(
@@ -225,8 +225,8 @@ def select_records(
     same table, in any order, and seed give the same set. RecordError if a column or period is
     missing or too few records may be selected, InputError for another argument.
     """
-    given = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
-    for name, value in given.items():
+    limits = {"count": count, "max_scale": max_scale, "per_event": per_event, "seed + 1": seed + 1}
+    for name, value in limits.items():
         if value is not None and not value >= 1:
             raise InputError(f"{name} = {value} must be at least 1")
     for column in ("record",) if per_event is None else ("record", "event"):
@@ -245,7 +245,7 @@ def select_records(
     normal = np.random.default_rng(seed).standard_normal((20, count, values.size))
     drawn = target.ln_mean + normal @ root
     sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
-    found, order = [], np.argsort(_deviation(target, drawn.mean(axis=1), sd))
+    sets, order = [], np.argsort(_error(target, drawn.mean(axis=1), sd))
     for spectra in drawn[order[:STARTS]]:
         chosen = np.empty(0, dtype=np.int64)
         for spectrum in spectra:
@@ -256,31 +256,36 @@ def select_records(
         factors = np.array([_factors(ln_sa[[record]], target, spectrum, limit)[0]
                             for record, spectrum in zip(chosen, spectra)])  # fmt: skip
         held = ln_sa[chosen] + factors[:, None]
-        sd = held.std(axis=0, ddof=1) if count > 1 else target.sd
-        found.append((float(_deviation(target, held.mean(axis=0), sd)), chosen, factors, held))
-    _, chosen, factors, held = min(found, key=lambda each: each[0])
+        error = _error(target, held.mean(axis=0), _deviation(held, target.sd))
+        sets.append((float(error), chosen, factors, held))
+    _, chosen, factors, held = min(sets, key=lambda improved: improved[0])
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
     selected["scale"] = np.exp(factors[order])
     return Selection(selected, target, held[order], seed, len(records))
 
 
-def _deviation(target: Target, mean: Array, sd: Array) -> Array:
-    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
+def _deviation(ln_sa: Array, of_one: Array) -> Array:
+    """Return the standard deviation of ln Sa of records (n - 1), (n_period,); `of_one` of one."""
+    return ln_sa.std(axis=0, ddof=1) if len(ln_sa) > 1 else of_one
+
+
+def _error(target: Target, mean: Array, sd: Array) -> Array:
+    """Return weighted squared errors of mean and sd of ln Sa, summed over periods."""
     weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
     errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
 
 def _factors(ln_sa: Array, target: Target, spectrum: Array, limit: float) -> Array:
-    """ln of the factor to Sa given, or by least squares to a spectrum (n_period,), (n_record,)."""
+    """Return ln of the factors (n_record,) to the given Sa, or by least squares to a spectrum."""
     if target.given is not None:
         return target.ln_mean[target.given] - ln_sa[:, target.given]
     return np.clip((spectrum - ln_sa).mean(axis=1), -limit, limit)
 
 
 def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
-    """Records that may not join those chosen, shape (n_record,)."""
+    """Tell which records may not join those chosen, shape (n_record,)."""
     return np.any([np.bincount(group[chosen], minlength=group.max() + 1)[group] >= most
                    for group, most in groups], axis=0)  # fmt: skip
 
@@ -288,7 +293,7 @@ def _excluded(groups: Groups, chosen: Rows) -> NDArray[np.bool_]:
 def _improve(
     chosen: Rows, spectra: Array, scaled: Callable[[Array], Array], target: Target, groups: Groups
 ) -> None:
-    """The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing."""
+    """Replace chosen records one by one until none improves the set: Jayaram et al. (2011)."""
     count = len(chosen)
     held = np.array([scaled(spectrum)[record] for spectrum, record in zip(spectra, chosen)])
     held -= target.ln_mean
@@ -300,7 +305,7 @@ def _improve(
             mean = (others.sum(axis=0) + candidates) / count
             squares = (others**2).sum(axis=0) + candidates**2
             sd = np.sqrt(np.clip(squares - count * mean**2, 0.0, None) / (count - 1))
-            error = _deviation(target, mean + target.ln_mean, sd)
+            error = _error(target, mean + target.ln_mean, sd)
             error[_excluded(groups, np.delete(chosen, place))] = np.inf
             best = int(error.argmin())
             if error[best] < error[chosen[place]]:
@@ -312,7 +317,7 @@ def _improve(
 def _candidates(
     table: pd.DataFrame, target: Target, count: int, limit: float, per_event: int | None
 ) -> tuple[pd.DataFrame, Array, Groups]:
-    """Records that may be selected, their ln Sa [g], and which of them may be together."""
+    """Return records that may be selected, their ln Sa [g], and which may be together."""
     ids = table["record"].astype(str)
     if (twice := ids[ids.duplicated()]).size:
         raise RecordError(f"the flatfile: record {twice.iloc[0]!r} is there twice")
@@ -344,12 +349,13 @@ def _candidates(
         most = int(pairs["event"].value_counts().clip(upper=per_event).sum())
         story += f", {most} with at most {per_event} of one event"
     if most < count:
-        raise RecordError(f"the flatfile: {count} records were asked for, {most} may be; {story}")
+        few = f"{count} records were asked for, only {most} can be selected"
+        raise RecordError(f"the flatfile: {few}; {story}")
     return records, ln_sa, groups
 
 
 def _groups(table: pd.DataFrame, columns: list[str]) -> Rows:
-    """A number for each row, the same where all these columns agree; one alone if any is empty."""
-    known = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
-    same, alone = known.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
-    return np.unique(np.where(known.isna().any(axis=1), alone, same), return_inverse=True)[1]
+    """Return a number for each row, equal if all columns agree; unique if any cell is empty."""
+    facts = table.reindex(columns=columns).astype("string").replace(r"^\s*$", pd.NA, regex=True)
+    same, alone = facts.groupby(columns, sort=False).ngroup(), -1 - np.arange(len(table))
+    return np.unique(np.where(facts.isna().any(axis=1), alone, same), return_inverse=True)[1]

@@ -1,6 +1,7 @@
 """Target spectra for selecting records, from the ground-motion models of pygmm."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ _WORDS = {"mag": "magnitude", "dist_rup": "distance [km]", "v_s30": "Vs30 [m/s]"
 def predict(
     rupture: Rupture, model: str, periods: ArrayLike
 ) -> tuple[Array, Array, tuple[str, ...]]:
-    """ln of the median Sa [ln g], standard deviation of ln Sa, (n_period,) each, and messages.
+    """Return ln of the median Sa [g], standard deviation of ln Sa, (n_period,) each, and messages.
 
     The fault is vertical, of strike-slip, and reaches as deep as Chiou and Youngs (2014) expect.
     `model` is ``ASK14``, ``BSSA14``, ``CB14``, ``CY14``, ``I14`` (Earthquake Spectra 30(3), 2014;
@@ -45,7 +46,7 @@ def predict(
              "on_hanging_wall": False}  # fmt: skip
     pygmm = from_extra("pygmm", "select")
     kind, messages = getattr(pygmm, MODELS[model]), []
-    parameters = [each for each in kind.PARAMS if each.name in facts]
+    parameters = [parameter for parameter in kind.PARAMS if parameter.name in facts]
     for parameter in parameters:
         word, value = _WORDS.get(parameter.name, parameter.name), facts[parameter.name]
         low, high = (getattr(parameter, end, None) for end in ("min", "max"))
@@ -54,7 +55,7 @@ def predict(
             messages.append(f"{model} is recommended for {word} {limits}")
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in whose place are the messages
-        scenario = pygmm.Scenario(**{each.name: facts[each.name] for each in parameters})
+        scenario = pygmm.Scenario(**{p.name: facts[p.name] for p in parameters})
         prediction = kind(scenario)
     first, last = prediction.periods.min(), prediction.periods.max()
     # A period of the table's end may differ from the one typed by rounding.
@@ -66,7 +67,7 @@ def predict(
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> Array:
-    """Correlation of ln Sa at periods [s], broadcast, about the median of a ground-motion model.
+    """Return the correlation of ln Sa at periods [s], broadcast, about a model's median.
 
     Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
     for a period outside 0.01 to 10 s, where it was fitted.
@@ -116,7 +117,7 @@ def conditional_spectrum(
     rupture: Rupture, level: float, conditioning: float, periods: ArrayLike = PERIODS,
     model: str = "CY14",
 ) -> Target:  # fmt: skip
-    """Mean and covariance of ln Sa, given Sa at one period.
+    """Return mean and covariance of ln Sa, given Sa at one period.
 
     With median exp(mu), standard deviation sigma and correlation rho, and epsilon =
     (ln level - mu*) / sigma* at the conditioning period T*:
@@ -132,19 +133,36 @@ def conditional_spectrum(
         raise InputError(f"level = {level} g of Sa({conditioning} s): both must be above 0")
     grid = _rising(periods, "periods")
     others = grid[np.abs(np.log(grid / conditioning)) >= SAME]
-    known = int(np.searchsorted(others, conditioning))
-    grid = np.insert(others, known, conditioning)
+    star = int(np.searchsorted(others, conditioning))
+    grid = np.insert(others, star, conditioning)
     rho = correlation(grid[:, None], grid)
     median, sd, messages = predict(rupture, model, grid)
-    mean = median + rho[known] * (np.log(level) - median[known]) / sd[known] * sd
-    covariance = np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known]))
-    covariance[known, :] = covariance[:, known] = 0.0
-    mean[known] = np.log(level)
+    mean = median + rho[star] * (np.log(level) - median[star]) / sd[star] * sd
+    covariance = np.outer(sd, sd) * (rho - np.outer(rho[star], rho[star]))
+    covariance[star, :] = covariance[:, star] = 0.0
+    mean[star] = np.log(level)
     return Target(grid, mean, covariance, float(conditioning), messages)
 
 
+def scenario_target(
+    rupture: Rupture, period: float, level: tuple[float | None, float | None],
+    measured: Sequence[float], model: str,
+) -> Target:  # fmt: skip
+    """Return the conditional spectrum of a scenario at those `measured` periods near ``PERIODS``.
+
+    `level` is Sa at the conditioning `period` [g], or the standard deviations above its median.
+    Between measured periods the scatter of spectra would be lost.
+    """
+    sa, epsilon = level
+    if sa is None:
+        ln_median, sd, _ = predict(rupture, model, [period])
+        sa = float(np.exp(ln_median[0] + epsilon * sd[0]))
+    near = {min(measured, key=lambda have: abs(np.log(have / t)), default=t) for t in PERIODS}
+    return conditional_spectrum(rupture, sa, period, sorted(near), model)
+
+
 def spectrum_target(periods: Array, median: Array, sd: Array, source: str) -> Target:
-    """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
+    """Return a target from a spectrum [g] at periods [s], of a code or of uniform hazard.
 
     `median` is exp of the mean of ln Sa, `sd` its standard deviation, (n_period,) each; where that
     is 0 at one period, this is the conditioning period. With zeros only the target is a mean, to

@@ -40,7 +40,8 @@ def stamp_of_all(
 
     Empty if folders of records are found by a pattern: new ones may appear anywhere.
     """
-    from archfrag.study.file.records import input_paths, read_manifest
+    from archfrag.study.file.records import read_manifest
+    from archfrag.study.file.sources import input_paths
 
     asked = [entry.path for entry in study.motions.files]
     if any(glob.has_magic(os.path.dirname(each)) for each in asked):

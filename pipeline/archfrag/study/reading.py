@@ -5,19 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, SupportsIndex, overload
+from typing import Any, SupportsIndex, overload
 
 import pandas as pd
 
 from archfrag.errors import InputError
+from archfrag.motions.channel import STANDARD_GRAVITY
+from archfrag.motions.formats.columns import Columns
 from archfrag.motions.index import INDEX_NAME
-from archfrag.motions.motion import STANDARD_GRAVITY, Motion
+from archfrag.motions.motion import Motion
 from archfrag.study.file.motions import Motions
-from archfrag.study.file.records import read_sources
+from archfrag.study.file.sources import read_sources
 from archfrag.study.keys import at
-
-if TYPE_CHECKING:
-    from archfrag.motions.formats.columns import Columns
 
 _MOST_ROWS = 20
 _MEASURE = "PGA"  # a measure that needs one component
@@ -37,17 +36,15 @@ class MotionList(list[Motion]):
         self._read = asked, tuple(self)
 
     @overload
-    def __getitem__(self, place: SupportsIndex) -> Motion: ...
+    def __getitem__(self, place: SupportsIndex | str) -> Motion: ...
     @overload
     def __getitem__(self, place: slice) -> MotionList: ...
-    @overload
-    def __getitem__(self, place: str) -> Motion: ...
     def __getitem__(self, place: SupportsIndex | slice | str) -> Motion | MotionList:
-        """Motion by its place or id (else KeyError), or several by a slice."""
+        """Return a motion by its place or id (else KeyError), or several by a slice."""
         if isinstance(place, str):
             return {motion.id: motion for motion in self}[place]
-        found = super().__getitem__(place)
-        return MotionList(found) if isinstance(found, list) else found
+        motions = super().__getitem__(place)
+        return MotionList(motions) if isinstance(motions, list) else motions
 
     @property
     def asked(self) -> Motions | None:
@@ -69,8 +66,8 @@ class MotionList(list[Motion]):
             for motion in self
             for about in (motion.metadata,)
         ]  # fmt: skip
-        found = pd.DataFrame(rows)
-        return found[[name for name in found if found[name].astype(str).ne("").any()]]
+        table = pd.DataFrame(rows)
+        return table[[name for name in table if table[name].astype(str).ne("").any()]]
 
     def __repr__(self) -> str:
         return self.table.to_string(max_rows=_MOST_ROWS) if self else "no motions"
@@ -121,23 +118,23 @@ def read_motions(
     0  A090      0.2          0.03    0.01  Event  Station
     1  A180      0.2          0.03    0.01  Event  Station
     """
-    given: dict[str, Any] = {"vertical": vertical, "processing": list(processing)}
     named = [os.fspath(path) for path in paths]
     indices = [path for path in named if os.path.isfile(os.path.join(path, INDEX_NAME))
                or os.path.basename(path) == INDEX_NAME]  # fmt: skip
     if indices[1:]:
         raise InputError(f"read_motions: {' and '.join(indices)}: at most one index is allowed")
-    named = [os.path.join(path, "*") if os.path.isdir(path) else path
+    files = [os.path.join(path, "*") if os.path.isdir(path) else path
              for path in named if path not in indices]  # fmt: skip
     options = {"unit": unit, "columns": columns and str(columns), "accept": list(accept)}
-    given["files"] = [{"path": path} | options for path in named]
-    if indices:
-        given["index"] = indices[0]
-    if select is not None:
-        given["select"] = list(select)
-    with at("read_motions", given):
-        asked = Motions.model_validate(given, context={"folder": Path.cwd()})
+    keys: dict[str, Any] = {
+        "vertical": vertical, "processing": list(processing),
+        "files": [{"path": path} | options for path in files],
+    }  # fmt: skip
+    keys |= {"index": indices[0]} if indices else {}
+    keys |= {} if select is None else {"select": list(select)}
+    with at("read_motions", keys):
+        asked = Motions.model_validate(keys, context={"folder": Path.cwd()})
     motions = list(read_sources(asked, _MEASURE))
-    if select is not None:
-        motions.sort(key=lambda motion: given["select"].index(motion.id))
+    if ids := asked.select:
+        motions.sort(key=lambda motion: ids.index(motion.id))
     return MotionList(motions, asked)

@@ -25,14 +25,9 @@ from archfrag.simulation.simulate import onset
 from archfrag.simulation.standing import arch_cautions
 from archfrag.study.file.arches import ArchEntry
 from archfrag.study.file.members import Members, check_standing, checked
-from archfrag.study.file.records import (
-    VERTICAL_LEFT,
-    PreparedRecord,
-    described,
-    find_sources,
-    read_sources,
-)
+from archfrag.study.file.records import PreparedRecord, described
 from archfrag.study.file.schema import Study, study_schema
+from archfrag.study.file.sources import VERTICAL_LEFT, find_sources, read_sources
 from archfrag.study.hazard import load_hazard
 from archfrag.study.provenance import OWNER, PACKAGE, read_state, refuse_foreign_cube
 

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 from obspy import Trace
-from obspy.core import AttribDict
 
 from archfrag.errors import RecordError, reason_of
 from archfrag.files import end_with_parent, opened, wide_encoding
+from archfrag.motions.channel import Channel
 
 # The readers of this package: name of the plug-in, and the module here that has is_<name> and
 # read_<name>. Each is an entry point in pyproject.toml, too.
@@ -46,8 +46,7 @@ _shared = list[ProcessPoolExecutor]()  # of the blocks of `one_reader`
 def read_traces(path: str, form: str | None = None) -> list[Trace]:
     """Read the traces of a file in a format, or in the first one that recognises it.
 
-    Each has in ``stats.record`` what the header states, samples ``announced`` and ``held``, and
-    the ``messages`` of the reader. RecordError if the file is damaged or in no format.
+    Each has its `Channel` as ``stats.record``. RecordError if the file is damaged or in no format.
     """
     if form := form or recognise(path, (*TEXT, *BINARY)):
         return read_as(path, form)
@@ -56,12 +55,12 @@ def read_traces(path: str, form: str | None = None) -> list[Trace]:
     with opened(path) as file:
         head = file.read(400)
     if wide := "UTF-8" * head.startswith(BOM_UTF8) or wide_encoding(head):
-        mark = f"is text in {wide}, and begins with a byte-order mark or has zeros between letters"
+        mark = f"is text in {wide} (it begins with a byte-order mark, or has zeros in between)"
         raise RecordError(f"{path}: {mark}; save it as UTF-8 without such a mark")
     raise RecordError(
-        f"{path}: the format is not recognised; unpack an archive, which is never unpacked here; "
-        "for columns of text give `columns` (--columns time=1,acceleration=2 on the command "
-        "line); if it is not a record, move it, or name the records by a pattern such as *.AT2"
+        f"{path}: the format is not recognised. Archives are never unpacked: unpack them first. "
+        "For columns of text, give `columns` (--columns time=1,acceleration=2 on the command "
+        "line). If the file is not a record, move it, or use a pattern such as *.AT2"
     )
 
 
@@ -72,14 +71,14 @@ def plug_in(name: str, task: str) -> Callable[[str], Any]:
         module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
         return getattr(module, f"{task}_{name.lower()}")
     group = f"obspy.plugin.waveform.{name}"
-    (found,) = _entry_points(name=f"{task}Format").select(group=group)
-    return found.load()
+    (point,) = _entry_points(name=f"{task}Format").select(group=group)
+    return point.load()
 
 
 def recognise(path: str, formats: Sequence[str]) -> str | None:
     """Return the first of the formats that a file is in, None if it is in none of them."""
     for name in formats:
-        # A test that stumbles over the file has not recognised it.
+        # A test that fails with an error has not recognised the file.
         with contextlib.suppress(Exception):
             if plug_in(name, "is")(path):
                 return name
@@ -101,7 +100,7 @@ def read_as(path: str, name: str) -> list[Trace]:
         except MemoryError:
             raise RecordError(f"{path}: read as {name} it takes too much memory") from None
         except Exception as error:
-            what = "the file is damaged, truncated or not what it seems"
+            what = "the file is damaged, truncated or not of this format"
             raise RecordError(f"{path}: {what} ({reason_of(error)})") from None
     shown: dict[str, None] = {}
     for warning in caught:
@@ -117,15 +116,17 @@ def read_as(path: str, name: str) -> list[Trace]:
         if length and size % length:
             cut_off = f"truncated {name}: {size} bytes are no multiple of blocks of {length}"
             raise RecordError(f"{path}: {cut_off} bytes")
-        facts = {"announced": trace.stats.npts, "held": len(trace.data), "messages": list(shown),
-                 "log": (), "errors": ()}  # fmt: skip
-        trace.stats._format, trace.stats.npts = name, len(trace.data)
-        trace.stats.record = AttribDict({**facts, **trace.stats.get("record", {})})
+        announced, held = trace.stats.npts, len(trace.data)
+        if "record" not in trace.stats:
+            code = str(trace.stats.channel).strip()
+            trace.stats.record = Channel(code, announced=announced, held=held)
+        trace.stats.record.messages = list(shown)
+        trace.stats._format, trace.stats.npts = name, held
     return traces
 
 
 def read_apart(path: str) -> list[Trace]:
-    """Read a file by a reader in C in a process of its own; none if it is in no such format."""
+    """Read a file by a reader in C in a process of its own; return [] if it has no such format."""
     for form in IN_C:  # imported once here, not in each fork
         plug_in(form, "is"), plug_in(form, "read")
     try:
@@ -133,13 +134,13 @@ def read_apart(path: str) -> list[Trace]:
             return _shared[-1].submit(_read_in_c, path).result()
     except BrokenProcessPool:
         ended = f"a crash or took more than {COMPUTING_TIME} s of computing"
-        what = "the file is damaged or not what it seems"
+        what = "the file is damaged or has another format than it seems"
         raise RecordError(f"{path}: reading it ended in {ended}; {what}") from None
 
 
 @contextlib.contextmanager
 def one_reader() -> Iterator[None]:
-    """Read the files of a block that readers in C read in one process, up to one that crashes."""
+    """Read all files of a block that need readers in C in one process, unless one crashes it."""
     with ProcessPoolExecutor(1, get_context("fork"), _limit) as process:
         _shared.append(process)
         try:

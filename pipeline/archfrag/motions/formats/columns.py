@@ -47,14 +47,14 @@ class Columns:
     skip: int = 0
 
     def __post_init__(self) -> None:
-        given = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
-        outside = next((c for c in given if not 1 <= c <= MOST_COLUMNS), None)
+        columns = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
+        outside = next((c for c in columns if not 1 <= c <= MOST_COLUMNS), None)
         for wrong, needed in (
             ((self.time is None) == (self.dt is None), "either time or dt"),
             (self.dt is not None and not 0.0 < self.dt < float("inf"),
              f"a positive dt, not {self.dt or 0.0:g}"),
-            (self.acceleration is None and given, "acceleration where another column is named"),
-            (len(set(given)) < len(given), "a different number for each column"),
+            (self.acceleration is None and columns, "acceleration where another column is named"),
+            (len(set(columns)) < len(columns), "a different number for each column"),
             (outside is not None, f"numbers from 1 to {MOST_COLUMNS}, not {outside}"),
             (self.skip < 0, f"skip of at least 0, not {self.skip}"),
         ):  # fmt: skip
@@ -62,23 +62,23 @@ class Columns:
                 raise InputError(f"columns {str(self)!r} must have {needed}")
 
     def __str__(self) -> str:
-        """As `parse_columns` reads it."""
+        """Return the text that `parse_columns` reads."""
         return " ".join(f"{key}={value:.15g}" for key, value in asdict(self).items() if value)
 
 
 def parse_columns(text: str) -> Columns:
-    """Columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
-    given: dict[str, Any] = {}
+    """Read columns from words such as ``time=1,acceleration=2,skip=3``, or InputError."""
+    keys: dict[str, Any] = {}
     for word in text.replace(",", " ").split():
         key, _, value = word.partition("=")
         try:
-            if key not in Columns.__annotations__ or key in given:
+            if key not in Columns.__annotations__ or key in keys:
                 raise ValueError
-            given[key] = (float if key == "dt" else int)(value)
+            keys[key] = (float if key == "dt" else int)(value)
         except ValueError:
             wrong = f"{word!r} is not known or occurs twice"
             raise InputError(f"columns {text!r}: {wrong}; allowed are {_ALLOWED}") from None
-    return Columns(**given)
+    return Columns(**keys)
 
 
 def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
@@ -112,15 +112,13 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
         step = _even_step(samples[:, 0], [text.place(number - 1) for number, _ in rows], columns)
     traces = []
     for index, code in enumerate(("H", "V") if columns.vertical else ("",), start=int(timed)):
-        own = np.ascontiguousarray(samples[:, index])
-        if _rises_evenly(own):
-            rises = "what would be accelerations rises evenly, as times do"
+        series = np.ascontiguousarray(samples[:, index])
+        if _rises_evenly(series):
+            rises = "the column of accelerations rises evenly, as times do"
             raise RecordError(f"{name}: {rises}; name the columns of both")
-        record = {
-            "announced": own.size, "held": own.size, "component": code,
-            "vertical": code == "V", "messages": (), "log": (f"Columns {columns}.",),
-        }  # fmt: skip
-        traces.append(trace_of(own, step, name, record))
+        facts = {"announced": series.size, "code": code, "vertical": code == "V",
+                 "log": [f"Columns {columns}."]}  # fmt: skip
+        traces.append(trace_of(series, step, name, facts))
         traces[-1].stats._format = "COLUMNS"
         if stated:
             traces[-1].stats.ascii = {"unit": stated[1]}
@@ -130,7 +128,7 @@ def read_columns(path: str | Path, columns: Columns) -> list[Trace]:
 def _numbers(
     rows: Sequence[tables.Row], separator: str, chosen: Sequence[int], text: Text
 ) -> list[list[float]]:
-    """Numbers of the chosen columns of each row, or all; InputError names the line of a cell."""
+    """Return the numbers of chosen or all columns by rows; InputError for other cells."""
     whole = separator == "," and not any("." in cell or "E" in cell.upper()
                                          for _, row in rows for cell in row)  # fmt: skip
     table = []
@@ -147,13 +145,13 @@ def _numbers(
         if separator != " " and (odd := next((c for c in picked if re.search(r"\s", c)), None)):
             what = f"{odd[:40]!r} is not a finite number; {tables.NAMES[separator]} are between"
             raise InputError(f"line {number}: {what} the cells of this file")
-        found = [value for cell in picked for value in split(cell, text.place(number - 1))]
-        if len(found) != len(picked) and (chosen or separator != " "):
+        values = [value for cell in picked for value in split(cell, text.place(number - 1))]
+        if len(values) != len(picked) and (chosen or separator != " "):
             raise InputError(f"line {number}: columns run together")
-        table.append(found)
+        table.append(values)
     if whole and rows:
-        what = "has only whole numbers between commas, as the file has: are these decimals?"
-        raise InputError(f"line {rows[0][0]}: {what} Write decimal points")
+        what = "only whole numbers, with commas between them: are the commas decimal?"
+        raise InputError(f"line {rows[0][0]}: has {what} Write decimal points")
     return table
 
 
@@ -183,7 +181,7 @@ def _rises_evenly(values: NDArray[np.float64]) -> bool:
 
 
 def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) -> float:
-    """Time step of times that are evenly spaced but for rounding [s]."""
+    """Return the step of times that are evenly spaced but for rounding [s]; else RecordError."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
@@ -191,6 +189,6 @@ def _even_step(times: NDArray[np.float64], places: list[str], columns: Columns) 
         return float(f"{mean:.9g}")
     wrong = steps <= 0.0 if steps.min() <= 0.0 else np.abs(steps - mean)
     late = int(wrong.argmax()) + 1
-    found = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
+    late_time = f"{times[late]:.9g} s in column {columns.time} comes after {times[late - 1]:.9g} s"
     remedy = "if times are only rounded, give dt instead of their column"
-    raise RecordError(f"{places[late]}: times must be evenly spaced, {found}; {remedy}")
+    raise RecordError(f"{places[late]}: times must be evenly spaced, {late_time}; {remedy}")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
+from archfrag.motions.channel import filled
 from archfrag.motions.formats import layout
 
 _CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
@@ -50,7 +51,7 @@ _LEVELS = {"raw": (13, 14, "MAX"), "processed": (25, 20, "PEAK ACCELERATION")}
 
 
 def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channel]) -> Stream:
-    """Traces of channels one after the other, each read by `channel` from a line on."""
+    """Return the traces of channels one after the other, each read by `channel` from a line on."""
     text, traces = layout.Text(source), list[Trace]()
     place = stated = 0
     while (place := text.first(place, _BEGINS.match)) < len(text.lines):
@@ -59,20 +60,20 @@ def _stream(source: layout.Source, channel: Callable[[layout.Text, int], _Channe
             continue
         if not any(map(layout.END_OF_DATA.match, text.lines[place : place + 1])):
             cut_off = "there is no end-of-data line: the file may be cut off"
-            trace.stats.record.errors += (cut_off,)
+            trace.stats.record.errors.append(cut_off)
         traces.append(trace)
         stated = max(stated, int(layout.search(_CHANNELS, header) or 0))
     if not traces:
         raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
     if stated > len(traces):
         error = f"the header counts {stated} channels, the file holds {len(traces)}"
-        traces[0].stats.record.errors += (error,)
+        traces[0].stats.record.errors.append(error)
     # Traces of one code get their channel numbers as locations.
     ids = [trace.id for trace in traces]
     for count, trace in enumerate(traces, start=1):
         if ids.count(trace.id) > 1:
-            trace.stats.location += str(trace.stats.record.get("channel", count))
-        if trace.id in {each.id for each in traces[: count - 1]}:
+            trace.stats.location += trace.stats.record.number or str(count)
+        if trace.id in {before.id for before in traces[: count - 1]}:
             trace.stats.location += f"-{count}"
     return Stream(traces)
 
@@ -109,7 +110,7 @@ def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
     unit = _COSMOS_UNITS.get(int(integers[2]), "")
     record, codes = _cosmos_record([*lines, *[""] * 9], int(integers[53]), comments)
     size = real.get(12) or real.get(14) or None
-    record = layout.known(magnitude=size, epicentral_km=real.get(16)) | record
+    record = {"magnitude": size, "epicentral_km": real.get(16)} | filled(record)
     level = {0: "raw", 1: "raw", 2: "processed"}.get(int(integers[0]), "")
     record |= {"level": level, "unit": unit, "announced": announced, "held": samples.size}
     if unit == "counts":
@@ -126,12 +127,12 @@ def _cosmos_channel(text: layout.Text, place: int) -> _Channel:
 
 
 def _header_numbers(text: layout.Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
-    """The integers or reals of a header, and the line after them."""
+    """Return the integers or reals of a header, and the line after them."""
     line = text.lines[at] if at < len(text.lines) else ""
-    found = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
-    if found is None:
-        raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
-    count, height = map(int, found.groups())
+    block = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
+    if block is None:
+        raise text.needs(at, f"a line that states how many {kind}-header values follow")
+    count, height = map(int, block.groups())
     height = min(height, 200)  # no file takes long by what its header announces
     values = text.numbers(at + 1, at + 1 + height, count, layout.format_width(line))
     if not 64 <= values.size <= count <= 1000:
@@ -143,9 +144,9 @@ def _header_numbers(text: layout.Text, at: int, kind: str) -> tuple[NDArray[np.f
 def _cosmos_record(
     text: list[str], angle: int, comments: str
 ) -> tuple[dict[str, Any], tuple[str, str, str]]:
-    """Facts of a header, and codes of network, station and location."""
+    """Return the facts of a header, and the codes of network, station and location."""
     channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
-    number, bearing = channel.groups() if channel else (None, "")
+    number, bearing = channel.groups("") if channel else ("", "")
     position = " ".join(text[8].partition("Location:")[2].split())
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
@@ -154,19 +155,18 @@ def _cosmos_record(
     if not {"azimuth", "vertical"} & direction.keys():
         word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
         direction = layout.direction(word)
-    record = direction | layout.known(
-        event="" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
-        date=layout.iso_date(text[3], text[1], text[7]),
-        magnitude=layout.magnitude(text[2]),
-        station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
-        channel=number,
-    )
+    record = direction | {
+        "event": "" if re.match(r"(?i)(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", event) else event,
+        "date": layout.iso_date(text[3], text[1], text[7]),
+        "magnitude": layout.magnitude(text[2]), "number": number,
+        "station": re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
+    }  # fmt: skip
     names = re.search(r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4), comments)
     if names is None:
         return record, ("" if network.startswith("-") else network, code, position)
     code, band, network, location = (part.strip("-") for part in names.groups())
     if re.fullmatch(r"[A-Za-z]{2}[ENZ123]", band):
-        record |= {"component": band} | ({"vertical": True} if band[2] == "Z" else {})
+        record |= {"code": band} | ({"vertical": True} if band[2] == "Z" else {})
     return record, (network, code, location or position)
 
 
@@ -194,23 +194,22 @@ def _dmg_channel(text: layout.Text, place: int) -> _Channel:
     window = range(place + count, min(place + count + rows + 12, len(text.lines)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        raise RecordError(f"{text.place(place)}: no line with the points of acceleration follows")
+        raise RecordError(f"{text.place(place)}: no line states the number of acceleration points")
     samples, step, record, data_end = _dmg_samples(text, place, lines, rows, section)
     named = re.compile(rf"{peak_name}\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE)
-    found = next(filter(None, map(named.search, lines)), None)
-    peak = found[1] if found and _unit_of(f"in {found[2]}")[0] == record["unit"] else ""
+    stated = next(filter(None, map(named.search, lines)), None)
+    peak = stated[1] if stated and _unit_of(f"in {stated[2]}")[0] == record["unit"] else ""
     end = text.first(data_end, lambda line: layout.END_OF_DATA.match(line) or _TITLE.match(line))
     head = lines if level == "raw" else lines[1:]
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", head[6])
-    number, bearing = channel.groups() if channel else (None, "")
+    number, bearing = channel.groups("") if channel else ("", "")
     bearing, _, position = bearing.partition("LOCATION:")
-    record |= {"level": level} | layout.direction(bearing) | layout.known(
-        event="" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
-        date=layout.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
-        magnitude=layout.magnitude(head[8]),
-        station=re.split(r"\s{3,}", head[5].strip())[0],
-        channel=number,
-    )  # fmt: skip
+    record |= layout.direction(bearing) | {
+        "event": "" if re.match(r"(?i)\s*RE?CO?RD OF", head[1]) else head[1].strip(),
+        "date": layout.iso_date(head[2].upper().partition("ORIGIN")[2], head[2], head[1]),
+        "magnitude": layout.magnitude(head[8]), "number": number, "level": level,
+        "station": re.split(r"\s{3,}", head[5].strip())[0],
+    }  # fmt: skip
     code = layout.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", head[4])
     trace = layout.trace_of(
         samples, step, text.place(place if section is None else section), record, peak=peak,
@@ -222,12 +221,15 @@ def _dmg_channel(text: layout.Text, place: int) -> _Channel:
 def _dmg_samples(
     text: layout.Text, place: int, lines: list[str], rows: int, section: int | None
 ) -> tuple[NDArray[np.float64], float | None, dict[str, Any], int]:
-    """Samples, their step, what is stated, and the line after them; pairs without a `section`."""
+    """Return samples, their step, what is stated of them, and the line after them.
+
+    Without a `section`, samples are pairs of time and acceleration.
+    """
     step, done, per, width, first = None, [""], 2, 7, place + len(lines) + rows
     if section is None:
-        index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), 0)
+        index = next((i for i, row in enumerate(lines) if _COUNT_LINE.search(row)), 0)
         where, stated = text.place(place + index), layout.search(_COUNT_LINE, lines[index])
-        line = next((each for each in lines if "UNITS OF" in each.upper()), "")
+        line = next((row for row in lines if "UNITS OF" in row.upper()), "")
     else:
         where, (line,) = text.place(section), text.head(section, section + 1)
         per, width, first = 1, layout.format_width(line) or 10, section + 1
@@ -243,10 +245,10 @@ def _dmg_samples(
     if section is None:
         samples, step, *done = layout.on_even_steps(samples, text.place(first))
         done.insert(0, "Unit g/10 converted into g." if scale != 1.0 else "")
-    log = tuple(filter(None, done))
+    log = list(filter(None, done))
     return samples, step, {"announced": announced, "held": held, "unit": unit, "log": log}, end
 
 
 def _unit_of(text: str) -> tuple[str, float]:
-    found = ((unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text))
-    return next(found, ("", 1.0))
+    units = ((unit, scale) for pattern, unit, scale in _UNITS if layout.search(pattern, text))
+    return next(units, ("", 1.0))

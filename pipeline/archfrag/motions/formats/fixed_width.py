@@ -18,8 +18,8 @@ from typing import Any
 from obspy import Stream, Trace
 
 from archfrag.errors import RecordError
+from archfrag.motions.channel import quadrant
 from archfrag.motions.formats import layout
-from archfrag.motions.partners import quadrant
 
 # SMC: first line, number of lines, numbers and width of integers and reals.
 _NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
@@ -33,7 +33,7 @@ _FIELDS = {
     "factor": (str, r"readings in units of +(\S+)"),
     "peak": (str, r"^\s*Acceleration: +peak +(\S+) +\S+"),
     "unit": (str, r"^\s*Acceleration: +peak +\S+ +(\S+)", r"readings in units of +\S+ +(\S+)"),
-    "component": (str, r"^\s*Component +(\S+)"),
+    "code": (str, r"^\s*Component +(\S+)"),
     "azimuth": (quadrant, r"^\s*Component +(\S+)"),
     "vertical": (lambda text: text.lower() in ("up", "down"), r"^\s*Component +(\S+)"),
     "date": (layout.iso_date, r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d"),
@@ -67,13 +67,13 @@ def read_smc(source: layout.Source, **_: Any) -> Stream:
     first = text.first(27, lambda line: not line.lstrip().startswith("|"))
     count = layout.checked_count(f"{integers[16]:.0f}", text.place(13))
     values = text.numbers(first, None, count, 10)
-    known = {i: value for i, value in enumerate(reals.tolist()) if value != reals[0]}
-    found = re.match(r"(?i)station\s*=\s*(.*?)\s*component\s*=\s*(.*)", head[5])
-    station, bearing = found.groups() if found else ("", "")
+    stated = {i: value for i, value in enumerate(reals.tolist()) if value != reals[0]}
+    names = re.match(r"(?i)station\s*=\s*(.*?)\s*component\s*=\s*(.*)", head[5])
+    station, bearing = names.groups() if names else ("", "")
     record = layout.direction(bearing)
     tilt, azimuth = integers[12], integers[13]  # degrees from the vertical, from north
     if tilt in (0.0, 180.0):
-        record |= {"component": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
+        record |= {"code": "UP" if tilt == 0.0 else "DOWN", "vertical": True}
     elif tilt == 90.0 and azimuth != integers[0] and 0 <= azimuth <= 360:
         record |= {"azimuth": float(azimuth), "vertical": False}
     year, day, hour, minute, second = integers[1:6]
@@ -81,14 +81,12 @@ def read_smc(source: layout.Source, **_: Any) -> Stream:
     start = None
     if dated and 0 <= hour < 24 and 0 <= minute < 60:
         start = dated + 3600.0 * hour + 60.0 * minute + (second if 0 <= second < 60 else 0.0)
-    record |= layout.known(
-        event=re.sub(r"^[\s\d]+", "", head[3]).strip(),
-        date=str(dated.date) if dated else "",
-        station=station,
-        epicentral_km=known.get(16),
-        magnitude=next(filter(None, map(known.get, (5, 7, 6, 8))), None),
-    )
-    log, step, per = [], 1.0 / known[1] if known.get(1) else None, 1 if 1 in known else 2
+    record |= {
+        "event": re.sub(r"^[\s\d]+", "", head[3]).strip(), "station": station,
+        "date": str(dated.date) if dated else "", "epicentral_km": stated.get(16),
+        "magnitude": next(filter(None, map(stated.get, (5, 7, 6, 8))), None),
+    }  # fmt: skip
+    log, step, per = [], 1.0 / stated[1] if stated.get(1) else None, 1 if 1 in stated else 2
     # Writers of uncorrected volumes left a last row of what was in their memory.
     if count < values.size <= count + 8:
         values = values[:count]
@@ -98,9 +96,9 @@ def read_smc(source: layout.Source, **_: Any) -> Stream:
     if per == 2:  # pairs of time and acceleration
         values, step, done = layout.on_even_steps(values, text.name)
         log += filter(None, (done,))
-    peaks = [abs(known[index]) for index in (29, 31) if index in known]
+    peaks = [abs(stated[index]) for index in (29, 31) if index in stated]
     return Stream([layout.trace_of(
-        values, step, text.place(first - 1), record | {"log": tuple(log)}, start=start,
+        values, step, text.place(first - 1), record | {"log": log}, start=start,
         peak=f"{max(peaks):.6E}" if peaks else "",
         codes=("", head[2].strip().split(" ")[0], ""),
     )])  # fmt: skip
@@ -125,11 +123,11 @@ def _geonet_trace(text: layout.Text, first: int, end: int) -> Trace:
     if end <= data:
         raise RecordError(f"{place}: ends after {end - first} line(s), {_HEADER_LINES} are header")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
-    found = layout.read_fields(_FIELDS, lambda pattern: layout.search(pattern, head))
-    record = {"component": "", "unit": "", "announced": "", "factor": "1"} | found
+    record: dict[str, Any] = {"code": "", "unit": "", "announced": "", "factor": "1"}
+    record |= layout.read_fields(_FIELDS, lambda pattern: layout.search(pattern, head))
     interval, factor, peak = (record.pop(key, "") for key in ("interval", "factor", "peak"))
     integers = text.numbers(first + _TEXT_LINES, first + _INTEGERS_END)
-    channel = f"{text.name}: channel {record['component']}"
+    channel = f"{text.name}: channel {record['code']}"
     if integers.size != 40:
         raise RecordError(f"{channel} has {integers.size} of 40 integers before line {data + 1}")
     # Accelerations, velocities and displacements; a raw volume has the first only, however many.
@@ -143,11 +141,11 @@ def _geonet_trace(text: layout.Text, first: int, end: int) -> Trace:
     if not (scale := layout.number(factor)):
         raise RecordError(f"{place}: readings in units of {factor!r}, not a number")
     raw = re.match(_START, text.lines[first])[1]  # type: ignore[index]
-    record |= layout.known(
-        unit=layout.acceleration_unit(record["unit"], place),
-        announced=layout.checked_count(record["announced"], f"{place}: Number of points"),
-        level="raw" if raw else "processed", event=text.lines[first + 6].strip(),
-    )  # fmt: skip
+    record |= {
+        "unit": layout.acceleration_unit(record["unit"], place),
+        "announced": layout.checked_count(record["announced"], f"{place}: Number of points"),
+        "level": "raw" if raw else "processed", "event": text.lines[first + 6].strip(),
+    }  # fmt: skip
     return layout.trace_of(
         samples * scale, interval or None, f"{place}: interval", record, peak=peak,
         codes=("NZ", record.get("station", ""), ""),

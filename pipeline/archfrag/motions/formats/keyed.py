@@ -18,12 +18,11 @@ import re
 from typing import Any
 
 from obspy import Stream
-from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
 from archfrag.errors import RecordError
+from archfrag.motions.channel import AZIMUTHS, Channel
 from archfrag.motions.formats import layout
-from archfrag.motions.partners import AZIMUTHS
 
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
@@ -37,7 +36,7 @@ _CLOCK = re.compile(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)")
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
 # The keys of DYNA by what they state, the first there is.
 _DYNA = {
-    "component": (str, "STREAM", "COMPONENT"),
+    "code": (str, "STREAM", "COMPONENT"),
     "date": (lambda text: (day := _DAY.match(text)) and "-".join(day.groups()),
              "EVENT_DATE_YYYYMMDD"),
     "magnitude": (layout.number, "MAGNITUDE_W", "MAGNITUDE_L"),
@@ -86,14 +85,14 @@ def read_at2(source: layout.Source, **_: Any) -> Stream:
     stated, where = layout.number(count), text.place(3)
     count = f"{stated:.0f}" if stated is not None and stated % 1 == 0 else count
     # Without a direction at its end, by which records of one event would differ.
-    record: dict[str, Any] = {"event": _DIRECTION.sub("", about), "component": ""}
+    record: dict[str, Any] = {"event": _DIRECTION.sub("", about)}
     parts = [part.strip() for part in about.split(",")]
     if len(parts) >= 3:
         dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
         component = parts[-1].split("(")[0].strip()
         record = (layout.direction(component) if component else {}) | {
             "event": parts[0], "date": parts[1] if dated else "",
-            "station": ", ".join(parts[2 if dated else 1 : -1]), "component": component,
+            "station": ", ".join(parts[2 if dated else 1 : -1]), "code": component,
         }  # fmt: skip
     record |= {"unit": layout.acceleration_unit(unit, text.place(2)),
                "announced": layout.checked_count(count, where)}  # fmt: skip
@@ -138,7 +137,7 @@ def read_resorce(source: layout.Source, **_: Any) -> Stream:
 def _keyed(
     text: layout.Text, header: dict[str, str], first: int, codes: tuple[str, str, str]
 ) -> Stream:
-    """The record of a header in DYNA's keys, its samples from line `first` on."""
+    """Return the record of a header in DYNA's keys, its samples from line `first` on."""
     kind = header.get("DATA_TYPE", "")
     if kind and not kind.upper().startswith("ACCEL"):
         raise RecordError(f"{text.name}: an acceleration is needed, DATA_TYPE is {kind!r}")
@@ -146,19 +145,19 @@ def _keyed(
         if not header.get(key):
             raise RecordError(f"{text.name}: the header gives no {key}")
     record = layout.read_fields(_DYNA, header.get)
-    component = record.get("component", "")
+    component = record.get("code", "")
     letter = (component[-1:] if len(component) == 3 else component).upper()
     cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
     raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    record |= layout.known(
-        unit=layout.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
-        level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
-        announced=layout.checked_count(header["NDATA"], f"{text.name}, NDATA"),
-        vertical=letter in ("Z", "UP", "V", "UD") if letter else None,
-        azimuth=AZIMUTHS.get(letter),
+    record |= {
+        "unit": layout.acceleration_unit(header["UNITS"], f"{text.name}, UNITS"),
+        "level": "processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
+        "announced": layout.checked_count(header["NDATA"], f"{text.name}, NDATA"),
+        "vertical": letter in ("Z", "UP", "V", "UD") if letter else None,
+        "azimuth": AZIMUTHS.get(letter),
         # A name may be of a country alone, that of many earthquakes.
-        event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
-    )
+        "event": ", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
+    }
     # Such as 20010203_040510.250 or, of AFAD, 03/02/2001 04:05:10.250.
     start = header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", "")
     start = re.sub(r"(\d\d)/(\d\d)/(\d{4})", r"\3\2\1", start, count=1)
@@ -179,16 +178,16 @@ def read_knet(source: layout.Source, **_: Any) -> Stream:
     read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
     stream = read(source if hasattr(source, "read") else str(source))
     # Without a header that is whole, nothing follows.
-    for trace in (each for each in stream if "knet" in each.stats):
+    for trace in (trace for trace in stream if "knet" in trace.stats):
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        record = layout.known(
-            date=knet.evot.date.isoformat(), origin_time=str(knet.evot), magnitude=knet.mag,
-            level="raw", component=component, station=trace.stats.station,
+        borehole = component[2:] == "1"
+        trace.stats.record = channel = Channel(
+            component, date=knet.evot.date.isoformat(), origin_time=str(knet.evot),
+            magnitude=knet.mag, level="raw", station=trace.stats.station, held=trace.data.size,
             announced=round(knet.duration * trace.stats.sampling_rate),
             vertical=component.startswith("UD"),
             azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
-            sensor={"": "surface", "1": "borehole", "2": "surface"}.get(component[2:]),
+            sensor="is in the borehole, not at the surface" if borehole else "",
         )  # fmt: skip
-        layout.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
-        trace.stats.record = AttribDict(record)
+        layout.judge_peak(channel, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
     return stream

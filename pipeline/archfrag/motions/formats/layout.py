@@ -1,4 +1,4 @@
-"""Shared by readers of text formats: lines, numbers in columns, and facts of headers."""
+"""What readers of text formats share: lines, numbers in columns, and facts of headers."""
 
 import codecs
 import math
@@ -11,13 +11,18 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 from obspy import Trace, UTCDateTime
-from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.files import opened, wide_encoding
-from archfrag.motions.headers import plain_unit
-from archfrag.motions.motion import METRES_PER_SECOND_SQUARED, unit_factor
-from archfrag.motions.partners import AZIMUTHS, quadrant
+from archfrag.motions.calibrate import plain_unit
+from archfrag.motions.channel import (
+    AZIMUTHS,
+    METRES_PER_SECOND_SQUARED,
+    Channel,
+    filled,
+    quadrant,
+    unit_factor,
+)
 
 Source = str | Path | BinaryIO
 
@@ -60,39 +65,42 @@ class Text:
         return f"{self.name}, line {index + 1}"
 
     def head(self, first: int, last: int) -> list[str]:
-        """Lines of a header, cut to 200 characters: patterns take long over much longer ones."""
+        """Return lines of a header, cut to 200 characters: patterns take long over longer ones."""
         return [line[:200] for line in self.lines[first:last]]
 
     def needs(self, index: int, what: str) -> RecordError:
         end = index >= len(self.lines)
         shown = "the end of the file" if end else repr(self.lines[index].strip()[:60])
-        return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
+        return RecordError(f"{self.place(index)}: {what} is needed here, not {shown}")
 
     def numbers(
         self, first: int, last: int | None = None, expected: int | None = None,
         width: int | None = None,
     ) -> NDArray[np.float64]:  # fmt: skip
-        """Finite numbers of some lines, between blanks or in columns of a width."""
+        """Return the numbers of some lines, between blanks or in columns of a width.
+
+        RecordError for what is no finite number.
+        """
         lines, ways = self.lines[first:last], [None] if width is None else [None, width]
-        found = [row for each in ways if (row := _converted(lines, each)) is not None]
-        if found:
-            return next((row for row in found if row.size == expected), found[0])
+        rows = [row for way in ways if (row := _converted(lines, way)) is not None]
+        if rows:
+            return next((row for row in rows if row.size == expected), rows[0])
         values: list[float] = []
         for place, line in enumerate(lines, first):
-            if rows := [row for each in ways if (row := _converted([line], each)) is not None]:
+            if rows := [row for way in ways if (row := _converted([line], way)) is not None]:
                 values.extend(rows[0])
             else:
                 values += [v for word in line.split() for v in split(word, self.place(place))]
         return np.array(values)
 
     def first(self, index: int, test: Callable[[str], object]) -> int:
-        """The first line from `index` on that passes a test; the number of lines if none does."""
+        """Return the first line from `index` on that passes a test, else the number of lines."""
         count = len(self.lines)
         return next((i for i in range(index, count) if test(self.lines[i])), count)
 
 
 def _read_bytes(source: Source, size: int = -1) -> bytes:
-    """First bytes of a file, or of the rest of an open buffer."""
+    """Return the first bytes of a file, or of the rest of an open buffer."""
     if not isinstance(source, (str, Path)):
         return source.read(size)
     with opened(source) as file:
@@ -100,7 +108,7 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
 
 
 def begins_with(*patterns: str) -> Callable[[Source], bool]:
-    """A test of a file or open binary buffer: plain text in whose first 4096 bytes all match."""
+    """Return a test of a file or open buffer: is it text whose first 4096 bytes match all?"""
 
     def begins(source: Source) -> bool:
         try:
@@ -120,12 +128,12 @@ def _lines(content: bytes) -> list[str]:
 
 
 def format_width(text: str) -> int | None:
-    """Width of the columns by a Fortran format such as ``(8f9.6)`` in a text."""
+    """Return the width of columns by a Fortran format such as ``(8f9.6)``, None without one."""
     return int(search(_FORMAT, text) or 0) or None
 
 
 def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] | None:
-    """All numbers at once; None if a word or a column is not a finite number."""
+    """Return all numbers at once; None if a word or a column is not a finite number."""
     text = "\n".join(lines).translate(_FORTRAN)
     if "_" in text or (width is not None and "\t" in text):  # Python allows 1_000
         return None
@@ -142,7 +150,7 @@ def _converted(lines: Sequence[str], width: int | None) -> NDArray[np.float64] |
 
 
 def split(word: str, place: str) -> list[float]:
-    """Numbers of one word, of which fixed-width columns may have made several."""
+    """Return the numbers of one word, which columns of fixed width may have joined."""
     text = word.translate(_FORTRAN).upper()
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
     values = [value for value in map(number, pieces) if value is not None]
@@ -153,7 +161,10 @@ def split(word: str, place: str) -> list[float]:
 
 
 def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
-    """Samples at equal steps, the step [s] and what was done, from pairs of time and sample."""
+    """Return samples at equal steps, the step [s], and what was done to pairs of time and sample.
+
+    Times that are even but for rounding change nothing; else samples are read between pairs.
+    """
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     if times.size < 2:
         return values[:0], 1.0, ""
@@ -180,23 +191,18 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
 
 
 def search(pattern: str | re.Pattern[str], text: str, group: int = 1) -> str:
-    """Group of the first match in a text, empty without one; case does not matter."""
+    """Return a group of the first match in a text, in any case; empty if there is no match."""
     if isinstance(pattern, str):
         pattern = re.compile(pattern, re.IGNORECASE | re.MULTILINE)
-    found = pattern.search(text)
-    return (found.group(group) or "") if found else ""
-
-
-def known(**facts: Any) -> dict[str, Any]:
-    """The facts without those that a header leaves open."""
-    return {key: fact for key, fact in facts.items() if fact not in (None, "")}
+    match = pattern.search(text)
+    return (match.group(group) or "") if match else ""
 
 
 def read_fields(
     table: Mapping[str, tuple[Any, ...]], find: Callable[[Any], Any]
 ) -> dict[str, Any]:
     """Read facts by a table: name, reader and places, at which `find` looks one after another."""
-    return known(**{
+    return filled({
         name: next((fact for place in places if (value := find(place)) not in (None, "")
                     and (fact := read(value)) not in (None, "")), None)
         for name, (read, *places) in table.items()
@@ -204,7 +210,7 @@ def read_fields(
 
 
 def number(text: str | None) -> float | None:
-    """A finite number of a header; None for any other text."""
+    """Return the finite number that a text is; None for any other text."""
     try:
         value = float((text or "").translate(_FORTRAN).replace("_", "?"))  # Python allows 1_000
     except ValueError:
@@ -213,12 +219,12 @@ def number(text: str | None) -> float | None:
 
 
 def iso_date(*texts: str) -> str:
-    """First date in some texts as YYYY-MM-DD (months before days, as in the USA); else nothing."""
-    every = (re.search(each, text.upper()) for text in texts for each in _DATES)
-    for found in filter(None, every):
-        named = found["month"]
+    """Return the first date as YYYY-MM-DD (months before days, as in the USA); else nothing."""
+    matches = (re.search(form, text.upper()) for text in texts for form in _DATES)
+    for date in filter(None, matches):
+        named = date["month"]
         month = int(named) if named.isdigit() else _MONTHS.index(named) + 1
-        year, day = int(found["year"]), int(found["day"])
+        year, day = int(date["year"]), int(date["day"])
         year += 0 if year >= 100 else 1900 if year >= 30 else 2000
         if 1 <= month <= 12 and 1 <= day <= 31:
             return f"{year:04d}-{month:02d}-{day:02d}"
@@ -226,7 +232,7 @@ def iso_date(*texts: str) -> str:
 
 
 def utc_time(text: str) -> UTCDateTime | None:
-    """Date and time of day in a text with UTC or GMT; None if it has no such time."""
+    """Return the date and time of day in a text with UTC or GMT; None without one."""
     date, clock = iso_date(text), _CLOCK.search(text.upper())
     if not date or clock is None:
         return None
@@ -237,39 +243,39 @@ def utc_time(text: str) -> UTCDateTime | None:
 def moment(
     year: float, month: float, day: float, hour: float, minute: float, second: float
 ) -> UTCDateTime | None:
-    """Time by its parts; None if there is no such time."""
+    """Return the time by its parts; None if there is no such time."""
     try:
         midnight = UTCDateTime(int(year), int(month), int(day))
-        found = midnight + 3600.0 * hour + 60.0 * minute + second
-        return found if 1800 <= found.year <= 2200 else None
+        time = midnight + 3600.0 * hour + 60.0 * minute + second
+        return time if 1800 <= time.year <= 2200 else None
     except (ValueError, TypeError, OverflowError):
         return None
 
 
 def magnitude(text: str) -> float | None:
-    """Magnitude in a text, the first there is of moment, local, surface-wave and other ones."""
-    found = (search(kind, text.upper()) for kind in _MAGNITUDES)
-    return next((float(value) for value in found if value and 0.0 < float(value) < 10.0), None)
+    """Return the moment magnitude in a text, or else another kind of magnitude, or None."""
+    values = (search(kind, text.upper()) for kind in _MAGNITUDES)
+    return next((float(value) for value in values if value and 0.0 < float(value) < 10.0), None)
 
 
 def direction(text: str) -> dict[str, Any]:
-    """Component, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
+    """Return code, azimuth and whether it is vertical, of a text such as ``90 DEG`` or ``UP``."""
     word = text.strip().upper()
-    if (found := re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)) and int(found[1]) <= 360:
-        return {"component": str(int(found[1])), "azimuth": float(found[1]), "vertical": False}
-    if found := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
-        azimuth = quadrant(re.sub(r"\s", "", found[0]))
-        return {"component": found[0], "azimuth": azimuth, "vertical": False}
+    if (angle := re.match(r"(\d{1,3})\s*(?:DEG|\.|$)", word)) and int(angle[1]) <= 360:
+        return {"code": str(int(angle[1])), "azimuth": float(angle[1]), "vertical": False}
+    if bearing := re.match(r"[NS]\s*\d{1,2}\s*[EW]\b", word):
+        azimuth = quadrant(re.sub(r"\s", "", bearing[0]))
+        return {"code": bearing[0], "azimuth": azimuth, "vertical": False}
     if re.match(r"(UP|VERT|DOWN|DWN|[-+]?[UVZ]\b)", word):
         down = word.startswith(("DOWN", "DWN", "-"))
-        return {"component": "DOWN" if down else "UP", "vertical": True}
+        return {"code": "DOWN" if down else "UP", "vertical": True}
     code = (word.split() or [""])[0]
     stated = {"azimuth": AZIMUTHS[code], "vertical": False} if code in AZIMUTHS else {}
-    return {"component": code} | stated
+    return {"code": code} | stated
 
 
 def checked_count(text: str, where: str) -> int:
-    """Number of samples that a header announces, if a record can have it."""
+    """Return the number of samples that a header announces; RecordError if no record has it."""
     word = text.strip()
     if not (word.isdigit() and len(word) < 12 and 2 <= int(word) <= _LONGEST):
         raise RecordError(f"{where}: {word[:40]!r} samples are announced, not 2 to {_LONGEST}")
@@ -277,39 +283,40 @@ def checked_count(text: str, where: str) -> int:
 
 
 def acceleration_unit(text: str, where: str) -> str:
-    """A unit of acceleration as archfrag spells it: ``cm/s^2`` and ``cm/sec/sec`` as ``cm/s2``."""
+    """Return a unit of acceleration as archfrag spells it; RecordError if it is none."""
     plain = plain_unit(text)
     unit_factor(plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where)
     return plain
 
 
-def judge_peak(record: Any, stated: str, values: NDArray[np.float64], unit: str) -> None:
+def judge_peak(channel: Channel, stated: str, values: NDArray[np.float64], unit: str) -> None:
     """Compare the peak that a header states, rounded to its last digit, with the samples."""
     peak = abs(number(stated) or 0.0)
     if not peak or not values.size:
         return
     rounding = 10.0 ** int(Decimal(stated.strip().translate(_FORTRAN)).as_tuple().exponent)
-    found = [float(np.abs(row).max()) for row in (values, values - values.mean())]
-    nearest = min(found, key=lambda value: abs(value - peak))
+    peaks = [float(np.abs(row).max()) for row in (values, values - values.mean())]
+    nearest = min(peaks, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
-    if off > 0.01 * peak:
-        text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
-        record["warnings" if off > 0.1 * peak else "errors"] = (f"{text} {unit}",)
+    text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
+    if off > 0.1 * peak:
+        channel.wrong_peak = text
+    elif off > 0.01 * peak:
+        channel.errors.append(text)
 
 
 def trace_of(
-    samples: NDArray[np.float64], dt: float | None, where: str, record: dict[str, Any], *,
+    samples: NDArray[np.float64], dt: float | None, where: str, facts: dict[str, Any], *,
     peak: str = "", codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
 ) -> Trace:  # fmt: skip
-    """A trace of network, station and location `codes`, with the header as ``stats.record``.
+    """Return a trace with network, station and location `codes`, and `facts` in its `Channel`.
 
     RecordError if the time step [s] is not one; a `peak` that the header states is judged.
     """
     if not 0.0 < (dt or 0.0) < math.inf:
         raise RecordError(f"{where}: no time step above 0 s is stated, but {dt or 'none'}")
-    judge_peak(record, peak, samples, record.get("unit", ""))
-    header = dict(zip(("network", "station", "location"), codes)) | {
-        "delta": dt, "channel": record.get("component", ""),
-        "record": AttribDict({"log": (), "errors": (), **record}),
-    }  # fmt: skip
-    return Trace(samples, header | ({} if start is None else {"starttime": start}))
+    channel = Channel(**{"held": samples.size} | facts)
+    judge_peak(channel, peak, samples, channel.unit)
+    header: dict[str, Any] = dict(zip(("network", "station", "location"), codes))
+    header |= {"delta": dt, "channel": channel.code, "record": channel}
+    return Trace(samples, header if start is None else {**header, "starttime": start})

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing, sha256_of
@@ -56,11 +57,8 @@ SUITE = {
 FIRST_SEED = 20250101  # of the first motion
 FOLDER, COMPONENT = "synthetic", "HN1"
 TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
-# Seeds of a suite are its own seed times this, plus consecutive numbers: other suites, others.
-SPACING = 10**6
+SPACING = 10**6  # a suite has the seeds from its own seed times this on
 _DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
-
-
 _RANGES = (("magnitude", 3.0, 8.0), ("distance [km]", 0.0, 300.0), *[("seed", 0, 2**63 - 1)] * 3,
            ("vs30 [m/s]", 450.0, 1000.0))  # fmt: skip
 
@@ -87,8 +85,8 @@ def make_motion(recipe: Recipe) -> Motion:
     cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then come taper, pulse if any, and
     `_finished`.
     """
-    magnitude, distance, seed, *own, vs30 = recipe[:6]
-    event, site = (seed if each is None else each for each in own)
+    magnitude, distance, seed, *others, vs30 = recipe[:6]
+    event, site = (seed if other is None else other for other in others)
     for (name, low, high), value in zip(_RANGES, (*recipe[:3], event, site, vs30)):
         if not low <= value <= high:
             raise InputError(f"{name} = {value} is outside {low:g} to {high:g}, the model's range")
@@ -101,7 +99,7 @@ def make_motion(recipe: Recipe) -> Motion:
     amplitude = _amplitude(f, magnitude, distance, vs30)
 
     def shaken(stream: str, term: Row) -> Row:
-        """Noise in the window with the amplitude and its variation, tapered [m/s2]."""
+        """Return noise in the window with the amplitude and its variation, tapered [m/s2]."""
         noise = _generator(stream, seed).standard_normal(size)
         spectrum = np.fft.rfft(noise * shape)
         spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
@@ -118,8 +116,8 @@ def make_motion(recipe: Recipe) -> Motion:
     horizontal = shaken("noise", terms[0])
     if recipe.pulse:
         after_peak = time[:active] - fourier.WINDOW_PEAK * length
-        made = _with_pulse(horizontal, after_peak, magnitude, _generator("pulse", seed))
-        horizontal, facts["pulse_period_s"] = made
+        pulse = _generator("pulse", seed)
+        horizontal, facts["pulse_period_s"] = _with_pulse(horizontal, after_peak, magnitude, pulse)
     vertical = _finished(shaken("vertical_noise", terms[1]), dt) if recipe.vertical else None
     log = f"Made by {MODEL}; seeds {seed}, {event}, {site}."
     name = f"M{magnitude:g}-R{distance:g}-{seed}"
@@ -131,7 +129,7 @@ def _generator(stream: str, seed: int) -> np.random.Generator:
 
 
 def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
-    """Fourier amplitude without variation, above zero frequency [m/s]."""
+    """Return the Fourier amplitude without variation, above zero frequency [m/s]."""
     amplitude = fourier.fourier_amplitude(f, magnitude, distance) * fourier.site_factor(f, vs30)
     amplitude *= fourier.median_adjustment(f, magnitude, distance)
     return amplitude / (1.0 + (fourier.low_cut(magnitude) / f) ** 8)
@@ -139,7 +137,7 @@ def _amplitude(f: Row, magnitude: float, distance: float, vs30: float) -> Row:
 
 @lru_cache(maxsize=256)
 def _corrections(magnitude: float, distance: float, vs30: float, vertical: bool) -> Row:
-    """ln of V/H of amplitudes, or what to add to ln amplitude so that variation leaves medians."""
+    """Return ln(V/H) of amplitudes, or the correction of ln amplitude that keeps medians of Sa."""
     amplitude = _amplitude(GRID, magnitude, distance, vs30)
     if vertical:
         return fourier.vertical_factor(amplitude, magnitude, distance, vs30)
@@ -161,7 +159,7 @@ def _terms(recipe: Recipe, event: int, site: int) -> tuple[Row, Row]:
 
 
 def _finished(samples: Row, dt: float) -> Row:
-    """The samples less a tapered line, so that velocity and place end at zero; then rounded."""
+    """Subtract a tapered line, so that velocity and displacement end at zero, and round."""
     # The ends of rows are zero, so that plain sums are trapezoid sums.
     taper = _taper(samples.size, samples.size // 4)
     position = np.linspace(0.0, 1.0, samples.size)
@@ -174,6 +172,7 @@ def _finished(samples: Row, dt: float) -> Row:
 
 
 def _taper(size: int, ramp: int) -> Row:
+    """Return ones with a rise and a fall by half a cosine wave at the ends."""
     rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
     return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
 
@@ -181,7 +180,7 @@ def _taper(size: int, ramp: int) -> Row:
 def _with_pulse(
     samples: Row, time: Row, magnitude: float, generator: np.random.Generator
 ) -> tuple[Row, float]:
-    """A motion with a pulse at time zero, and its period [s]: at 0.88 Tp it amplifies as [1]_.
+    """Return a motion with a pulse at time zero, which amplifies as [1]_ at 0.88 Tp, and Tp [s].
 
     ln Tp is normal with mean -5.73 + 0.99 M and deviation 0.56 [1]_. The velocity of the pulse is
     (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero beyond
@@ -205,7 +204,7 @@ def plan_motions(
     drawn_magnitude: bool = False, drawn_distance: bool = False, seed: int = 1,
     sites: int | None = None, vs30: float = VS30, vertical: bool = False, pulses: float = 0.0,
 ) -> list[Recipe]:  # fmt: skip
-    """Recipes of a suite, event by event; InputError if there are more records than seeds.
+    """Return the recipes of a suite by event; InputError if there are more records than seeds.
 
     Events take the magnitudes in turn, or draw them between two ends; records do so with distances
     [km], which are drawn uniformly in logarithm. `seed` is from 0 to 10^9. Record n is at site n
@@ -234,7 +233,7 @@ def plan_motions(
 
 
 def shipped_recipes() -> list[Recipe]:
-    """Recipes of the shipped motions; no motion was chosen by its result."""
+    """Return the recipes of the shipped motions; no motion was chosen by its result."""
     recipes: list[Recipe] = []
     for group, (magnitude, distances) in enumerate(SUITE.items()):
         for place, distance in enumerate(distances):
@@ -245,9 +244,7 @@ def shipped_recipes() -> list[Recipe]:
 
 
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
-    """Write motions (those that are shipped) as ``synthetic/*.mseed`` [m/s2], with their index."""
-    from obspy import Stream, Trace, UTCDateTime
-
+    """Write motions (the shipped ones) as ``synthetic/*.mseed`` [m/s2]; return the files."""
     folder, rows = Path(out_dir), []
     make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
@@ -262,8 +259,8 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
                 stream.append(Trace(samples.astype(np.float32), {**header, "channel": channel}))
         with replacing(path, lasting=False) as part:
             stream.write(str(part), "MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")
-        known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        rows.append(known | {
+        facts = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
+        rows.append(facts | {
             "id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": sha256_of(path),
             "component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS,
         } | ({"pulse": recipe.pulse} if pulses else {}))  # fmt: skip

@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.motions.motion import STANDARD_GRAVITY
+from archfrag.motions.channel import STANDARD_GRAVITY
 
 Row = NDArray[np.float64]
 SHEAR_VELOCITY = 3.5  # [km/s]
@@ -44,7 +44,7 @@ VS30 = 760.0  # [m/s]
 
 
 def read_table(name: str) -> dict[str, Row]:
-    """Columns of a table of numbers that lies beside this file, by their names."""
+    """Read a table of numbers beside this file: columns by their names."""
     lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
     head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
     return dict(zip(head, np.array(rows, dtype=np.float64).T))
@@ -66,26 +66,26 @@ _MAGNITUDES, _DISTANCES = (np.unique(_ADJUSTMENT.pop(key)) for key in ("magnitud
 
 
 def corner_frequency(magnitude: float) -> float:
-    """Corner [Hz] by Brune (1970): 4.9058e6 beta (stress / M0)^(1/3) in km/s, bar, dyne cm."""
+    """Return Brune's (1970) corner, 4.9058e6 beta (stress / M0)^(1/3) [Hz, km/s, bar, dyne cm]."""
     stress = np.exp(4.599 + 0.4624 * min(magnitude - 5.0, 0.0))  # [bar]
     moment = 10.0 ** (1.5 * (magnitude + 10.7))  # Hanks and Kanamori (1979)
     return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / moment))
 
 
 def low_cut(magnitude: float) -> float:
-    """Frequency below which motion is filtered away [Hz]: half the corner, in 0.05 to 0.1 Hz."""
+    """Return the frequency of the high-pass filter [Hz]: half the corner, in 0.05 to 0.1 Hz."""
     return float(np.clip(0.5 * corner_frequency(magnitude), 0.05, 0.1))
 
 
 def point_source_distance(magnitude: float, distance: float) -> float:
-    """Rupture distance and the near-source saturation length of [2]_ [km]."""
+    """Return rupture distance plus the near-source saturation length of [2]_ [km]."""
     a, b, c, d, e = -0.8712, 0.4451, 1.1513, 5.0948, 7.2725
     bend = np.log1p(np.exp(-d * (magnitude - e)))
     return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
 
 
 def ground_motion_duration(magnitude: float, distance: float) -> float:
-    """Duration of source and path [s]: 1 / corner frequency, and [3]_."""
+    """Return the duration of source and path [s]: 1 / corner frequency, and [3]_."""
     reach = point_source_distance(magnitude, distance)
     distances = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
     path = np.interp(reach, distances, (0.0, 2.4, 8.4, 10.9, 17.4, 34.2))
@@ -94,7 +94,7 @@ def ground_motion_duration(magnitude: float, distance: float) -> float:
 
 
 def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -> Row:
-    """Fourier amplitude of a horizontal acceleration [m/s]: form of [1]_, values of [2]_, [4]_."""
+    """Return the amplitude of a horizontal [m/s], in the form of [1]_, values of [2]_ and [4]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
     radiation, surface, partition, density = 0.55, 2.0, 1.0 / np.sqrt(2.0), 2.75  # [g/cm3]
@@ -116,7 +116,7 @@ def fourier_amplitude(frequency: ArrayLike, magnitude: float, distance: float) -
 
 
 def window(time: ArrayLike, length: float) -> Row:
-    """Saragoni and Hart's window with peak 1, (a t / length)^b exp(-c t / length), as in [1]_."""
+    """Return Saragoni and Hart's window of [1]_, (a t / length)^b exp(-c t / length), peak 1."""
     b = -WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
     c = b / WINDOW_PEAK
     part = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
@@ -124,13 +124,13 @@ def window(time: ArrayLike, length: float) -> Row:
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> Row:
-    """Amplitude over that at 760 m/s: linear site term of [5]_."""
+    """Return the amplitude over that at 760 m/s: the linear site term of [5]_."""
     f = np.asarray(frequency, dtype=np.float64)
     return np.exp(np.interp(f, FREQUENCIES, COEFFICIENTS["c8"]) * np.log(min(vs30, 1000.0) / VS30))
 
 
 def median_adjustment(frequency: ArrayLike, magnitude: float, distance: float) -> Row:
-    """Factor that brings the median Sa to CY14 and ASK14, linear in M, ln R and ln f [6]_."""
+    """Return the factor to the median of CY14 and ASK14, linear in M, ln R and ln f [6]_."""
     values = np.stack(list(_ADJUSTMENT.values()), axis=-1)
     values = values.reshape(_MAGNITUDES.size, _DISTANCES.size, -1)
     at_magnitude = _along(_MAGNITUDES, values, magnitude)
@@ -140,14 +140,14 @@ def median_adjustment(frequency: ArrayLike, magnitude: float, distance: float) -
 
 
 def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
-    """Linear interpolation along the first axis, constant beyond its ends."""
+    """Interpolate linearly along the first axis, constant beyond its ends."""
     position = np.interp(place, axis, np.arange(axis.size))
     low = min(int(position), axis.size - 2)
     return values[low] + (position - low) * (values[low + 1] - values[low])
 
 
 def correlation(frequency: ArrayLike) -> Row:
-    """Correlation of ln amplitude between frequencies [Hz], (n_frequency, n_frequency): [8]_."""
+    """Return the correlation of ln amplitude between frequencies [Hz], square, by [8]_."""
     f = np.clip(np.asarray(frequency, dtype=np.float64), *FREQUENCIES[[0, -1]])
     lower = np.minimum(f[:, None], f)
     apart = np.abs(np.log(f[:, None] / f))
@@ -169,12 +169,12 @@ _POWERS = np.exp(2.0 * np.concatenate((_ROWS, np.negative(_ROWS))).T)
 
 
 def draw_term(kind: str, generator: np.random.Generator) -> Row:
-    """One term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
+    """Draw a term of ln amplitude (``event``, ``site`` or ``record``) at ``FREQUENCIES``."""
     return COEFFICIENTS[TERMS[kind]] * (_ROOT @ generator.standard_normal(FREQUENCIES.size))
 
 
 def _power_fractions(amplitude: Row, period: Row) -> Row:
-    """Fraction of the mean square of oscillators that each frequency of ``GRID`` adds."""
+    """Return the fraction of oscillators' mean square that each frequency of ``GRID`` adds."""
     ratio = GRID * period[:, None]
     oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * 0.05 * ratio) ** 2)
     power = amplitude**2 * oscillator * np.gradient(GRID)
@@ -182,7 +182,7 @@ def _power_fractions(amplitude: Row, period: Row) -> Row:
 
 
 def median_correction(amplitude: Row) -> Row:
-    """What to add to ln amplitude (at ``GRID``) so that variation leaves the median of Sa, (61,).
+    """Return the correction of ln amplitude, (61,), that keeps the median of Sa under variation.
 
     The mean square of an oscillator is a sum over frequencies of lognormal variables, whose median
     is above the sum of their medians unless all vary as one. The correction at a frequency f is
@@ -199,7 +199,7 @@ def median_correction(amplitude: Row) -> Row:
 
 
 def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: float) -> Row:
-    """Median V/H of Sa (5 %) [10]_ at the periods of ``RATIO``, shape (22,); rock_pga in g."""
+    """Return median V/H of Sa (5 %) by [10]_ at the periods of ``RATIO``, (22,); rock_pga in g."""
     t, period = RATIO, RATIO["period_s"]
     c, n, over = 1.88, 1.18, magnitude - 6.75
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
@@ -218,7 +218,7 @@ def vertical_ratio(magnitude: float, distance: float, vs30: float, rock_pga: flo
 
 
 def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: float) -> Row:
-    """ln of the factor on horizontal amplitudes that gives spectra the model's V/H, (61,).
+    """Return ln of the factor on horizontal amplitudes that gives Sa the model's V/H, (61,).
 
     The ratio of spectra is the root of that of mean squares; found by repetition.
     """
@@ -238,7 +238,7 @@ def vertical_factor(amplitude: Row, magnitude: float, distance: float, vs30: flo
 
 
 def _expected_peak(amplitude: Row, magnitude: float, distance: float) -> float:
-    """Peak of a stationary motion of that amplitude [m/s2]: Davenport (1964)."""
+    """Return the peak of a stationary motion of this amplitude [m/s2]: Davenport (1964)."""
     duration = ground_motion_duration(magnitude, distance)
     power = 2.0 * amplitude**2 * np.gradient(GRID)
     crossings = 2.0 * duration * np.sqrt((power * GRID**2).sum() / power.sum())

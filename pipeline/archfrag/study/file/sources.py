@@ -1,0 +1,312 @@
+"""The motions that a study asks for: find → read → choose → pair → process → name."""
+
+import fnmatch
+import glob
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from archfrag.errors import InputError, RecordError
+from archfrag.files import sha256_of
+from archfrag.motions import index, partners, read
+from archfrag.motions.channel import VERTICAL
+from archfrag.motions.formats import one_reader
+from archfrag.motions.formats.columns import parse_columns
+from archfrag.motions.motion import Motion, with_component
+from archfrag.motions.partners import folder_names
+from archfrag.motions.process import both_senses
+from archfrag.study.file.motions import Motions, apply_step
+from archfrag.study.file.schema import Study
+from archfrag.study.keys import at, meant
+
+VERTICAL_LEFT = "Vertical component left out."
+
+
+@dataclass
+class RecordFile:
+    """A record file, and how to read it."""
+
+    path: Path
+    options: dict[str, Any]  # unit, inventory, accept and columns, as of `archfrag.read_motion`
+    entry: index.IndexEntry | None = None  # row of the study's index
+    name: str | None = None  # what ids begin with, where the file's own name is not enough
+    # Files of the components that the study needs, unless they are in the record's own.
+    others: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def is_vertical(self) -> bool:
+        """Tell whether the index lists a vertical component."""
+        code = self.entry.metadata.get("component") if self.entry else ""
+        return bool(VERTICAL.fullmatch(str(code or "")))
+
+    @property
+    def site(self) -> tuple[Any, ...] | None:
+        """Return event and station by the index; None if either is unknown."""
+        about = self.entry.metadata if self.entry else {}
+        site = (about.get("event"), about.get("station"))
+        return site if all(site) else None
+
+
+def find_sources(asked: Motions, measure: str) -> list[RecordFile]:
+    """Find the record files that a study with this measure needs, and those of their components.
+
+    InputError or RecordError for a file or id that is missing, or is there with two settings.
+    """
+    rows = [] if asked.index is None else index.load_index(asked.index)
+    listed = [RecordFile(row.path, {"unit": row.unit or None, "accept": row.accept}, row)
+              for row in rows]  # fmt: skip
+    sources, by_path = listed, dict[Path, RecordFile]()
+    if asked.select and not asked.files:  # of files the ids are known when they are read
+        check_known(asked.select, [row.id for row in rows])
+        sources = [file for file, row in zip(listed, rows) if row.id in asked.select]
+    for number, entry in enumerate(asked.files):
+        options = entry.model_dump(exclude={"path"})
+        with at(f"motions.files[{number}]"):
+            if entry.columns is not None:
+                options["columns"] = parse_columns(entry.columns)
+            for path in _matching(entry.path):
+                # Two patterns may match the same file.
+                if by_path.setdefault(path, file := RecordFile(path, options)) != file:
+                    differ = "another unit, inventory, columns or accept"
+                    raise InputError(f"an earlier entry matches {path} with {differ}")
+    sources = [*sources, *by_path.values()]
+    for file in sources:
+        read.check_file(file.path)
+        if inventory := file.options.get("inventory"):
+            read.check_file(Path(inventory))
+    # Without those that hold only the vertical component of another one's record.
+    verticals = partners.vertical_files(sorted({file.path for file in sources}))
+    sites = {file.site for file in sources if not file.is_vertical} - {None}
+    sources = [file for file in sources if file.path not in verticals
+               and not (file.is_vertical and file.site in sites)]  # fmt: skip
+    _distinguish([file for file in sources if file.entry is None])
+    _find_components(sources, _needed(asked, measure), listed)
+    return sources
+
+
+def input_paths(study: Study) -> dict[str, list[Path]]:
+    """Return the files, by kind, that the motions follow from, or would if they appeared."""
+    sources, table = find_sources(study.motions, study.intensity.measure), study.motions.index
+    records = [s.path for s in sources] + [path for s in sources for path in s.others.values()]
+    folders = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / index.INDEX_NAME for folder in folders for place in (folder, folder.parent)]
+    if table is not None:
+        indices.insert(0, Path(table, index.INDEX_NAME if os.path.isdir(table) else ""))
+    names = {name for path in records for name in (path.stem, path.name)}
+    inventories = [Path(p) for s in sources if (p := s.options.get("inventory")) is not None]
+    for folder in folders:
+        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
+        tables = sorted(folder.glob("*.xml"))
+        inventories += [p for p in tables if p.stem in names or p.stem.count(".") == 1]
+    return {"record": records, "index": indices, "inventory": inventories}
+
+
+def check_known(selected: Iterable[str], ids: Sequence[str]) -> None:
+    """Raise InputError for the first selected record that does not exist."""
+    for name in selected:
+        if name not in ids:
+            hint = meant(name, ids) or f"the study has {', '.join(ids)}"
+            raise InputError(f"motions.select: {name!r} is not a record of the study; {hint}")
+
+
+def _matching(text: str) -> list[Path]:
+    """Return the file of a path, or those of a pattern, whose name may be in any case."""
+    pattern = Path(text)
+    if not glob.has_magic(text) or pattern.is_file():
+        return [pattern]
+    place, name = str(pattern.parent), re.compile(fnmatch.translate(pattern.name), re.I)
+    folders = [place] if os.path.isdir(place) else glob.glob(place, recursive=True)
+    paths = sorted(Path(folder, file) for folder in folders for file in folder_names(Path(folder))
+                   if name.match(file) and not index.goes_with_records(Path(file)))  # fmt: skip
+    if not paths:
+        raise InputError(f"no file matches {text}")
+    return paths
+
+
+def _distinguish(files: Sequence[RecordFile]) -> None:
+    """Give files whose ids would be equal the names of their folders, but for common ones."""
+    stems, alike = Counter(file.path.stem for file in files), dict[str, list[RecordFile]]()
+    for file in files:
+        if stems[file.path.stem] > 1 and index.find_entry(file.path) is None:
+            alike.setdefault(read.record_name(file.path), []).append(file)
+    for name, group in alike.items():
+        parents = [file.path.parent for file in group]
+        common = os.path.commonpath(parents)
+        for file, parent in zip(group, parents) if group[1:] else ():
+            last = file.path.name if parents.count(parent) > 1 else name
+            file.name = "+".join((*parent.relative_to(common).parts, last))
+
+
+def _needed(asked: Motions, measure: str) -> dict[str, bool]:
+    """Tell whether motions need a vertical, and both horizontal components at once."""
+    pairs = "rotate" in dict(asked.steps) or measure.strip().startswith("RotD")
+    return {"vertical": asked.vertical, "transverse": pairs}
+
+
+def _find_components(
+    files: Sequence[RecordFile], needed: dict[str, bool], listed: Sequence[RecordFile]
+) -> None:
+    """Find the files of the other components that are needed.
+
+    A row of the index with the same event and station comes before a file of nearly the same name.
+    """
+    kinds = [kind for kind, is_needed in needed.items() if is_needed]
+    folders = {file.path.parent for file in files} if kinds else ()
+    by_name = {folder: partners.partners(folder_names(folder)) for folder in folders}
+    for file, kind in ((file, kind) for file in files for kind in kinds):
+        vertical = kind == "vertical"
+        paths = [row.path for row in listed if file.site and row.site == file.site
+                 and row.entry is not file.entry and row.is_vertical == vertical]  # fmt: skip
+        name = by_name[file.path.parent][vertical].get(file.path.name)
+        if len(paths) != 1 and name:
+            paths = [file.path.with_name(name)]
+        if len(paths) == 1:
+            file.others[kind] = paths[0]
+
+
+_Read = tuple[RecordFile, Motion, list[Motion]]  # a file, one of its motions, all of them
+
+
+def read_sources(asked: Motions, measure: str) -> Iterator[Motion]:
+    """Read the motions that a study asks for one after the other, processed as it states."""
+    steps, needed = asked.steps, _needed(asked, measure)
+    chosen = dict(steps).get("choose", {}).get("components", ())
+    with one_reader():
+        recordings = _choose(_read(find_sources(asked, measure)), chosen)
+        paired = _pair(recordings, needed, "rotate" in dict(steps))
+        yield from _name(_process(paired, steps), asked)
+
+
+def _read(files: Iterable[RecordFile]) -> Iterator[_Read]:
+    """Read the horizontal components of files, with what tells the records of one earthquake."""
+    pairs: dict[Path, dict[str, str]] = {}
+    for file in files:
+        path = file.path
+        if file.entry is None:
+            motions = read.read_horizontals(path, name=file.name, **file.options)
+        else:
+            motions = [read.load_motion(file.entry)]
+        pairs.setdefault(path.parent, partners.partners(folder_names(path.parent))[0])
+        other, first = pairs[path.parent].get(path.name), ""
+        if other and not partners.numbered(path.name, other):
+            first = sha256_of(path.with_name(min(path.name, other)))[:16]
+        digest = sha256_of(path)
+        for place, motion in enumerate(motions):
+            facts = {**motion.metadata, "file_sha256": digest}
+            if first:
+                facts["pair"] = f"{first} {motion.acceleration.size} {motion.dt:g}"
+            motions[place] = replace(motion, metadata=facts)
+        yield from ((file, motion, motions) for motion in motions)
+
+
+def _choose(recordings: Iterable[_Read], components: Sequence[str]) -> Iterator[_Read]:
+    """Keep the chosen components (all if none is named); RecordError for a record without one."""
+    letters, left_out, used = {code.upper() for code in components}, dict[Any, str](), set[Any]()
+    for file, motion, motions in recordings:
+        about, code = motion.metadata, str(motion.metadata.get("component", ""))
+        facts = tuple(str(about.get(key) or "") for key in ("event", "station", "start_time"))
+        record = facts if any(facts) else file.path
+        if letters and not {code.upper(), code[-1:].upper()} & letters:
+            left_out.setdefault(record, f"{file.path}: record {motion.id} ({code})")
+            continue
+        used.add(record)
+        yield file, motion, motions
+    if lost := [name for record, name in left_out.items() if record not in used]:
+        text = f"has none of the components {', '.join(components)} that motions.processing"
+        raise RecordError(f"{lost[0]}: {text} chooses")
+
+
+def _pair(
+    recordings: Iterable[_Read], needed: dict[str, bool], rotates: bool
+) -> Iterator[tuple[RecordFile, Motion]]:
+    """Give motions the components that are needed, and no others.
+
+    Where they are rotated, both horizontal components of a record give one motion.
+    """
+    turned = set[Any]()
+    for file, motion, motions in recordings:
+        if (file.path, str(motion.metadata.get("component", ""))) in turned:
+            continue
+        paired = motion
+        if motion.vertical is not None and not needed["vertical"]:
+            labels = {**motion.metadata, "vertical_component": ""}
+            paired = replace(motion, vertical=None, metadata=labels,
+                             log=(*motion.log, VERTICAL_LEFT))  # fmt: skip
+        for kind in (kind for kind, is_needed in needed.items() if is_needed):
+            if kind == "transverse" or motion.vertical is None:
+                other = _component(kind, file, motion, motions)
+                if file.entry is not None:  # what an index states, headers may spell otherwise
+                    labels = {**other.metadata, "event": "", "date": "", "station": ""}
+                    other = replace(other, metadata=labels)
+                paired = with_component(paired, other, kind)
+        if rotates:
+            about = paired.metadata
+            same = about.get("file_transverse", "") == file.path.name
+            other_file = file.path if same else file.others.get("transverse")
+            turned.add((other_file, about.get("component_transverse", "")))
+        yield file, paired
+
+
+def _component(kind: str, file: RecordFile, motion: Motion, motions: Sequence[Motion]) -> Motion:
+    """Return the "vertical" or "transverse" of a motion; RecordError if there is none."""
+    path, clue, other = file.others.get(kind), "", None
+    if kind == "transverse":
+        other = partners.other_horizontal(motion, motions)
+    if other is None and path is not None:
+        if kind == "vertical":
+            return read.read_vertical(path, **file.options)
+        candidates = read.read_horizontals(path, **file.options)
+        other = candidates[0] if len(candidates) == 1 else None
+        if other and file.entry is None and not partners.belong_together(motion, other):
+            other, alike = None, f"{path.name} has nearly the same name, but neither"
+            clue = f"{alike} start, event and station nor length show that it belongs. "
+    if other is None:
+        remedy = "leave this record out"
+        if kind == "vertical":
+            remedy += ", or set motions.vertical: false for all records"
+        component = "vertical" if kind == "vertical" else "other horizontal"
+        raise RecordError(
+            f"{file.path}: record {motion.id} has no {component} component, which the study "
+            f"needs. {clue}It must be in this file, in one whose name differs in the "
+            "direction only (N and E; 090, 180 and UP), or in the one other row of an index "
+            f"with this event and station. Without such a file, {remedy}"
+        )
+    return other
+
+
+def _process(
+    paired: Iterable[tuple[RecordFile, Motion]], steps: Sequence[tuple[str, dict[str, Any]]]
+) -> Iterator[tuple[RecordFile, Motion]]:
+    """Apply the steps of processing; what is rotated is named after both components."""
+    for file, motion in paired:
+        for number, (name, settings) in enumerate(steps):
+            place = f"{file.path}: motions.processing[{number}] ({name})"
+            with at(place, kind=RecordError):
+                inventory = file.options.get("inventory")
+                motion = apply_step(name, settings, motion, file.path, inventory)
+            if name == "rotate":
+                ids = [motion.id, str(motion.metadata.get("id_transverse", ""))]
+                common = os.path.commonprefix(ids).rstrip(" -+_.:")  # noqa: RUF071
+                motion = replace(motion, id=common or "+".join(ids))
+        yield file, motion
+
+
+def _name(processed: Iterable[tuple[RecordFile, Motion]], asked: Motions) -> Iterator[Motion]:
+    """Yield the selected motions, in both senses if asked; InputError if ids are not clear."""
+    taken, ids = dict[str, Path](), list[str]()
+    for file, motion in processed:
+        ids.append(motion.id)
+        for sense in both_senses(motion) if asked.both_senses else [motion]:
+            if sense.id in taken:
+                whose = f"already belongs to {taken[sense.id]}; each record needs its own"
+                raise RecordError(f"{file.path}: the record id {sense.id!r} {whose}")
+            taken[sense.id] = file.path
+            if asked.select is None or motion.id in asked.select:
+                yield sense
+    check_known(asked.select or (), ids)
+    if not ids:
+        raise InputError("motions: the study has no record; give an index or files")
