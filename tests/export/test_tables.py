@@ -9,7 +9,7 @@ import xarray as xr
 
 from archfrag.export import command as tables
 from archfrag.files import write_csv
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.fragility.limit_states import state_to_dict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
@@ -21,8 +21,8 @@ G = 9.80665
 def cube_file(tmp_path_factory):
     """Two arches, six records, nine levels; some cells were not simulated; text of records."""
     cube = synthetic.cube(("ring-7", "wall+2"))
-    cube["verdict"][1, 2, 3:6] = Verdict.NOT_SIMULATED
-    cube["verdict"][0, :, 8] = Verdict.NOT_SIMULATED
+    cube["verdict"][1, 2, 3:6] = Verdict.NOT_RUN
+    cube["verdict"][0, :, 8] = Verdict.NOT_RUN
     cube["verdict"].attrs["flag_meanings"] = "standing collapsed unfinished solver_failure"
     cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
     cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
@@ -52,7 +52,7 @@ class TestRuns:
         assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
         for row in frame.to_dict("records"):
             cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
-            assert cell["verdict"] != Verdict.NOT_SIMULATED
+            assert cell["verdict"] != Verdict.NOT_RUN
             for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
                 np.testing.assert_equal(row[name], cell[name].item())
             assert row["model_time_rest"] == cell["model_time"].sel(model="rest")

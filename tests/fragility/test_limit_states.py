@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from archfrag.fragility.counts import find_brackets
+from archfrag.fragility.verdicts import find_brackets
 from archfrag.fragility.curve import mixture
 from archfrag.fragility.limit_states import (
     MOST_CROSSING,

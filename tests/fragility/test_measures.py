@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from archfrag.fragility.counts import find_brackets
+from archfrag.fragility.verdicts import find_brackets
 from archfrag.fragility.efficiency import compare_measures
 
 LEVELS = np.geomspace(0.2, 16.0, 18)

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import chi2, norm, t
 
-from archfrag.fragility.counts import find_brackets
+from archfrag.fragility.verdicts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 
 INF = np.inf

@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 from sklearn.isotonic import IsotonicRegression
 
 from archfrag.fragility import quoted
-from archfrag.fragility.counts import (
+from archfrag.fragility.verdicts import (
     clopper_pearson,
     count_verdicts,
     draws_of_records,

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import t as student
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import find_brackets
+from archfrag.fragility.verdicts import find_brackets
 from archfrag.fragility.posterior import fit_capacity_posterior
 from archfrag.fragility.ratio import MOST_PARTS, left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import find_brackets
+from archfrag.fragility.verdicts import find_brackets
 from archfrag.fragility.curve import Fragility, split_capacities, split_curves
 from archfrag.fragility.efficiency import compare_measures
 from archfrag.fragility.fit import fit_brackets, fit_cloud, fit_ida, fit_stripes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.counts import Verdict, find_brackets
+from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility, mixture
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.fragility.risk import (
@@ -111,7 +111,7 @@ class TestDeaggregation:
     def test_every_collapse_is_counted_once_and_nothing_else(self):
         generator = np.random.default_rng(4)
         verdict = generator.choice([0, 1, 2, 3], (30, 6), p=[0.3, 0.6, 0.05, 0.05])
-        verdict[:, 2] = Verdict.STANDING
+        verdict[:, 2] = Verdict.SURVIVED
         kind, fell = generator.integers(0, 3, verdict.shape), verdict == Verdict.COLLAPSED
         found = deaggregate(verdict, np.where(fell, kind, -7), "abc")
         for i in range(3):

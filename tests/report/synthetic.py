@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from archfrag.arch import Arch
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.motions.motion import Motion
@@ -48,7 +48,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     capacity = theta * np.exp(beta * record_to_record + 0.08 * generator.standard_normal(shape))
     verdict = (capacity < intensity).astype(np.int8)
     verdict[0, 0, -1] = Verdict.UNFINISHED
-    verdict[0, 1:2, -2] = Verdict.SOLVER_FAILURE
+    verdict[0, 1:2, -2] = Verdict.FAILED
     fell = verdict == Verdict.COLLAPSED
     impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
     mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])

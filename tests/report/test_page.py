@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.fragility.risk import HazardCurve
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.report import curve_figures, first_page, inputs
@@ -94,7 +94,7 @@ class TestAnswer:
         assert dict(zip(heads, map(int, values), strict=True)) == {
             "runs": verdict.size,
             "collapsed": (verdict == Verdict.COLLAPSED).sum(),
-            "standing": (verdict == Verdict.STANDING).sum(),
+            "standing": (verdict == Verdict.SURVIVED).sum(),
             "unfinished": 1,
             "solver failures": 1,
             "effective number": 6,
@@ -352,7 +352,7 @@ class TestOffline:
 class TestNumbers:
     def test_time_and_accuracy(self, study):
         data = study.cube.copy(deep=True)
-        failed = data["verdict"] == Verdict.SOLVER_FAILURE
+        failed = data["verdict"] == Verdict.FAILED
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
         rows = dict(table(read(replace(study, cube=data)), "Models, time and accuracy of ring")[1])
         per_second = 1e3 * 0.05 * failed.size / float(data["end_time"].sum())
@@ -386,7 +386,7 @@ def bisected():
     codes[:] = np.maximum.accumulate(codes == Verdict.COLLAPSED, axis=1)
     first = np.where(codes.any(axis=1), codes.argmax(axis=1), codes.shape[1])
     away = np.abs(np.arange(codes.shape[1]) + 0.5 - first[:, None]) > 0.6
-    codes[away] = Verdict.NOT_SIMULATED
+    codes[away] = Verdict.NOT_RUN
     for name in data.data_vars:  # as the cube stores what was not run
         if data[name].dims[:3] == ("arch", "record", "level") and name != "verdict":
             data[name].values[0][away] = np.nan if data[name].dtype.kind == "f" else -1

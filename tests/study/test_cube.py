@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import FitError, InputError, OutputError
-from archfrag.fragility.counts import Verdict, find_brackets
+from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.quoted import Answer
 from archfrag.report.inputs import report_inputs
@@ -51,7 +51,7 @@ class TestContent:
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done):
         (cases, table, notes), shape = gather(done.plan), (2, 2, 3)
-        table["verdict"][:] = Verdict.STANDING
+        table["verdict"][:] = Verdict.SURVIVED
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
         table["lost_contact_time"][:] = np.nan
         table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
@@ -162,11 +162,11 @@ def test_theta_is_given_with_all_runs_without_verdict_as_collapses_and_as_surviv
             cube["verdict"][0, 0, 1] = verdict
         return fit_cube(copied.study)[0]
 
-    found = curves_with(Verdict.SOLVER_FAILURE)
+    found = curves_with(Verdict.FAILED)
     assert found["slab"].more["without_verdict"] == {}
     lost = found["ring"].more["without_verdict"]
     assert lost["runs"] == 1
-    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
+    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.SURVIVED)):
         assert lost[name] == curves_with(verdict)["ring"].curve.to_dict()
     assert lost["collapsed"]["theta"] < lost["standing"]["theta"]
     assert "1 run has no verdict: the median is" in fit_text(
@@ -251,7 +251,7 @@ def test_dispersion_of_a_class_has_the_parts_of_its_capacities(largest):
 
 def test_cautions_of_a_study_name_the_arch_and_its_unit(copied):
     with changed_cube(copied.study) as cube:
-        cube["verdict"][:] = Verdict.STANDING
+        cube["verdict"][:] = Verdict.SURVIVED
     assert "above 1.2 g" in fit_cube(copied.study)[0]["ring"].curve
     none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
     *surviving, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
@@ -304,8 +304,8 @@ def of_spacing(beta):
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (of_lost(5, Verdict.SOLVER_FAILURE), ""),
-        (of_lost(6, Verdict.SOLVER_FAILURE), "more than 5 % of the runs are unfinished or failed"),
+        (of_lost(5, Verdict.FAILED), ""),
+        (of_lost(6, Verdict.FAILED), "more than 5 % of the runs are unfinished or failed"),
         (of_arch(AGAIN), ""),
         (of_arch(MORE), "3 of 10 records do not cause"),
         (of_spacing(0.25), ""),

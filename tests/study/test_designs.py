@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import archfrag as af
-from archfrag.fragility.counts import Verdict, find_brackets
+from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.physics.status import CollapseMode
 from archfrag.study.answer.cube import in_si
@@ -43,7 +43,7 @@ def driven(design, table, levels=LEVELS):
     )
     asked = np.column_stack([cases["record"], cases["place"]])
     assert len(asked) == len(np.unique(asked, axis=0)), "a cell was asked for twice"
-    seen, cells = np.full_like(table, Verdict.NOT_SIMULATED), tuple(asked.T)
+    seen, cells = np.full_like(table, Verdict.NOT_RUN), tuple(asked.T)
     seen[cells] = table[cells]
     return notes[0], asked, seen
 
@@ -51,7 +51,7 @@ def driven(design, table, levels=LEVELS):
 def bracketed(seen):
     """The highest standing and the lowest collapsing level among the runs made, by record."""
     place = np.arange(seen.shape[1])
-    low = np.where(seen == Verdict.STANDING, place, -1).max(axis=1)
+    low = np.where(seen == Verdict.SURVIVED, place, -1).max(axis=1)
     return low, np.where(seen == Verdict.COLLAPSED, place, place.size).min(axis=1)
 
 
@@ -63,11 +63,11 @@ class TestIda:
         table = (np.arange(n_level) >= first[:, None]).astype(np.int8)
         low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
         np.testing.assert_array_equal([low, high], [first - 1, first])
-        table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
+        table[generator.random(table.shape) < 0.3] = Verdict.FAILED
         low, high = bracketed(driven(Ida(kind="ida", checks=0), table)[2])
         assert np.all((low < first) & (first <= high))
         for row, start, end in zip(table, low + 1, high):
-            assert (row[start:end] == Verdict.SOLVER_FAILURE).all()
+            assert (row[start:end] == Verdict.FAILED).all()
 
     def test_thirty_records_on_fifteen_levels_take_150_runs(self):
         runs = []
@@ -95,7 +95,7 @@ class TestIda:
                 note, asked, _ = driven(Ida(kind="ida", checks=checks, seed=seed), spoilt)
                 assert note["checked"] == checks or checks > 100
                 rates.append(note["contradictions"] / note["checked"])
-        searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_SIMULATED), asked[:-100].T
+        searched, (rows, places) = np.full_like(spoilt, Verdict.NOT_RUN), asked[:-100].T
         searched[rows, places] = spoilt[rows, places]
         low, high = bracketed(searched)
         rows, places = asked[-100:].T
@@ -145,7 +145,7 @@ def test_ida_asks_for_the_same_runs_whatever_other_measures_the_records_have(don
 def test_the_order_in_which_runs_are_made_changes_nothing_that_ida_asks_for(seed):
     generator = np.random.default_rng(seed)
     table = (0.4 * np.exp(0.5 * generator.standard_normal((40, 15))) <= LEVELS).astype(np.int8)
-    table[generator.random(table.shape) < 0.1] = Verdict.SOLVER_FAILURE
+    table[generator.random(table.shape) < 0.1] = Verdict.FAILED
     waiting = np.empty(0, CASE)
 
     def some(cases):

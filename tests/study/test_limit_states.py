@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.fragility.limit_states import answers_of_states
 from archfrag.study.answer.curves import answer, limit_states, runs_of_cube
 from tests.report import synthetic
@@ -25,7 +25,7 @@ def states_of(design="stripes", events=(), left=0.004, **medians):
     of = {name: exceeds(median) for name, median in medians.items()}
     dims, fell = cube["verdict"].dims, exceeds(4.0)
     cube = cube.assign(
-        verdict=(dims, np.where(fell, Verdict.COLLAPSED, Verdict.STANDING).astype(np.int8)),
+        verdict=(dims, np.where(fell, Verdict.COLLAPSED, Verdict.SURVIVED).astype(np.int8)),
         openings=(dims, of["motion"].astype(int)), slides=(dims, 0 * of["motion"]),
         impacts=(dims, of["impact"].astype(int)),
         lost_contact_time=(dims, np.where(fell, 1.0, np.nan)),

@@ -57,7 +57,7 @@ def _facts(path: Path) -> dict[str, Any]:
             stated, level, verdict = cube.attrs, cube["intensity"], cube["verdict"]
             names = verdict.attrs["flag_meanings"].split()
             counts = [int((verdict == code).sum()) for code in verdict.attrs["flag_values"]]
-            names, counts = [*names, "not_simulated"], [*counts, int(verdict.isnull().sum())]
+            names, counts = [*names, "not_run"], [*counts, int(verdict.isnull().sum())]
             return {
                 "file": str(path), "study": stated["archfrag_study"], "title": stated["title"],
                 "dimensions": {str(name): size for name, size in cube.sizes.items()},

@@ -110,14 +110,13 @@ def _stoppable(again: str) -> Iterator[Callable[[], None]]:
 
 def _summary(study: Any) -> None:
     """Print the answers of a finished study."""
-    from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.fits import fit_lines, load_fits
     from archfrag.study.answer.risk import risk_lines, risk_of_study
     from archfrag.study.validate import arch_texts
 
-    arches, classes, cube = load_fits(study)
-    answers, cautions = fit_lines(study, (arches, classes, cube))
-    risk = attempt(lambda: risk_of_study(study, cube, quoted(cube, arches, classes)))
+    fitted = load_fits(study)
+    answers, cautions = fit_lines(study, fitted)
+    risk = attempt(lambda: risk_of_study(study, fitted))
     if isinstance(risk, str):
         cautions.append(f"no rates of collapse: {risk}")
     elif risk is not None:  # of a study that has a hazard
@@ -306,17 +305,14 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
-    from archfrag.study.answer.curves import quoted
     from archfrag.study.answer.risk import risk_facts, risk_of, risk_text
     from archfrag.study.hazard import load_hazard
     from archfrag.study.steps import finished
 
     hazard = load_hazard(hazards, study.intensity.measure, unit, site)
-    arches, classes, cube = finished(study)
-    with cube:
-        answers = quoted(cube, arches, classes, members)
-        fits = {name: each.curve for name, each in answers.items()}
-        facts = risk_facts(risk_of(cube, fits, hazard, years, confidence), study)
+    fitted = finished(study)
+    rates = risk_of(fitted.cube, fitted.quoted(members), hazard, years, confidence)
+    facts = risk_facts(rates, study)
     show(facts, risk_text(facts), as_json)
     if all("none" in arch for arch in facts["arches"].values()):
         raise FitError("no arch has a curve, so there is no rate")

@@ -13,9 +13,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError
-from archfrag.fragility.counts import Brackets
-from archfrag.fragility.curve import FloatArray, Fragility, tails
+from archfrag.fragility.curve import BoolArray, Curve, FloatArray, tails
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
+from archfrag.fragility.verdicts import Brackets
 
 FEWEST_GROUPS = 3
 MOST_PARTS = 40  # that are left out one by one; of more groups several together
@@ -23,11 +23,11 @@ _DRAWS, _SEED = 4000, 3
 _LARGEST_LOG = 20.0  # of theta and of 1 / beta in draws
 _LARGEST_BETA = 4.0
 _ROWS = ("before", "after", "ratio", "lower", "upper")
-Estimate = Callable[[Brackets], Fragility]
+Estimate = Callable[[Brackets], Curve]
 
 
-def parts_of(groups: ArrayLike, seed: int = _SEED) -> FloatArray:
-    """Whether each record is left out with each part of the groups, (n_part, n_record).
+def parts_of(groups: ArrayLike, seed: int = _SEED) -> BoolArray:
+    """Return which records are left out with each part of the groups, (n_part, n_record).
 
     FitError with fewer than `FEWEST_GROUPS` groups.
     """
@@ -39,28 +39,24 @@ def parts_of(groups: ArrayLike, seed: int = _SEED) -> FloatArray:
     order = np.random.default_rng(seed).permutation(n)
     part = np.empty(n, dtype=int)
     part[order] = np.arange(n) * min(n, MOST_PARTS) // n
-    return part[number] == np.arange(part.max() + 1)[:, None]
+    return np.asarray(part[number] == np.arange(part.max() + 1)[:, None])
 
 
-def left_out(found: Brackets, parts: FloatArray, estimate: Estimate) -> FloatArray:
-    """ln theta and ln beta without each part of the records, (n_part, 2)."""
-    values = []
-    for part in parts:
-        kept = Brackets(*(each[~part] for each in vars(found).values())).known()
-        curve = estimate(kept)
-        values.append([np.log(curve.theta), np.log(curve.beta)])
-    return np.array(values)
+def left_out(brackets: Brackets, parts: BoolArray, estimate: Estimate) -> FloatArray:
+    """Return ln theta and ln beta without each part of the records, (n_part, 2)."""
+    curves = [estimate(brackets.of_records(~part)) for part in parts]
+    return np.log([[curve.theta, curve.beta] for curve in curves])
 
 
 def ratios(
-    curves: tuple[Fragility, Fragility], without: tuple[FloatArray, FloatArray],
+    curves: tuple[Curve, Curve], without: tuple[FloatArray, FloatArray],
     hazard: HazardCurve | None = None, onsets: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     confidence: float = 0.9,
 ) -> dict[str, dict[str, float]]:  # fmt: skip
-    """Ratio of two curves, the second over the first, from `left_out` of both with the same parts.
+    """Return the ratio of two curves, the second over the first, with its interval.
 
-    Returns by row, ``theta`` and with a hazard ``rate``: before, after, ratio, lower, upper. The
-    interval is that of Student's t with as many degrees of freedom as parts less one, for rates by
+    `without` is `left_out` of both with the same parts. Returned are by row, ``theta`` and with a
+    hazard ``rate``: before, after, ratio, lower, upper. The interval is that of Student's t with as many degrees of freedom as parts less one, for rates by
     draws of ln theta and ln beta of both arches. `onsets` are as for `collapse_rate`.
     """
     n, thetas = len(without[0]), (curves[0].theta, curves[1].theta)

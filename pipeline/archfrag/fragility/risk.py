@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict, wilson
 from archfrag.fragility.curve import (
     BoolArray,
+    Curve,
     FloatArray,
-    Fragility,
     IntArray,
     log_intensity,
     positive,
@@ -26,6 +25,7 @@ from archfrag.fragility.curve import (
     tails,
 )
 from archfrag.fragility.probit import log_between
+from archfrag.fragility.verdicts import Verdict, wilson
 
 MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
@@ -137,7 +137,7 @@ class CollapseRate:
 
 
 def collapse_rate(
-    hazard: HazardCurve, curve: Fragility, draws: tuple[ArrayLike, ArrayLike] | None = None,
+    hazard: HazardCurve, curve: Curve, draws: tuple[ArrayLike, ArrayLike] | None = None,
     confidence: float = 0.9, onset: ArrayLike = 0.0,
 ) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
@@ -175,7 +175,7 @@ def lognormal_rates(
 
 
 def rate_by_level(
-    hazard: HazardCurve, curve: Fragility, edges: ArrayLike, onset: ArrayLike = 0.0
+    hazard: HazardCurve, curve: Curve, edges: ArrayLike, onset: ArrayLike = 0.0
 ) -> FloatArray:
     """Rate of collapse by motions from 0 to the first of the rising `edges`, (n_edge,), between
     edges, and from the last on, (n_edge + 1,) [1/year]. `onset` as for `collapse_rate`.
@@ -188,7 +188,7 @@ def rate_by_level(
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
-def parameter_draws(fit: Fragility, seed: int, draws: int = 4000) -> tuple[FloatArray, FloatArray]:
+def parameter_draws(fit: Curve, seed: int, draws: int = 4000) -> tuple[FloatArray, FloatArray]:
     """theta and beta, (draws,) each: (ln theta, ln beta) normal with the covariance of the fit."""
     jacobian = np.diag([1.0, 1.0 / fit.beta])
     covariance = jacobian @ fit.covariance @ jacobian

@@ -8,7 +8,6 @@ import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, write_csv
-from archfrag.study.answer.curves import quoted, runs_of_cube
 from archfrag.study.file.arches import PROFILES
 from archfrag.study.file.members import check_buildable, checked
 from archfrag.study.file.schema import Study
@@ -49,19 +48,18 @@ def write_convergence(study: Study, made: dict[int, Study]) -> pd.DataFrame:
     rows: list[list[Any]] = []
     last: dict[str, tuple[float, Any]] = {}
     for count in reversed(made):
-        arches, classes, cube = finished(made[count])
-        with cube:
-            answers = quoted(cube, arches, classes)
-            every = {runs.name: runs.brackets.middle for runs in runs_of_cube(cube, answers)}
-        for name, found in answers.items():
-            theta, beta = (getattr(found.curve, key, np.nan) for key in ("theta", "beta"))
-            thetas = np.array([theta, *found.theta]) / study.intensity.factor
+        fitted = finished(made[count])
+        answers = fitted.quoted()
+        every = {name: fitted.runs[name].brackets.middle for name in answers}
+        for name, curve in answers.items():
+            theta, beta = curve.theta, curve.beta
+            thetas = np.array([theta, *curve.theta_interval]) / study.intensity.factor
             base = last.setdefault(name, (theta, every[name]))
             logs = np.log(every[name] / base[1])
             known = logs[np.isfinite(logs)]
             scatter = known.std(ddof=1) if known.size > 1 else np.nan
             ratio = theta / base[0]
-            rows.append([name, count, *thetas, beta, *found.beta, ratio, scatter, known.size])
+            rows.append([name, count, *thetas, beta, *curve.beta_interval, ratio, scatter, known.size])
     ends = [f"theta{end} [{study.intensity.unit}]" for end in ("", "_lower", "_upper")]
     heads = ["arch", "voussoirs", *ends, "beta", "beta_lower", "beta_upper"]
     table = pd.DataFrame(rows[::-1], columns=[*heads, "ratio", "scatter", "records"])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from archfrag.errors import ArchfragError, InputError, OutputError
 from archfrag.files import counted, make_folder, printable, write_csv
 from archfrag.study import provenance
-from archfrag.study.answer.cube import attributes, write_cube
+from archfrag.study.answer.attributes import attributes
 from archfrag.study.done import stamp_of_all
 from archfrag.study.file.members import SHOWN
 from archfrag.study.file.records import MANIFEST, prepare_motions, read_manifest, study_inputs
@@ -26,7 +26,7 @@ from archfrag.study.runs.store import Plan, gather, make_plan
 from archfrag.study.validate import check_start
 
 if TYPE_CHECKING:
-    from archfrag.study.answer.fits import Fitted
+    from archfrag.study.answer.curves import Fitted
 
 README = "README.txt"
 REPORT_FILES = ("report.html", "summary.json", "capacities.csv", "runs.csv", README)
@@ -119,6 +119,8 @@ def make_step(
     if compared is None and not out_of_date(study, step, plan):
         return None
     if step == "cube":
+        from archfrag.study.answer.cube import write_cube
+
         told(f"cube: {write_cube(study, plan)}")
     elif step == "fit":
         from archfrag.study.answer.fits import fit_cube, fit_lines

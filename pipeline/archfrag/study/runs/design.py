@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from archfrag.fragility.counts import Brackets, Verdict
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.file import Section
 
 if TYPE_CHECKING:
     from archfrag.fragility.posterior import Posterior
-    from archfrag.fragility.quoted import Answer
 
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
 CASE = np.dtype([("arch", "i4"), ("record", "i4"), ("place", "i4"), ("level", "f8")])
@@ -46,7 +45,7 @@ class Grid:
 
     def __post_init__(self) -> None:
         shape = self.records.size, self.levels.size
-        self.seen = np.full(shape, int(Verdict.NOT_SIMULATED), np.int8)
+        self.seen = np.full(shape, int(Verdict.NOT_RUN), np.int8)
 
     def run(
         self, rows: ArrayLike, places: ArrayLike, level: FloatArray | None = None
@@ -91,7 +90,7 @@ class Design(Section, ABC):
     def size(self, n_record: int, n_level: int) -> tuple[int, str]:
         """Runs of an arch, and whether that is meant exactly, about or at most."""
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
         """Curve and band; options and errors are those of `quoted_band`."""
         from archfrag.fragility.quoted import quoted_band
 
@@ -103,14 +102,14 @@ class Design(Section, ABC):
 
         return capacity_posterior(found)
 
-    def likelihood(self, found: Brackets) -> Fragility:
+    def likelihood(self, found: Brackets) -> Curve:
         """Curve by maximum likelihood: binomial, by the fractions that collapsed at each level."""
         from archfrag.fragility.fit import fit_stripes
 
-        decided = found.collapsed | found.survived
-        level, place = np.unique(found.levels[decided], return_inverse=True)
-        collapsed = np.bincount(place, found.collapsed[decided], level.size)
-        return fit_stripes(level, collapsed, np.bincount(place, minlength=level.size))
+        levels, collapsed = found.single_runs()
+        level, place = np.unique(levels, return_inverse=True)
+        collapses = np.bincount(place, collapsed, level.size)
+        return fit_stripes(level, collapses, np.bincount(place, minlength=level.size))
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Messages on what `requests` returned, by arch."""
@@ -153,24 +152,18 @@ class Cloud(Design):
         """Runs of an arch."""
         return n_record, "exactly"
 
-    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> "Answer":
+    def estimate(self, found: Brackets, im: ArrayLike, **options: Any) -> Curve:
         """Curve and band from single runs, each with a motion of its own."""
         from archfrag.fragility.quoted import quoted_runs
 
-        return quoted_runs(*_single(found), im, confidence=options["confidence"])
+        return quoted_runs(*found.single_runs(), im, confidence=options["confidence"])
 
     def posterior(self, found: Brackets) -> "tuple[Posterior, float]":
         """Posterior of the curve of single runs, and their number."""
         from archfrag.fragility.posterior import fit_posterior
 
-        level, collapsed = _single(found)
+        level, collapsed = found.single_runs()
         return fit_posterior(level, collapsed, 1), float(level.size)
-
-
-def _single(found: Brackets) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Levels of the decided runs, (n_run,), and whether they collapsed."""
-    decided = found.collapsed | found.survived
-    return found.levels[decided], found.collapsed[decided]
 
 
 def ask(

@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from archfrag.files import make_folder
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.verdicts import Verdict
 from archfrag.study.file.members import check_standing
 from archfrag.study.file.schema import Study
 from archfrag.study.provenance import add_to_log, machine

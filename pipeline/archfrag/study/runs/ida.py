@@ -8,8 +8,8 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from archfrag.fragility.counts import Brackets, Verdict
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray
+from archfrag.fragility.curve import Curve, FloatArray, IntArray
+from archfrag.fragility.verdicts import Brackets, Verdict
 from archfrag.study.runs.design import Asking, Design, Grid, Requests
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
@@ -58,7 +58,7 @@ class Ida(Design):
             expected[first:] = expected_borders(grid.levels, low[:first], high[:first])
             yield from search(grid, low, high, expected, range(first, n_record))
         # Some cells near the borders, any as likely as another: how often do they contradict?
-        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_SIMULATED
+        place, unseen = np.arange(n_level), grid.seen == Verdict.NOT_RUN
         near = (place >= low[:, None] - NEAR) & (place <= high[:, None] + NEAR)
         free, places = np.nonzero(near & unseen)
         count = n_record if self.checks is None else self.checks
@@ -66,10 +66,10 @@ class Ida(Design):
         chosen = np.sort(generator.permutation(free.size)[:count])
         row, place = free[chosen], places[chosen]
         verdicts = yield from grid.run(row, place)
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         against = int(np.where(place <= low[row], collapsed, survived).sum())
         checked = int((collapsed | survived).sum())
-        runs = int((grid.seen != Verdict.NOT_SIMULATED).sum())
+        runs = int((grid.seen != Verdict.NOT_RUN).sum())
         return {
             "runs": runs, "records": n_record, "checked": checked, "contradictions": against
         }  # fmt: skip
@@ -80,11 +80,11 @@ class Ida(Design):
         checks = n_record if self.checks is None else self.checks
         return min(search_runs + checks, n_record * n_level), "about"
 
-    def likelihood(self, found: Brackets) -> Fragility:
+    def likelihood(self, found: Brackets) -> Curve:
         """Curve by maximum likelihood, from the brackets of the records' capacities."""
         from archfrag.fragility.fit import fit_brackets
 
-        known = found.known()
+        known = found.of_records()
         return fit_brackets(known.lower, known.upper)
 
     def cautions(self, facts: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -120,14 +120,14 @@ def search(
         collapse = mass[:, :-1] / mass[:, -1:]
         cost = collapse + COST_OF_SURVIVAL * (1.0 - collapse)
         gain = (scipy.special.entr(collapse) + scipy.special.entr(1.0 - collapse)) / cost
-        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_SIMULATED)
+        free = (place > below) & (place < above) & (grid.seen[left] == Verdict.NOT_RUN)
         best, some = np.where(free, gain, -1.0).argmax(axis=1), free.any(axis=1)
         waiting += int(some.sum())
         if not waiting:
             return
         left, places, verdicts = yield from grid.some(grid.cases(left[some], best[some]))
         waiting -= left.size
-        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        collapsed, survived = verdicts == Verdict.COLLAPSED, verdicts == Verdict.SURVIVED
         high[left[collapsed]] = places[collapsed]
         low[left[survived]] = places[survived]
 
