@@ -8,7 +8,6 @@ sets of Van Biesbroeck, Gauchy, Feau and Garnier, and writes its table of the ev
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 

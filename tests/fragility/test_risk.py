@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from archfrag.fragility.verdicts import Verdict, find_brackets
-from archfrag.fragility.curve import Fragility, mixture
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.quoted import capacity_posterior
 from archfrag.fragility.risk import (
     HazardCurve,
@@ -17,13 +16,15 @@ from archfrag.fragility.risk import (
     parameter_draws,
     rate_by_level,
 )
+from archfrag.fragility.several import mixture
+from archfrag.fragility.verdicts import Verdict, find_brackets
 
 IM = np.geomspace(0.05, 2.0, 9)
 BENT = HazardCurve(IM, np.exp(-7.0 - 2.0 * np.log(IM) - 0.3 * np.log(IM) ** 2))
 
 
 def lognormal(theta, beta):
-    return Fragility(theta, beta, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
+    return Curve(theta, beta, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
 
 
 def by_quadrature(hazard, curve, low, high):
@@ -92,7 +93,7 @@ class TestBand:
         held = []
         for repeat in range(120):
             capacity = np.exp(0.4 * generator.standard_normal((24, 1)))
-            fit = capacity_posterior(find_brackets(capacity <= levels, levels))[0].fragility
+            fit = capacity_posterior(find_brackets(capacity <= levels, levels))[0].curve
             found = collapse_rate(hazard, fit, parameter_draws(fit, repeat, draws=500))
             held.append(found.lower <= truth <= found.upper)
         assert 0.83 <= np.mean(held) <= 0.96

@@ -138,7 +138,7 @@ class TestLabelsKeepClear:
             "collapse": 6,
         }
         states = [
-            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).to_dict()}
+            {"name": name, "meaning": "", "curve": synthetic.curve_of(theta).fit_dict()}
             for name, theta in thetas.items()
         ]
         answer = synthetic.answer_of(6.0)

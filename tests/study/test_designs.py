@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 
 import archfrag as af
-from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.fragility.quoted import capacity_posterior
+from archfrag.fragility.verdicts import Verdict, find_brackets
 from archfrag.physics.status import CollapseMode
-from archfrag.study.answer.cube import in_si
+from archfrag.study.answer.cube import open_cube
 from archfrag.study.answer.fits import fit_cube
 from archfrag.study.file.records import load_record, prepare_motions
 from archfrag.study.file.schema import load_study
@@ -112,7 +112,7 @@ class TestIda:
             capacity = 0.3 * np.exp(capacity + 0.2 * generator.standard_normal((30, 15)))
             table = (capacity <= LEVELS).astype(np.int8)
             one, other = (
-                capacity_posterior(find_brackets(verdict, LEVELS))[0].fragility
+                capacity_posterior(find_brackets(verdict, LEVELS))[0].curve
                 for verdict in (driven(Ida(kind="ida", seed=seed), table)[2], table)
             )
             pairs = (one.theta / other.theta, one.beta / other.beta, one.beta / np.sqrt(0.2))
@@ -242,7 +242,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
     log, cube = cube_of(study)
     assert log["runs"] == log["kept"] == sum(each["runs"] for each in logs)
     assert sum(each["kept"] for each in logs) == 0
-    stored, cube = cube, in_si(cube)
+    stored, cube = cube, open_cube(study)
     assert stored["verdict"].dims[2] == ("level" if design == "cloud" else "intensity")
     assert stored["intensity"].attrs["unit"] == "g"
     np.testing.assert_allclose(stored["intensity"] * 9.80665, stored["intensity_si"], rtol=1e-15)
@@ -278,7 +278,7 @@ def test_cube_of_each_design_made_in_batches(tmp_path, design):
         for name in set(known) & set(cube):
             np.testing.assert_array_equal(cube[name].isel(place), known[name], err_msg=name)
     if design == "cloud":
-        assert set(fit_cube(study)[0]["ring"].more["cloud"]) == {"logistic"}
+        assert set(fit_cube(study).arches["ring"].more["cloud"]) == {"logistic"}
     assert_compliant(study.folder / "cube.nc", tmp_path)
 
 
@@ -292,7 +292,7 @@ def test_a_study_of_which_no_run_was_decided_says_what_to_change(tmp_path, desig
     found = json.loads((tmp_path / "out" / "fits.json").read_text())
     for name in ("ring", "slab"):
         assert found["arches"][name]["curve"]["none"] == (
-            "no run collapsed or stood, so there is nothing to fit: if runs ended while the arch "
-            "moved, raise method.follow; if they failed, try another method.name"
+            "no run collapsed or survived, so there is nothing to fit: if arches still moved at "
+            "the end, raise method.follow; if they failed, try another method.name"
         )
     assert "raise method.follow" in " ".join(result.stdout.split())

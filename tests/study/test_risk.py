@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.curve import Curve
 from archfrag.fragility.risk import HazardCurve
 from archfrag.study.answer.fits import FITS
 from archfrag.study.answer.risk import risk_of
@@ -156,7 +156,7 @@ def test_refusals_name_the_file(load, text, options, part):
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
 HAZARD = Hazard("PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 * IM**-2.0)})
-FIT = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
+FIT = Curve(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def with_verdicts(data, verdict, joint):
 
 class TestGridOfRuns:
     def test_rate_is_the_closed_form_to_which_all_parts_add_up(self, data):
-        fit = answers_of(data)["ring"].curve
+        fit = answers_of(data)["ring"]
         found = risk_of(data, {"ring": fit}, HAZARD).arches["ring"]
         rate = found.rate.rate
         assert rate == pytest.approx(2e-3 * fit.theta**-2 * np.exp(2 * fit.beta**2), rel=1e-9)
@@ -271,7 +271,7 @@ def test_by_the_command(tmp_path):
         (study.folder / FITS).write_text(json.dumps(made_up))
         finish(study, "fit")
 
-    with_curves(ring=FIT.to_dict())
+    with_curves(ring=FIT.fit_dict())
     result = command(*asked, "--json", "--years", 100)
     assert result.exit_code == 0, result.output
     for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):

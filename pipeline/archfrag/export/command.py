@@ -151,7 +151,8 @@ def _limit_states(
                 )
             for arch, fit in severe.items():
                 own[arch][name] = fit
-    return {arch: {k: each.get(k, Curve(reason="none")) for k in kept} for arch, each in own.items()}, messages
+    none = Curve(reason="none")
+    return {arch: {k: each.get(k, none) for k in kept} for arch, each in own.items()}, messages
 
 
 def _not_fitted(cube: xr.Dataset, arch: str, name: str) -> str:
@@ -230,7 +231,8 @@ def curve_tables(
             likelihood = found.likelihood
             parameters.append(labels | {
                 "theta": fit.theta / factor, "theta_si": fit.theta, "beta": fit.beta,
-                "theta_lower": found.theta_interval[0] / factor, "theta_upper": found.theta_interval[1] / factor,
+                "theta_lower": found.theta_interval[0] / factor,
+                "theta_upper": found.theta_interval[1] / factor,
                 "beta_lower": found.beta_interval[0], "beta_upper": found.beta_interval[1],
                 "theta_maximum_likelihood": getattr(likelihood, "theta", np.nan) / factor,
                 "beta_maximum_likelihood": getattr(likelihood, "beta", np.nan),

@@ -339,7 +339,7 @@ def rising(values: ArrayLike, name: str) -> FloatArray:
 
 
 def tails(confidence: float) -> list[float]:
-    """Return the probabilities below the ends of a central interval; InputError unless in (0, 1)."""
+    """Return the probabilities below both ends of a central interval of `confidence`."""
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
     return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

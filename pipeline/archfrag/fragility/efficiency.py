@@ -29,11 +29,11 @@ _OF = {
 
 
 def compare_measures(
-    brackets: Brackets, values: Mapping[str, ArrayLike], exponent: Mapping[str, float], own: str, *,
-    magnitude: ArrayLike | None = None, distance: ArrayLike | None = None,
+    brackets: Brackets, values: Mapping[str, ArrayLike], exponent: Mapping[str, float], own: str,
+    *, magnitude: ArrayLike | None = None, distance: ArrayLike | None = None,
     event: ArrayLike | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the curve and qualities of each measure, from the runs of one arch.
+    """Return curve and qualities of each measure, from the runs of one arch.
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)): by
     t tests at 5 %, ln capacity depends neither on magnitude (of means of events) nor on ln

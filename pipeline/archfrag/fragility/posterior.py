@@ -162,12 +162,13 @@ def fit_capacity_posterior(brackets: Brackets, n_effective: float | None = None)
     its record, normal about ln theta, and an error of the run, normal with standard deviation s:
     beta^2 is the sum of both variances, and s / beta is uniform from 0 to 1.
     """
-    _require_both_sides(brackets.lower[brackets.lower > 0.0], brackets.upper[np.isfinite(brackets.upper)])
-    share = float(n_effective or len(brackets.lower)) / len(brackets.lower)
+    low, high = brackets.lower, brackets.upper
+    _require_both_sides(low[low > 0.0], high[np.isfinite(high)])
+    share = float(n_effective or low.size) / low.size
     if brackets.contradictions.any():
         return _with_scatter(brackets, share)
     with np.errstate(divide="ignore"):
-        pairs, number = np.unique(np.log([brackets.lower, brackets.upper]), axis=1, return_counts=True)
+        pairs, number = np.unique(np.log([low, high]), axis=1, return_counts=True)
     low, high = pairs
     x = np.unique(pairs[np.isfinite(pairs)])
     if x.size < 2:
@@ -196,7 +197,7 @@ def _require_both_sides(below: FloatArray, above: FloatArray) -> None:
 
 
 def _with_scatter(brackets: Brackets, share: float) -> Posterior:
-    """Return the posterior if verdicts of a record contradict each other, summed over scatter s."""
+    """Return the posterior if verdicts contradict each other, summed over the scatter s."""
     levels, collapses, n = brackets.at_levels()
     x = np.log(levels)
     if x.size < 2:
@@ -253,7 +254,7 @@ def _of_cells(
     ends: FloatArray, chance: FloatArray, power: FloatArray, log_theta: FloatArray,
     beta: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Return the log-likelihood of records from the probability of their runs in cells."""
+    """Return the log-likelihood of records from the probability of runs in cells."""
     logs = np.empty(log_theta.shape)
     for row, t, b in zip(logs, log_theta, beta):  # one beta at a time stays in the cache
         likelihood = np.diff(ndtr((ends - t[:, None]) / b), axis=1) @ chance.T

@@ -4,6 +4,7 @@ docs/evidence/data/bands_coverage.csv shows how often the band holds the truth.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,7 +48,7 @@ def quoted_band(
 def quoted_runs(
     level: ArrayLike, collapsed: ArrayLike, im: ArrayLike, *, confidence: float = 0.9
 ) -> Curve:
-    """Return the curve of decided runs, (n_run,), each with a motion of its own; as `quoted_band`."""
+    """Return the curve of decided runs, (n_run,), that have a motion of their own each."""
     if not np.size(level):
         raise FitError(NOTHING)
     return replace(
@@ -67,7 +68,15 @@ def capacity_posterior(
     if groups is not None:
         of_known = np.asarray(groups)[brackets.run]
         number = independent_records(known, of_known)
+    if number == known.lower.size:
+        return _of_independent(brackets), number
     return fit_capacity_posterior(known, number), number
+
+
+@lru_cache(maxsize=1)
+def _of_independent(brackets: Brackets) -> Posterior:
+    """Return the posterior of independent records, which band and test of its shape ask for."""
+    return fit_capacity_posterior(brackets.of_records())
 
 
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
@@ -177,7 +186,7 @@ def check_lognormal(
     if np.any(made.sum(axis=1) > 1.0):
         rho = 1.0
         if brackets.contradictions.any():
-            rho = max(0.0, 1.0 - (capacity_posterior(brackets)[0].scatter * b) ** 2)
+            rho = max(0.0, 1.0 - (_of_independent(brackets).scatter * b) ** 2)
         (record, level), drawn = np.nonzero(made), np.empty((resamples, x.size))
         for row in drawn:
             shared = generator.standard_normal(len(made))[record]

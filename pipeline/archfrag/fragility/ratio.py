@@ -56,8 +56,9 @@ def ratios(
     """Return the ratio of two curves, the second over the first, with its interval.
 
     `without` is `left_out` of both with the same parts. Returned are by row, ``theta`` and with a
-    hazard ``rate``: before, after, ratio, lower, upper. The interval is that of Student's t with as many degrees of freedom as parts less one, for rates by
-    draws of ln theta and ln beta of both arches. `onsets` are as for `collapse_rate`.
+    hazard ``rate``: before, after, ratio, lower, upper. The interval is that of Student's t with
+    as many degrees of freedom as parts less one, for rates by draws of ln theta and ln beta of
+    both arches. `onsets` are as for `collapse_rate`.
     """
     n, thetas = len(without[0]), (curves[0].theta, curves[1].theta)
     away = np.hstack([each - each.mean(axis=0) for each in without]) * np.sqrt((n - 1) / n)

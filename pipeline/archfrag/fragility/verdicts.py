@@ -13,7 +13,7 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, 
 
 MOST_LEVELS = 500  # of runs by intensity
 NOTHING = (
-    "no run collapsed or survived, so there is nothing to fit: if runs ended while the arch moved, "
+    "no run collapsed or survived, so there is nothing to fit: if arches still moved at the end, "
     "raise method.follow; if they failed, try another method.name"
 )
 

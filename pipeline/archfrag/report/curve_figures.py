@@ -92,7 +92,8 @@ def curve(sheet: Sheet, results: ArchResults, answer: Curve) -> tuple[str, str]:
     reach, what = 1.05 * highest, "no lognormal curve could be fitted"
     if answer.fitted:
         entries += [Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", _BAND)]
-        what = f"lognormal curve with median {scale.text(answer.theta)} and dispersion {answer.beta:.3f}"
+        what = f"lognormal curve with median {scale.text(answer.theta)}"
+        what += f" and dispersion {answer.beta:.3f}"
         reach = min(max(reach, 1.1 * answer.theta * scale.factor), 3.0 * highest)
         caption += _band_words(answer)
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
@@ -161,8 +162,8 @@ def all_curves(
         for fit in fits:
             panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
     shaded, words = len(named) <= _SHADED, TEXTS["all_curves"]
-    for own, (name, fit) in zip(strokes, named.items()):
-        draw_curve(panel, {**answers, **classes}[name], scale, own, band=shaded)
+    for own, fit in zip(strokes, named.values()):
+        draw_curve(panel, fit, scale, own, band=shaded)
     kind, one = "Curves" if classes else "Lognormal curves", len(classes) == 1
     whose = f"class {next(iter(classes))}" if one else "a class"
     caption = words["bands" if shaded else "curves"].format(kind=kind)

@@ -139,7 +139,7 @@ class ArchResults:
     counts: Mapping[str, IntArray]  #: `count_verdicts` of runs at each level
     design: Design
     #: Of records, with what their capacities imply if they were searched.
-    known: Mapping[str, IntArray]
+    known: Mapping[str, NDArray]
     #: Of each record that was run, the middle of its bracket in logarithms: inf where it never
     #: collapsed, its lowest level where it collapsed there.
     capacities: FloatArray
@@ -317,7 +317,8 @@ def _answered(answer: Curve, scale: Scale, at: float | None) -> dict[str, Any]:
         lost = {"runs": lost["runs"], "theta_if": theta}
     likelihood, likeliest, chance = answer.likelihood, None, None
     if not answer.fitted:
-        return {"reason": answer.reason, "without_verdict": lost, "curve": None, "probability": None}
+        none = {"curve": None, "probability": None}
+        return {"reason": answer.reason, "without_verdict": lost, **none}
     if at is not None:
         value, *ends = answer.at(at / scale.factor)
         chance = {"level": at, "value": value, "interval": ends}

@@ -171,7 +171,8 @@ def _answers(inputs: ReportInputs, listed: Mapping[str, Curve]) -> Markup:
         if at is not None:
             value, *ends = answer.at(at / scale.factor)
             row.append(f"{html.percentages([value])} ({html.percentages(ends)})")
-        row.append(f"{scale.digits(answer.theta)} ({' to '.join(map(scale.digits, answer.theta_interval))})")
+        theta, low, high = map(scale.digits, (answer.theta, *answer.theta_interval))
+        row.append(f"{theta} ({low} to {high})")
         row.append(f"{answer.beta:.2f} ({html.interval(answer.beta_interval)})")
     more = f", the first {_MOST_ROWS}" if len(rows) > _MOST_ROWS else ""
     return table(f"Answer for each arch{more}", heads, rows[:_MOST_ROWS], "compact")

@@ -59,7 +59,8 @@ def write_convergence(study: Study, made: dict[int, Study]) -> pd.DataFrame:
             known = logs[np.isfinite(logs)]
             scatter = known.std(ddof=1) if known.size > 1 else np.nan
             ratio = theta / base[0]
-            rows.append([name, count, *thetas, beta, *curve.beta_interval, ratio, scatter, known.size])
+            betas = beta, *curve.beta_interval
+            rows.append([name, count, *thetas, *betas, ratio, scatter, known.size])
     ends = [f"theta{end} [{study.intensity.unit}]" for end in ("", "_lower", "_upper")]
     heads = ["arch", "voussoirs", *ends, "beta", "beta_lower", "beta_upper"]
     table = pd.DataFrame(rows[::-1], columns=[*heads, "ratio", "scatter", "records"])

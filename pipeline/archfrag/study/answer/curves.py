@@ -60,7 +60,7 @@ class Runs:
 
     @property
     def filled(self) -> NDArray[np.int64]:
-        """Verdicts; of an adaptive design also those that capacities imply, whose share is fair."""
+        """Verdicts; of an adaptive design with those that the capacities imply."""
         return self.brackets.filled if self.design.adaptive else self.verdict
 
     def onset(self, curve: Curve) -> FloatArray:
