@@ -20,8 +20,8 @@ from archbench.runner import Bench
 from archfrag.errors import FitError
 from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
 from archfrag.fragility.quoted import capacity_posterior, quoted_band, quoted_runs
-from archfrag.fragility.ratio import left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, lognormal_rates
+from archfrag.fragility.several import left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets, find_brackets
 from archfrag.study.runs.design import Grid, ask
 from archfrag.study.runs.ida import Ida

@@ -23,7 +23,6 @@ from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
-from archfrag.study.answer.curves import capacities
 from archfrag.study.answer.fits import cautions_of, in_unit
 from archfrag.study.answer.risk import risk_facts, risk_of
 from archfrag.study.file.schema import Study, load_study
@@ -153,8 +152,7 @@ class Results:
         `lower` is the highest level that the arch withstands, 0 if there is none; `upper` the
         lowest at which it collapses, inf if there is none; `capacity` their geometric mean.
         """
-        runs = {name: self._fitted.runs[name] for name in self._fitted.arches}
-        return capacities(runs, 1.0 / self._study.intensity.factor)
+        return self._fitted.capacities(1.0 / self._study.intensity.factor)
 
     def risk(
         self, hazard: Hazards | None = None, *, years: float = 50.0,

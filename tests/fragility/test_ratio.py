@@ -6,8 +6,8 @@ from scipy.stats import t as student
 
 from archfrag.errors import FitError
 from archfrag.fragility.posterior import fit_capacity_posterior
-from archfrag.fragility.ratio import MOST_PARTS, left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve, collapse_rate, lognormal_rates
+from archfrag.fragility.several import MOST_PARTS, left_out, parts_of, ratios
 from archfrag.fragility.verdicts import find_brackets
 
 LEVELS = np.geomspace(0.02, 60.0, 400)

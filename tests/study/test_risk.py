@@ -182,7 +182,7 @@ class TestGridOfRuns:
         assert rate == pytest.approx(2e-3 * fit.theta**-2 * np.exp(2 * fit.beta**2), rel=1e-9)
         assert found.by_curve["0.84"] == pytest.approx(2.0 * rate, rel=1e-12)
         assert found.rate.lower < rate < found.rate.mean < found.rate.upper
-        assert found.rate.outside < 0.05
+        assert found.rate.below + found.rate.above < 0.05
         assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
         parts = found.by_mechanism
         assert parts.rate.sum() + parts.unassigned.sum() == pytest.approx(rate, rel=1e-12)

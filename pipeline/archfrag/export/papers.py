@@ -10,7 +10,7 @@ import xarray as xr
 
 from archfrag.export.command import runs_table
 from archfrag.files import write_csv
-from archfrag.study.answer.curves import Fitted, capacities
+from archfrag.study.answer.curves import Fitted
 from archfrag.study.provenance import write_text
 from archfrag.study.steps import README
 from archfrag.version import __version__
@@ -31,8 +31,7 @@ def write_papers(fitted: Fitted, measure: str, unit: str, factor: float, folder:
     """
     units = {name: f"{name} [{unit}]" for name in ("lower", "upper", "capacity")}
     cube = fitted.cube
-    runs_of = {name: fitted.runs[name] for name in fitted.arches}
-    table = capacities(runs_of, factor).rename(columns=units).replace(np.inf, np.nan)
+    table = fitted.capacities(factor).rename(columns=units).replace(np.inf, np.nan)
     runs = runs_in_words(cube, f"{measure} [{unit}]", factor)
     for name, pieces in (("capacities.csv", [table]), ("runs.csv", runs)):
         write_csv(folder / name, pieces, float_format="%.7g")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
@@ -111,24 +111,20 @@ class Curve:
     @property
     def theta_interval(self) -> tuple[float, float]:
         """Interval of the median; without a posterior normal in ln theta."""
-        return self.intervals[0] if self.intervals else self._interval(0)
+        return self.intervals[0] if self.intervals else self._interval(self.theta, 0, 1.0)
 
     @property
     def beta_interval(self) -> tuple[float, float]:
         """Interval of the dispersion; without a posterior normal in ln beta."""
-        return self.intervals[1] if self.intervals else self._interval(1)
+        return self.intervals[1] if self.intervals else self._interval(self.beta, 1, self.beta)
 
-    def _interval(self, place: int) -> tuple[float, float]:
-        value, scale = (self.theta, self.beta)[place], (1.0, self.beta)[place]
+    def _interval(self, value: float, place: int, scale: float) -> tuple[float, float]:
+        """Return an interval by the standard error of one parameter."""
         z = scipy.special.ndtri(tails(self.confidence)[1])
         reach = np.exp(z * self.standard_errors[place] / scale)
         return float(value / reach), float(value * reach)
 
-    @overload
-    def probability(self, im: float) -> float: ...
-    @overload
-    def probability(self, im: ArrayLike) -> FloatArray: ...
-    def probability(self, im: Any) -> Any:
+    def probability(self, im: ArrayLike) -> Any:
         """Return probabilities at intensities >= 0 (else InputError), of the same shape."""
         theta, beta = self.parts.T
         deviation = (log_intensity(im)[..., None] - np.log(theta)) / beta

@@ -92,6 +92,7 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Curve:
 
 
 def _fit_moments(values: FloatArray) -> Curve:
+    """Fit by mean and standard deviation of ln capacity."""
     logs, n = np.log(values), values.size
     distinct = int(np.unique(logs).size)
     if distinct < 2:
@@ -129,6 +130,7 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Curve:
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
+    """Raise FitError, with what to add, unless the likelihood has a maximum."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or survived, so there is nothing to fit")
     low, high, collapsed, survived = im.min(), im.max(), im[collapses > 0], im[collapses < n]

@@ -130,7 +130,7 @@ class Brackets:
 
     @property
     def filled(self) -> IntArray:
-        """Verdicts, and where there is none what the brackets imply, (n_record, n_level)."""
+        """Verdicts, completed by what the brackets imply, (n_record, n_level)."""
         codes = self.verdict.copy()
         codes[~self.decided & (self.levels < self.lower[:, None])] = Verdict.SURVIVED
         codes[~self.decided & (self.levels > self.upper[:, None])] = Verdict.COLLAPSED
@@ -171,7 +171,7 @@ class Brackets:
         return np.asarray(self.decided.any(axis=1))
 
     def of_records(self, kept: BoolArray | bool = True) -> "Brackets":
-        """Return the brackets of records that have a decided run; FitError if none has."""
+        """Keep only records with at least one verdict; FitError if none is left."""
         kept = kept & self.run
         if not kept.any():
             raise FitError(NOTHING)

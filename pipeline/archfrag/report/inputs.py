@@ -23,8 +23,8 @@ from archfrag.physics.status import CollapseMode
 from archfrag.report.html import digits
 from archfrag.simulation.simulate import Onset, onset
 from archfrag.study.answer.compare import Table, compare
-from archfrag.study.answer.curves import Fitted, Runs, arch_classes, quoted, runs_of_cube
-from archfrag.study.answer.fits import cautions_of, medians
+from archfrag.study.answer.curves import Fitted, Runs, arch_classes, runs_of_cube
+from archfrag.study.answer.fits import cautions_of
 from archfrag.study.answer.risk import StudyRisk, risk_of_study
 from archfrag.study.file.members import shown
 from archfrag.study.file.records import load_prepared, load_record
@@ -102,7 +102,7 @@ class ReportInputs:
     @cached_property
     def quoted(self) -> dict[str, Curve]:
         """Curves of classes and of arches of none, in the order of the study."""
-        return quoted(self.cube, self.answers, self.classes)
+        return self.fitted.quoted()
 
     @cached_property
     def known(self) -> dict[str, Curve]:
@@ -172,7 +172,7 @@ def report_inputs(study: Study, compared: Path | None = None) -> ReportInputs:
     answers, cube = fitted.arches, fitted.cube
     prepared, intensity = load_prepared(study), study.intensity
     entries = {member.id: member.entry for member in study.members}
-    names = [list(answers)[i] for i in shown(medians(answers))]
+    names = [list(answers)[i] for i in shown(thetas(answers.values()).tolist())]
     arches = {name: entries[name].build() for name in names}
     given: dict[str, list[Mapping[str, Any]]] = {}
     for member in study.members:

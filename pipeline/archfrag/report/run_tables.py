@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from archfrag.fragility.curve import FloatArray, IntArray
-from archfrag.fragility.risk import Contributions, deaggregate
+from archfrag.fragility.risk import Contributions, contributions
 from archfrag.fragility.verdicts import Verdict
 from archfrag.report import svg as look
 from archfrag.report.arch_figure import Example
@@ -203,12 +203,12 @@ def ida_line(
 
 def groupings(results: ArchResults, confidence: float) -> list[Contributions]:
     """Collapses by mode and by the joint that was lost."""
-    lost = results["collapse_joint"]
-    counted = Counter(np.sort(lost[results.verdict == Verdict.COLLAPSED]).tolist())
+    lost, collapsed = results["collapse_joint"], results.verdict == Verdict.COLLAPSED
+    counted = Counter(np.sort(lost[collapsed]).tolist())
     own = sorted(joint for joint, _ in counted.most_common(_MOST_JOINTS))
     joint = np.where(np.isin(lost, own), np.searchsorted(own, lost), len(own))
     return [
-        deaggregate(results.verdict, category, names, confidence=confidence)
+        contributions(collapsed, category, names, confidence=confidence)
         for category, names in (
             (results["collapse_mode"], [mode.label for mode in MODES]),
             (joint, [*(f"joint {each}" for each in own), "other joints"]),

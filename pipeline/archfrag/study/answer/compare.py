@@ -8,8 +8,8 @@ import xarray as xr
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.quoted import shared_events
-from archfrag.fragility.ratio import left_out, parts_of, ratios
 from archfrag.fragility.risk import HazardCurve
+from archfrag.fragility.several import left_out, parts_of, ratios
 from archfrag.fragility.verdicts import Brackets
 from archfrag.study.answer.curves import Fitted, Runs, runs_of_cube
 

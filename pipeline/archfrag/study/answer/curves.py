@@ -103,16 +103,6 @@ def arch_classes(cube: xr.Dataset) -> dict[str, str]:
     return dict(zip(cube["arch"].values.astype(str).tolist(), classes.values.astype(str).tolist()))
 
 
-def quoted(
-    cube: xr.Dataset, arches: Mapping[str, Curve], classes: Mapping[str, Curve],
-    members: bool = False,
-) -> dict[str, Curve]:  # fmt: skip
-    """Return the curves of classes and of arches of no class; with `members` of all arches."""
-    of_class = arch_classes(cube)
-    alone = {k: each for k, each in arches.items() if members or of_class.get(k) not in classes}
-    return {**classes, **alone}
-
-
 @dataclass(frozen=True)
 class Fitted:
     """Curves of the arches of a study and of its classes of several arches, and the cube."""
@@ -133,20 +123,19 @@ class Fitted:
 
     def quoted(self, members: bool = False) -> dict[str, Curve]:
         """Return the curves of classes and of arches of no class; with `members` of all arches."""
-        return quoted(self.cube, self.arches, self.classes, members)
+        of_class = arch_classes(self.cube)
+        alone = [name for name in self.arches if members or of_class.get(name) not in self.classes]
+        return {**self.classes, **{name: self.arches[name] for name in alone}}
 
-
-def capacities(runs: Mapping[str, Runs], factor: float) -> pd.DataFrame:
-    """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
-    tables = [
-        pd.DataFrame({
-            "arch": each.name, "record": each.whole["record"].values.astype(str),
-            "lower": factor * each.brackets.lower, "upper": factor * each.brackets.upper,
-            "capacity": factor * each.brackets.middle,
-        })
-        for each in runs.values()
-    ]  # fmt: skip
-    return pd.concat(tables, ignore_index=True)
+    def capacities(self, factor: float) -> pd.DataFrame:
+        """Tabulate capacities as `archfrag.Results.capacities` does, all times `factor`."""
+        records, tables = self.cube["record"].values.astype(str), []
+        for name in self.arches:
+            found = self.runs[name].brackets
+            values = {"lower": found.lower, "upper": found.upper, "capacity": found.middle}
+            scaled = {key: factor * each for key, each in values.items()}
+            tables.append(pd.DataFrame({"arch": name, "record": records, **scaled}))
+        return pd.concat(tables, ignore_index=True)
 
 
 def curve_of(runs: Runs, confidence: float) -> Curve:
@@ -286,10 +275,13 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
         collapse, meaning="a loss of contact that cannot be regained", im=[], lower=[], upper=[],
         method="", assumptions="", n_independent=0.0, n_non_monotone=0,
     ))  # fmt: skip
-    return {
-        "message": crossing_words([each for each in states if each.fitted]),
-        "states": [_state_dict(each) for each in states],
-    }
+    plain = []
+    for each in states:
+        own = each.to_dict() if each.fitted else {"curve": each.fit_dict()}
+        own.pop("more", None)
+        plain.append({"name": each.state, "meaning": each.meaning, **own})
+    message = crossing_words([each for each in states if each.fitted])
+    return {"message": message, "states": plain}
 
 
 def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> Curve:
@@ -307,13 +299,6 @@ def _state_curve(runs: Runs, exceeds: NDArray[np.bool_], confidence: float) -> C
     if curve.fitted:
         return curve
     return Curve(reason=f"to collapse means to exceed it, and {curve.reason}")
-
-
-def _state_dict(curve: Curve) -> dict[str, Any]:
-    """Return a limit state as plain values, which `Curve.states` reads."""
-    plain = curve.to_dict() if curve.fitted else {"curve": curve.fit_dict()}
-    plain.pop("more", None)
-    return {"name": curve.state, "meaning": curve.meaning, **plain}
 
 
 def _onset_peaks(cube: xr.Dataset) -> FloatArray:

@@ -1,9 +1,9 @@
-"""From the cube of a study to its fragility curves, stored and told, with reasons for caution."""
+"""Fit the curves of a cube, store them, and list cautions."""
 
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -39,45 +39,41 @@ def fit_cube(study: Study) -> Fitted:
     worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 
     def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        """Make a part of the results, or say why it cannot be made."""
         made = attempt(partial(make, *arguments), worded)
         return {"none": made} if isinstance(made, str) else made
 
     cube = open_cube(study)
     sizes = Counter(curves.arch_classes(cube).values())
     names = [name for name, size in sizes.items() if size > 1]
-    every = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
-    runs = {name: each for name, each in every.items() if name not in names}
-    arches = {name: curves.curve_of(each, confidence) for name, each in runs.items()}
-    for name in (list(arches)[number] for number in shown(medians(arches))):
-        each, more = runs[name], arches[name].more
-        more["free"] = part(curves.free_shapes, each, confidence)
-        more["measures"] = part(curves.measures_compared, each)
-        more["limit_states"] = part(curves.limit_states, each, keys, arches[name])
-        if not each.design.on_levels:
-            more["cloud"] = {"logistic": part(curves.cloud_curves, each, confidence)}
-    for name, each in runs.items():
-        arches[name].more["without_verdict"] = part(curves.without_verdict, each, confidence)
+    runs = curves.runs_of_cube(cube, [*curves.arch_classes(cube), *names], worded)
+    every = {name: curves.curve_of(each, confidence) for name, each in runs.items()}
+    arches = {name: curve for name, curve in every.items() if name not in names}
+    detailed = {list(arches)[i] for i in shown([curve.theta for curve in arches.values()])}
+    for name, curve in arches.items():
+        own, more = runs[name], curve.more
+        if name in detailed:
+            more["free"] = part(curves.free_shapes, own, confidence)
+            more["measures"] = part(curves.measures_compared, own)
+            more["limit_states"] = part(curves.limit_states, own, keys, curve)
+            if not own.design.on_levels:
+                more["cloud"] = {"logistic": part(curves.cloud_curves, own, confidence)}
+        more["without_verdict"] = part(curves.without_verdict, own, confidence)
     classes = {}
     for name in names:
-        each = every[name]
-        members = [arches[arch] for arch in each.cube["arch"].values.astype(str)]
-        curve = curves.class_curve(curves.curve_of(each, confidence), members)
-        split = {}
+        own = runs[name]
+        members = [arches[arch] for arch in own.cube["arch"].values.astype(str)]
+        classes[name] = curve = curves.class_curve(every[name], members)
+        more = curve.more
+        more["dispersion"] = {}
         if curve.fitted:
-            split = part(curves.dispersion_split, each, members, curve.beta)
-        states = part(curves.limit_states, each, keys, curve)
+            more["dispersion"] = part(curves.dispersion_split, own, members, curve.beta)
+        more["limit_states"] = states = part(curves.limit_states, own, keys, curve)
         states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-        lost = part(curves.without_verdict, each, confidence)
-        more = {"dispersion": split, "limit_states": states, "without_verdict": lost}
-        classes[name] = replace(curve, more=more)
+        more["without_verdict"] = part(curves.without_verdict, own, confidence)
     fitted = Fitted(arches, classes, cube)
     _store(study, fitted)
     return fitted
-
-
-def medians(answers: Mapping[str, Curve]) -> list[float]:
-    """Return the median capacity of each arch [SI]; nan without a curve."""
-    return [curve.theta for curve in answers.values()]
 
 
 def _store(study: Study, fitted: Fitted) -> None:

@@ -124,6 +124,7 @@ def risk_lines(risk: StudyRisk) -> tuple[list[str], list[str]]:
 
 
 def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> ArchRisk:
+    """Find the rate of an arch or class, and divide it by level and mechanism."""
     pairs = np.stack([runs.cube[key].values for key in ("collapse_joint", "collapse_mode")], -1)
     # Mechanisms are joint and mode: each pair has a number, which rises with both.
     mechanisms, code = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
@@ -146,7 +147,7 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
         for joint, mode in mechanisms[kept].astype(int).tolist()
     ]
     category = np.where(np.isin(code, kept), np.searchsorted(kept, code), kept.size)
-    parts = rates.contributions(level_rate, collapsed, category, (*labels, OTHER))
+    parts = rates.contributions(collapsed, category, (*labels, OTHER), level_rate)
     by_curve = {key: rates.collapse_rate(each, fit, onset=onset).rate for key, each in curves}
     beyond = float(outer[0]), float(outer[-1])
     return ArchRisk(
