@@ -183,8 +183,10 @@ class Results:
         rates = risk_of(fitted.cube, fitted.quoted(), curve, years, study.report.confidence)
         facts = risk_facts(rates, study)
         columns = ("rate", "rate_band", "return_period", "probability", "probability_band")
-        known = {name: each for name, each in facts["arches"].items() if "none" not in each}
-        rows = {name: np.hstack([each[key] for key in columns]) for name, each in known.items()}
+        rows = {
+            name: np.hstack([each[key] for key in columns])
+            for name, each in facts["arches"].items() if "none" not in each
+        }  # fmt: skip
         if not rows:
             raise FitError("no arch has a curve, so there is no rate")
         table = pd.DataFrame.from_dict(rows, orient="index", columns=_RISK, dtype=float)

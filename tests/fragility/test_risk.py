@@ -12,7 +12,6 @@ from archfrag.fragility.risk import (
     HazardCurve,
     collapse_rate,
     contributions,
-    parameter_draws,
     rate_by_level,
 )
 from archfrag.fragility.several import mixture
@@ -93,7 +92,7 @@ class TestBand:
         for repeat in range(120):
             capacity = np.exp(0.4 * generator.standard_normal((24, 1)))
             fit = capacity_posterior(find_brackets(capacity <= levels, levels))[0].curve
-            found = collapse_rate(hazard, fit, parameter_draws(fit, repeat, draws=500))
+            found = collapse_rate(hazard, fit, fit.draws(repeat, 500))
             held.append(found.lower <= truth <= found.upper)
         assert 0.83 <= np.mean(held) <= 0.96
 
@@ -156,7 +155,7 @@ class TestOnset:
     def test_band_and_mean_leave_the_same_part_out(self):
         fit = lognormal(0.8, 0.5)
         none, some = (
-            collapse_rate(BENT, fit, parameter_draws(fit, 1), onset=onset) for onset in (0.0, 0.5)
+            collapse_rate(BENT, fit, fit.draws(1), onset=onset) for onset in (0.0, 0.5)
         )
         assert some.lower < some.rate < some.upper < none.upper
         assert some.mean < none.mean

@@ -167,6 +167,14 @@ class Curve:
             lower, upper = np.where(np.isneginf(z), 0.0, ends)
         return lower, upper
 
+    def draws(self, seed: int, number: int = 4000) -> tuple[FloatArray, FloatArray]:
+        """Draw theta and beta, (number,) each: their logarithms are normal with the covariance."""
+        jacobian = np.diag([1.0, 1.0 / self.beta])
+        covariance = jacobian @ self.covariance @ jacobian
+        generator = np.random.default_rng(seed)
+        shift = generator.multivariate_normal(np.zeros(2), covariance, number, method="eigh")
+        return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
+
     def at(self, im: float) -> tuple[float, float, float]:
         """Return the probability at an intensity, and the ends of the band."""
         if not self.fitted:

@@ -107,7 +107,14 @@ def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
         raise FitError(f"all records belong to one group, {events[0]!s}; two are needed")
     if n == n_event:
         return float(n)
-    mean_size, values = float((size**2).sum() / n), _expected_logs(brackets)
+    # Mean of standardised ln capacity in each bracket, by the curve of all records.
+    curve = fit_capacity_posterior(brackets.without_scatter()).curve
+    ends = brackets.lower, brackets.upper
+    with np.errstate(divide="ignore"):
+        low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
+    mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
+    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
+    mean_size, values = float((size**2).sum() / n), np.clip(inside, low, high)
     means = np.bincount(place, values) / size
     within = float(((values - means[place]) ** 2).sum() / (n - n_event))
     between = float((size * (means - values.mean()) ** 2).sum() / (n_event - 1))
@@ -118,17 +125,6 @@ def independent_records(brackets: Brackets, groups: ArrayLike) -> float:
     error *= np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
     rho = float(np.clip(rho + 0.5 * error, 0.0, 1.0))
     return n / (1.0 + (mean_size - 1.0) * rho)
-
-
-def _expected_logs(brackets: Brackets) -> FloatArray:
-    """Return the mean of standardised ln capacity in each bracket, by the curve of all records."""
-    curve = fit_capacity_posterior(brackets.without_scatter()).curve
-    ends = brackets.lower, brackets.upper
-    with np.errstate(divide="ignore"):
-        low, high = (np.log(end / curve.theta) / curve.beta for end in ends)
-    mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
-    inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
-    return np.clip(inside, low, high)
 
 
 def isotonic_curve(

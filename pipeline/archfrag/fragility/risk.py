@@ -125,7 +125,7 @@ def collapse_rate(
 ) -> CollapseRate:  # fmt: skip
     """Return the mean annual frequency of collapse.
 
-    `draws` are theta and beta, (n_draw,) each, from `parameter_draws`, of a class those of its
+    `draws` are theta and beta, (n_draw,) each, from `Curve.draws`, of a class those of its
     lognormal curve; the band runs between the quantiles of their rates, in proportion. What the
     hazard's extension below its first point adds to each is at most its rate at this point. Below
     `onset`, one intensity or one for each of the curve's parts, nothing collapses.
@@ -181,15 +181,6 @@ def rate_by_level(
     rates = _lognormal(hazard, cuts, theta, beta, onset).mean(axis=0)
     level = np.searchsorted(edges, np.append(-np.inf, cuts), side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
-
-
-def parameter_draws(fit: Curve, seed: int, draws: int = 4000) -> tuple[FloatArray, FloatArray]:
-    """Draw theta and beta, (draws,) each: (ln theta, ln beta) normal with the fit's covariance."""
-    jacobian = np.diag([1.0, 1.0 / fit.beta])
-    covariance = jacobian @ fit.covariance @ jacobian
-    generator = np.random.default_rng(seed)
-    shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
-    return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
 
 
 def _lognormal(

@@ -216,10 +216,8 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
 def cloud_curves(runs: Runs, confidence: float) -> dict[str, Any]:
     """Return the curve of a cloud by logistic regression."""
-    decided = runs.decided  # each record has one run
-    event = None if runs.group is None else runs.group[decided.any(axis=1)]
-    collapsed = runs.verdict[decided] == Verdict.COLLAPSED
-    return fit_cloud(runs.level[decided], collapsed, event, confidence=confidence, **_DRAWN)
+    event = None if runs.group is None else runs.group[runs.brackets.run]  # one run a record
+    return fit_cloud(*runs.brackets.single_runs(), event, confidence=confidence, **_DRAWN)
 
 
 def measures_compared(runs: Runs) -> dict[str, Any]:
@@ -259,10 +257,13 @@ def limit_states(runs: Runs, keys: Mapping[str, float], collapse: Curve) -> dict
     }  # fmt: skip
     if not np.isfinite(limits).all():
         del exceeded["rotation"]
-    onset, states = _onset_in_measure(cube), []
+    onset, states, known = _onset_in_measure(cube), list[Curve](), dict[bytes, Curve]()
     for name, (meaning, condition) in exceeded.items():
-        holds = runs.decided & condition.values.reshape(runs.verdict.shape)
-        curve = _state_curve(runs, holds | collapsed, collapse.confidence)
+        exceeds = collapsed | runs.decided & condition.values.reshape(runs.verdict.shape)
+        key = exceeds.tobytes()  # states often coincide
+        if key not in known:
+            known[key] = _state_curve(runs, exceeds, collapse.confidence)
+        curve = known[key]
         if curve.fitted and onset > 0.0 and (below := curve.at(onset)[0]) > MOST_BELOW:
             curve = Curve(reason=(
                 f"it would give a probability of {below:.2f} at the onset of motion, below "

@@ -132,8 +132,7 @@ def _arch_risk(runs: Runs, fit: Curve, hazard: Hazard, confidence: float) -> Arc
         runs.verdict, code.reshape(runs.verdict.shape), runs.level
     )
     onset, curves = runs.onset(fit), hazard.curves.items()
-    draws = rates.parameter_draws(fit, SEED)
-    rate = rates.collapse_rate(hazard.main, fit, draws, confidence, onset)
+    rate = rates.collapse_rate(hazard.main, fit, fit.draws(SEED), confidence, onset)
     level_rate = rates.rate_by_level(hazard.main, fit, rates.level_edges(levels), onset)
     at = np.broadcast_to(runs.level, runs.verdict.shape)[runs.verdict == Verdict.COLLAPSED]
     outer, unseen = (
