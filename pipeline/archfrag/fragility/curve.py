@@ -176,11 +176,11 @@ class Curve:
         return self.theta * np.exp(shift[:, 0]), self.beta * np.exp(shift[:, 1])
 
     def at(self, im: float) -> tuple[float, float, float]:
-        """Return the probability at an intensity, and the ends of the band."""
+        """Return the probability at an intensity, and the ends of the band; beyond it its last."""
         if not self.fitted:
             raise InputError(self.reason)
-        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
-        return float(self(im)), low, high
+        low, high = self.band(min(im, self.im[-1]) if self.im else im)
+        return float(self(im)), float(low), float(high)
 
     @property
     def states(self) -> list[Curve]:

@@ -75,7 +75,7 @@ def verdict_map(sheet: Sheet, results: ArchResults) -> tuple[str, str]:
     n_record, n_level = rows.shape
     entries = [entry for code, entry in VERDICTS.items() if np.any(rows == code)]
     if not results.simulated.all():
-        entries.append(Entry("blank: not simulated", "#ffffff"))
+        entries.append(Entry("blank: not run", "#ffffff"))
     bounded = len(results.capacities) == n_record and np.isfinite(results.capacities).any()
     if bounded:
         entries.append(Entry("capacity", look.INK, "line"))
