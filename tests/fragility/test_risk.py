@@ -105,8 +105,6 @@ class TestContributions:
         np.testing.assert_allclose(found.fraction, [0.9, 0.1])
         np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, [9e-4, 1e-4])
 
-
-class TestOfCollapses:
     def test_every_collapse_is_counted_once_and_nothing_else(self):
         generator = np.random.default_rng(4)
         verdict = generator.choice([0, 1, 2, 3], (30, 6), p=[0.3, 0.6, 0.05, 0.05])

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from archfrag.errors import FitError, InputError
@@ -69,24 +70,22 @@ def _same_motions(own: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
     measures = [str(cube["intensity"].attrs["measure"]) for cube in (own, other)]
     if measures[0] != measures[1]:
         raise InputError(f"{refused} levels are of {measures[0]} and of {measures[1]}")
-    names, others = (cube["record"].values.astype(str).tolist() for cube in (own, other))
-    if lacking := sorted(set(names) ^ set(others)):
-        raise InputError(f"{refused} motions differ: {lacking[0]} is in one of them only")
-    ordered = other.isel(record=[others.index(name) for name in names])
-    for name, one, two in zip(names, _of_motions(own), _of_motions(ordered)):
-        common = one.keys() & two.keys()
-        if not all(np.isclose(one[key], two[key], rtol=1e-9, atol=0.0) for key in common):
-            raise InputError(f"{refused} motions differ: {name} is not the same in both")
-    return ordered
+    one, two = (_of_motions(cube) for cube in (own, other))
+    for name in one.index.symmetric_difference(two.index)[:1]:
+        raise InputError(f"{refused} motions differ: {name} is in one of them only")
+    common = one.columns.intersection(two.columns)
+    alike = np.isclose(one[common], two.loc[one.index, common], rtol=1e-9, atol=0.0)
+    for name in one.index[np.flatnonzero(~alike.all(axis=1))[:1]]:
+        raise InputError(f"{refused} motions differ: {name} is not the same in both")
+    return other.isel(record=two.index.get_indexer(one.index))
 
 
-def _of_motions(cube: xr.Dataset) -> list[dict[str, float]]:
-    """Return the measures of each record, and whether its vertical component is used."""
-    names = cube["measure"].values.astype(str).tolist()
+def _of_motions(cube: xr.Dataset) -> pd.DataFrame:
+    """Tabulate the measures of each record, and whether its vertical component is used."""
+    names, records = (cube[name].values.astype(str) for name in ("measure", "record"))
     values = cube["record_measure"].transpose("record", "measure").values
-    verticals = cube["record_vertical"].values.astype(float)
-    rows = zip(values.tolist(), verticals.tolist())
-    return [dict(zip(names, row)) | {"vertical": vertical} for row, vertical in rows]
+    table = pd.DataFrame(values, records, names)
+    return table.assign(vertical=cube["record_vertical"].values.astype(float))
 
 
 def _check_pairs(one: Runs, two: Runs) -> None:
