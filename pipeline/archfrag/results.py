@@ -21,6 +21,7 @@ from archfrag.files import WORK, make_folder
 from archfrag.fragility.curve import Curve
 from archfrag.fragility.verdicts import DECIDED, Verdict, count_verdicts
 from archfrag.report import make_report
+from archfrag.report.film import example_of
 from archfrag.study.answer.compare import compare
 from archfrag.study.answer.cube import stored_cube
 from archfrag.study.answer.fits import cautions_of, in_unit
@@ -261,8 +262,6 @@ class Results:
         arch : str, optional
             If not given, the first arch of the report.
         """
-        from archfrag.report.film import example_of
-
         self._check_there()
         if not isinstance(arch, str | None) or not isinstance(run, str):
             what = f"run {run!r} and arch {arch!r}; a run is a text such as 'syn-m75-r015@0.5'"
@@ -274,7 +273,7 @@ class Results:
         return self.response(run, arch).animate()
 
     def report(self) -> Path:
-        """Make the report if it is not up to date; its path."""
+        """Make the report if it is not up to date, and return its path."""
         self._check_there()
         make_step(self._study, "report", lambda text: None, report=make_report)
         return self.folder / "report.html"
@@ -283,7 +282,7 @@ class Results:
         self, path: PathLike, discrete: bool = False, members: bool = False,
         limit_states: Sequence[str] = (),
     ) -> Path:  # fmt: skip
-        """Write the curves for OpenQuake, as fragility model in NRML; its path.
+        """Write the curves for OpenQuake as a fragility model in NRML, and return its path.
 
         Lognormal curves, or probabilities at levels if `discrete`. A class has one curve, with
         `members` its arches have theirs too. `limit_states` are written besides collapse, all that
